@@ -14,6 +14,7 @@ DEMO_SPACE  := workspaces/demo
 
 FAST  := fast
 BOTH  := -n 2 --dist worksteal
+BY_FILE := -n 2 --dist loadfile  # a file of journeys shares its planes
 OTHERS := peers gymnasium kit openpi libero lerobot
 OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
 PYTHONS ?= python3.12 python3.13
@@ -75,7 +76,7 @@ test-quick: $(STAMP)
 
 test-journeys: $(STAMP)
 	@left=$$(mktemp -d); { \
-	$(BIN)/pytest -q $(BOTH) -m "journey and not alone" --basetemp $$left/journeys \
+	$(BIN)/pytest -q $(BY_FILE) -m "journey and not alone" --basetemp $$left/journeys \
 	&& $(BIN)/pytest -q tests/journeys/test_statecharts.py --journeys $$left/journeys \
 	&& rm -rf $$left/journeys; } > $$left/log 2>&1; \
 	ended=$$?; echo; echo "test: journeys"; cat $$left/log; exit $$ended

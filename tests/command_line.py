@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import pytest
 
 from phyagentos.cli.app import main
+from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations import stop
 
 
@@ -14,6 +15,12 @@ class Result:
     code: int
     out: str
     err: str
+
+
+def assert_refused(result: Result, *said: str) -> None:
+    """What was given is invalid input, and the command line says so in these words."""
+    assert result.code == ExitCode.INVALID_INPUT, result.err
+    assert [words for words in said if words not in result.err] == [], result.err
 
 
 @pytest.fixture

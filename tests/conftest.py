@@ -47,7 +47,7 @@ def pytest_ignore_collect(collection_path, config):
     """Where a marker is asked for that stands in few files, none is imported that never names it."""
     asked = config.option.markexpr.partition(" ")[0]
     is_test = collection_path.match("test_*.py") and asked in RARE
-    return True if is_test and asked not in collection_path.read_text(encoding="utf-8") else None
+    return True if is_test and f"mark.{asked}" not in collection_path.read_text(encoding="utf-8") else None
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -31,11 +31,13 @@ def test_the_package_itself_loads_no_facade():
     assert not {f"phyagentos.{each}" for each in FACADES} & list_loaded("import phyagentos")
 
 
+@pytest.mark.slow
 def test_no_facade_loads_a_simulator():
     code = "\n".join(f"import phyagentos.{each}" for each in FACADES)
     assert not SIMULATORS & list_loaded(code)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["judges", "predicates"])
 def test_what_the_agent_plane_is_extended_with_loads_nothing_of_the_runtime(name):
     assert not OF_THE_RUNTIME & list_loaded(f"import phyagentos.{name}")

@@ -117,18 +117,7 @@ def run_episode(job: Job, folder: Path, clock: Clock) -> EpisodeRecord:
     if job.memory:
         shutil.copytree(Path(job.run) / job.memory / "memory", folder / "memory")
     settings = hash_settings(workspace, graph, faults, order)
-    bench = open_bench(
-        workspace,
-        clock,
-        faults=faults if faults.is_file() else None,
-        pictures=variant.pictures is not False,
-        sense=variant.sense,
-        verify=VerificationMode(order.verification) if order.verification else None,
-        memory=None if use is MemoryUse.NONE else folder,
-        memory_use=_USES[use],
-        policy=load_repair(variant.repair),
-    )
-    with bench as agent:
+    with _open_planes(order, variant, workspace, faults, folder, clock) as agent:
         goal = GoalId(order.goal)
         report = agent.mission.run(graph, seed=order.seed, overrides=make_overrides(variant), goal=goal)
         statuses = [agent.mission.ledger.sessions[session.id] for session in report.sessions]
@@ -158,6 +147,24 @@ def run_episode(job: Job, folder: Path, clock: Clock) -> EpisodeRecord:
         memory_after=after,
         settings=settings,
         bits=_hash([path for each in report.sessions for path in workspace.evidence_of(each.id).glob("*.npz")]),
+    )
+
+
+def _open_planes(
+    order: Order, variant: Variant, workspace: Workspace, faults: Path, folder: Path, clock: Clock
+) -> contextlib.AbstractContextManager[agent_plane.Agent]:
+    """Both planes of the episode, with its memory in `folder`."""
+    use = MemoryUse(order.memory)
+    return open_bench(
+        workspace,
+        clock,
+        faults=faults if faults.is_file() else None,
+        pictures=variant.pictures is not False,
+        sense=variant.sense,
+        verify=VerificationMode(order.verification) if order.verification else None,
+        memory=None if use is MemoryUse.NONE else folder,
+        memory_use=_USES[use],
+        policy=load_repair(variant.repair),
     )
 
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from msgspec.structs import replace
 
+from phyagentos.agent.planning.planned import Unsolvable
 from phyagentos.agent.understanding.model import ModelUnderstander, replay_answers
 from phyagentos.agent.understanding.understanding import Question
 from phyagentos.cli.arguments import AsJson, TrustPython
@@ -60,14 +61,8 @@ def ask(
         workspace=workspace,
         output=output,
     )
-    if isinstance(found, asking.NotUnderstood):
-        print_found(found, "\n".join(_iter_open(found)), as_json=as_json)
-        for question in () if as_json else found.questions:
-            print_note(f"  --answer '{question.key}={next(iter(question.candidates), '...')}'")
-        return ExitCode.INVALID_INPUT
     if not isinstance(found, asking.Asked):
-        print_found(found, render_missing(found), as_json=as_json)
-        return ExitCode.GOAL_NOT_MET
+        return _show_what_is_missing(found, as_json=as_json)
     _show(found, mermaid=mermaid, as_json=as_json)
     if found.graph is None or not (yes or (not as_json and _is_approved())):
         place = f" -w {found.workspace}" if found.workspace is not None else ""
@@ -81,6 +76,17 @@ def ask(
     if as_json:
         print_json(replace(found, report=report))
     return report.exit_code
+
+
+def _show_what_is_missing(found: asking.NotUnderstood | Unsolvable, *, as_json: bool) -> ExitCode:
+    """Questions with options that answer them, what is not known here, or what no skill makes true."""
+    if isinstance(found, Unsolvable):
+        print_found(found, render_missing(found), as_json=as_json)
+        return ExitCode.GOAL_NOT_MET
+    print_found(found, "\n".join(_iter_open(found)), as_json=as_json)
+    for question in () if as_json else found.questions:
+        print_note(f"  --answer '{question.key}={next(iter(question.candidates), '...')}'")
+    return ExitCode.INVALID_INPUT
 
 
 def _show(found: asking.Asked, *, mermaid: bool, as_json: bool) -> None:

@@ -105,25 +105,20 @@ def ask(
     library = open_library()
     catalogue = Catalogue.read(library)
     past = _read_past(workspace, scene, catalogue)
-    vocabulary = _read_vocabulary(library, catalogue, list(past.values()), scene, robot)
-    model = open_model(vocabulary.scene)
+    model = open_model((vocabulary := _read_vocabulary(library, catalogue, [*past.values()], scene, robot)).scene)
     understood = _understand(request, vocabulary, model, dict(answers or {}), choose)
-    if isinstance(understood, Ambiguous):
-        return NotUnderstood(questions=understood.questions)
-    if isinstance(understood, Impossible):
-        return NotUnderstood(lacks=understood.lacks)
+    if isinstance(understood, Ambiguous | Impossible):
+        return _describe_gap(understood)
     goal = understood.goal
     planned = plan_goal(goal, catalogue, draw_start(library, goal.scene, goal.targets.values(), seed))
     if isinstance(planned, Unsolvable):
         return planned
+    plan = describe_plan(planned)
     if planned.steps and output is None:
         workspace = workspace or choose_folder(FOLDER, f"{goal.goal}-{seed}")
         Workspace.create(workspace, library)
-    plan = describe_plan(planned)
-    folder = workspace / REQUESTS if workspace is not None else Path()
-    graph = _write(plan, goal, output or _choose_file(folder, goal.goal, plan.graph)) if planned.steps else None
-    if graph is not None and model is not None and model.kept:
-        write_answers(graph.with_suffix(".answers.json"), request, goal.scene, model)
+        output = _choose_file(workspace / REQUESTS, goal.goal, plan.graph)
+    graph = _write(plan, goal, output, request, model) if planned.steps and output is not None else None
     return Asked(
         goal=goal.model_dump(mode="json"),
         reasons=understood.reasons,
@@ -136,6 +131,12 @@ def ask(
         workspace=str(workspace) if workspace is not None else None,
         before=str(next(reversed(past))) if past else None,
     )
+
+
+def _describe_gap(found: Ambiguous | Impossible) -> NotUnderstood:
+    if isinstance(found, Ambiguous):
+        return NotUnderstood(questions=found.questions)
+    return NotUnderstood(lacks=found.lacks)
 
 
 def _read_vocabulary(
@@ -187,8 +188,8 @@ def _choose_file(folder: Path, name: str, text: str) -> Path:
     return next(path for path in names if not path.exists() or path.read_text(encoding="utf-8") == text)
 
 
-def _write(plan: PlannedGraph, goal: WantedGoal, graph: Path) -> Path:
-    """The graph, and the goal beside it, as files; raises DefinitionError where the graph has problems."""
+def _write(plan: PlannedGraph, goal: WantedGoal, graph: Path, request: str, model: ModelUnderstander | None) -> Path:
+    """The graph, beside it the goal and a model's answers, as files; raises DefinitionError for a graph's problems."""
     graph.parent.mkdir(parents=True, exist_ok=True)
     graph.write_text(plan.graph, encoding="utf-8")
     if problems := lint_file(graph):
@@ -196,4 +197,6 @@ def _write(plan: PlannedGraph, goal: WantedGoal, graph: Path) -> Path:
     wanted = goal.model_dump(mode="json", exclude_defaults=True)
     text = yaml.safe_dump(wanted, sort_keys=False, allow_unicode=True, width=1000)
     graph.with_suffix(GOAL_SUFFIX).write_text(text, encoding="utf-8")
+    if model is not None and model.kept:
+        write_answers(graph.with_suffix(".answers.json"), request, goal.scene, model)
     return graph

@@ -97,6 +97,7 @@ def test_an_output_of_a_branch_that_is_not_taken_is_not_waited_for(make_stage, w
     assert (report.nodes["last"], report.verdict) == ("skipped", "failure")  # by the goal's own acceptance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "script", [{}, {"main": slip}, {"main": slip, "other": slip}], ids=lambda script: "-".join(script) or "all well"
 )

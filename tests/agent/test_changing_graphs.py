@@ -384,6 +384,7 @@ def cut_node(text, name):
     return re.sub(rf"(?m)^  {name}:\n(?:    .*\n)+", "", text)
 
 
+@pytest.mark.slow
 def test_a_node_that_a_person_takes_out_of_the_task_document_is_not_done(edit_task):
     report, goal, stage = edit_task(lambda text: cut_node(text, "next"))
     assert (report.verdict, ran(stage), states(report)) == ("success", ["first"], {"first": "done"})
@@ -391,6 +392,7 @@ def test_a_node_that_a_person_takes_out_of_the_task_document_is_not_done(edit_ta
     assert "**Changed:** as a person asked for" in stage.workspace.task.read_text()
 
 
+@pytest.mark.slow
 def test_what_a_person_wants_accepted_in_the_task_document_decides_the_goal(edit_task):
     wanted = "accept:\n- inside(red_cube, blue_tray)\nsubmitted_at"
     report, goal, _ = edit_task(lambda text: text.replace("submitted_at", wanted))
@@ -398,6 +400,7 @@ def test_what_a_person_wants_accepted_in_the_task_document_decides_the_goal(edit
     assert (report.verdict, report.reason.partition(" is ")[0]) == ("failure", "inside(red_cube, blue_tray)")
 
 
+@pytest.mark.slow
 def test_a_state_that_a_person_writes_into_the_task_document_is_refused(edit_task):
     report, goal, stage = edit_task(lambda text: text.replace("state: active", "state: done"))
     assert report.verdict == "success"

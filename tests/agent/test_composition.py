@@ -278,6 +278,7 @@ def find_waits(meant):
     return waits
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(tree=trees(), thing=st.sampled_from(CUBES))
 def test_every_tree_expands_to_what_it_means_and_its_bundle_to_the_same(catalogue, tmp_path, tree, thing):

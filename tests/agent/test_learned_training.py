@@ -53,6 +53,7 @@ def train(monkeypatch, capsys, *arguments):
     return training.main(), capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_every_sealed_session_with_a_verdict_is_learned_from_and_named_with_its_hash(
     stage, tmp_path, monkeypatch, capsys
 ):

@@ -52,6 +52,7 @@ def test_other_skills_make_up_for_a_node_that_no_alternative_repairs(make_stage,
     assert TAKEN in (stage.workspace.root / TASK.file).read_text()
 
 
+@pytest.mark.slow
 def test_a_restarted_agent_goes_on_with_the_planned_nodes_and_the_same_graph(make_stage, row):
     stage = make_stage({"red": no_way, "red.r1": no_way})
     begun = stage.runtime._run

@@ -236,6 +236,7 @@ def tell_mission(report):
     return report.verdict, report.exit_code, report.nodes, report.replans, told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MISSIONS)
 def test_a_mission_is_the_same_whatever_the_messages_say(name, make_stage, write_graph, tmp_path, monkeypatch):
     graph = write_graph(GRAPH.replace("BUDGET", ""))

@@ -74,6 +74,7 @@ def test_it_follows_nodes_that_are_blocked_one_behind_the_other(make_stage, writ
     assert compare.count("node_blocked") == 4
 
 
+@pytest.mark.slow
 def test_a_long_row_of_nodes_behind_a_blocked_one_is_blocked(make_stage, write_graph, compare):
     sessions = ["red: {skill: pick_and_place, with: {object: red_cube, destination: red_tray}}"]
     for index in range(60):

@@ -52,6 +52,7 @@ def find_codes(call, *arguments, **named):
     return {problem.code for problem in refused.value.problems}
 
 
+@pytest.mark.slow
 def test_a_workspace_is_opened_without_a_plane_a_solver_a_simulator_or_an_array(stored):
     code = f"import phyagentos, sys; phyagentos.open_workspace({str(stored)!r}); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
@@ -253,6 +254,7 @@ CUBES = "tabletop/cubes_and_trays"
 COMPILE = ("compile", "tidy_table", "--set", "targets.arm=ur5e")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("call", "command"),
     [

@@ -43,6 +43,7 @@ def check(tmp_path_factory):
     return run
 
 
+@pytest.mark.slow
 def test_every_public_name_has_a_type_and_no_other_name_is_known(check):
     names = phyagentos.__all__
     told = check(EXAMPLE + "".join(f"reveal_type(paos.{name})\n" for name in names) + "paos.nonsense\npaos.run(3)\n")

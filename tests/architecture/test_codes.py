@@ -69,6 +69,7 @@ def test_every_code_stands_in_the_table(found):
     assert not missing, "add them to phyagentos/code_tables.py"
 
 
+@pytest.mark.slow
 def test_every_row_is_raised_somewhere(found):
     names, endings = found
     silent = {name for name in set(CODES) - names if not any(name.endswith(ending) for ending in endings)}

@@ -87,6 +87,7 @@ def find_decisions(tree: ast.AST) -> Iterator[tuple[int, str]]:
                 yield from ((node.lineno, text) for text in _list_texts(value) if not isinstance(value, ast.Constant))
 
 
+@pytest.mark.slow
 def test_no_module_decides_by_the_name_of_a_predicate_a_parameter_or_a_leaf():
     names, unused = _list_names(), {(place, word) for place, words in ELSEWHERE.items() for word in words}
     found = []

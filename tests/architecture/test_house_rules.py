@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,11 @@ BANNED_STEMS = {"utils", "util", "helpers", "helper", "misc", "common"}
 BODY_LIBRARIES = {"mujoco", "mink", "ompl", "toppra", "casadi", "py_trees", "numba"}
 
 
+@cache
+def parse(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def name_of(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
@@ -39,7 +45,7 @@ def test_no_module_is_named_after_nothing():
 
 def test_every_package_root_holds_a_docstring_only():
     for path in (path for path in MODULES if path.name == "__init__.py"):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tree = parse(path)
         assert ast.get_docstring(tree), f"{name_of(path)}: say what the package is"
         rest = [node for node in tree.body[1:] if not (path.parent in FACADES and _loads_nothing(node))]
         assert not rest, f"{name_of(path)}: importing a package must not load anything"
@@ -65,7 +71,7 @@ def test_importing_the_package_loads_nothing_but_itself():
 def test_every_public_name_of_the_package_is_documented():
     silent = []
     for path in MODULES:
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tree = parse(path)
         public = [
             each for each in tree.body if isinstance(each, ast.FunctionDef | ast.ClassDef) and each.name[0] != "_"
         ]
@@ -87,7 +93,7 @@ def test_what_runs_a_session_or_a_goal_has_at_most_eight_collaborators():
 
 
 def find_class(name):
-    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in MODULES)
+    trees = (parse(path) for path in MODULES)
     (found,) = (n for tree in trees for n in tree.body if isinstance(n, ast.ClassDef) and n.name == name)
     return found
 
@@ -164,20 +170,20 @@ MAY_START = {
 }
 
 
-def iter_calls(path):
+@cache
+def find_calls(path):
     """The names of what a module calls or raises, as they are written."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Call):
-            yield ast.unparse(node.func)
-        elif isinstance(node, ast.Raise) and node.exc is not None:
-            yield ast.unparse(node.exc)
+    nodes = list(ast.walk(parse(path)))
+    called = {ast.unparse(node.func) for node in nodes if isinstance(node, ast.Call)}
+    return called | {ast.unparse(node.exc) for node in nodes if isinstance(node, ast.Raise) and node.exc is not None}
 
 
 def find_callers(is_meant):
-    found = {name_of(path): sorted({each for each in iter_calls(path) if is_meant(each)}) for path in MODULES}
+    found = {name_of(path): sorted({each for each in find_calls(path) if is_meant(each)}) for path in MODULES}
     return {name: calls for name, calls in found.items() if calls and not name.startswith("phyagentos/cli/")}
 
 
+@pytest.mark.slow
 def test_only_the_command_line_prints_prompts_and_exits():
     found = find_callers(
         lambda each: each.removeprefix("sys.").removeprefix("contextlib.") in SPEAKS or each.startswith(STREAMS)
@@ -185,5 +191,6 @@ def test_only_the_command_line_prints_prompts_and_exits():
     assert {name: calls for name, calls in found.items() if name not in MAY_SPEAK} == {}
 
 
+@pytest.mark.slow
 def test_child_processes_are_planes_planners_worlds_episodes_and_environments_of_others():
     assert set(find_callers(lambda each: each.startswith(STARTS))) == set(MAY_START)

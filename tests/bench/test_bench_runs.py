@@ -20,6 +20,7 @@ from tests.bench.suite_of_counter import (
     make_project,
     read_episodes,
 )
+from tests.command_line import assert_refused
 
 pytestmark = pytest.mark.journey
 
@@ -228,9 +229,7 @@ def test_an_environment_is_made_from_its_declaration_once_it_is_asked_for(tmp_pa
     (tmp_path / "suite.yaml").write_text(yaml.safe_dump(suite))
     python = tmp_path / "environments" / "other" / "bin" / "python"
 
-    refused = paos("bench", "setup", "suite.yaml")
-    assert refused.code == 2
-    assert "would run:" in refused.err
+    assert_refused(paos("bench", "setup", "suite.yaml"), "would run:")
     assert not python.exists(), "nothing is installed unasked"
     made = paos("bench", "setup", "suite.yaml", "--yes")
     assert (made.code, made.out) == (0, f"environment 'other': {python}\n"), made.err

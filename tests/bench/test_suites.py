@@ -183,6 +183,7 @@ esac
 """
 
 
+@pytest.mark.slow
 def test_an_episode_that_dies_or_hangs_has_its_record_and_the_rest_goes_on(read, tmp_path, monkeypatch):
     plan = read(seeds=[0, 1, 2], wall_s=1.0)
     (tmp_path / "moody").write_text(MOODY)
@@ -238,6 +239,7 @@ def test_every_cause_of_a_verdict_has_a_kind_of_failure():
     assert classify_problems([Problem("POLICY_MISMATCH", "x")]) is Taxon.POLICY
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", sorted((make_project.__globals__["ROOT"] / "benchmarks" / "suites").glob("*.yaml")))
 def test_a_suite_that_ships_compiles(path):
     plan = compile_suite(path)

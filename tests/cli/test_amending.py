@@ -18,6 +18,7 @@ from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.admission import Entry
 from phyagentos.store.journal import Journal
+from tests.command_line import assert_refused
 
 GOAL = GoalId("tidy_table-7")
 TIDY = find_shipped_root() / "goal_graphs" / "tidy_table.yaml"
@@ -88,9 +89,7 @@ def test_a_dry_run_records_nothing(workspace, wanted, paos):
     ],
 )
 def test_what_contradicts_or_cannot_run_is_refused_and_nothing_is_recorded(workspace, wanted, paos, changes, told):
-    result = paos("amend", GOAL, wanted(*changes), "-w", workspace.root)
-    assert result.code == 2
-    assert told in result.err
+    assert_refused(paos("amend", GOAL, wanted(*changes), "-w", workspace.root), told)
     assert read_ledger(workspace.root).goals[GOAL].asked == ()
 
 

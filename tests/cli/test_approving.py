@@ -14,6 +14,7 @@ from phyagentos.mcp.protocol_server import build_registry
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
+from tests.command_line import assert_refused
 
 ROOT = Path(__file__).resolve().parents[2]
 COUNTER = ROOT / "benchmarks" / "library"
@@ -59,9 +60,7 @@ def test_nobody_who_answers_no_starts_anything(paos, place, monkeypatch):
 def test_a_denied_proposal_cannot_be_approved(paos, place):
     name = propose(place)
     assert paos("deny", name, "-w", place.root, "--reason", "no").code == 0
-    result = paos("approve", name, "-w", place.root, "--yes")
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "PROPOSAL_CHANGED" in result.err
+    assert_refused(paos("approve", name, "-w", place.root, "--yes"), "PROPOSAL_CHANGED")
     assert paos("deny", name, "-w", place.root).code == ExitCode.INVALID_INPUT
 
 

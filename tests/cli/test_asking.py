@@ -54,6 +54,7 @@ def model(monkeypatch):
     server.close()
 
 
+@pytest.mark.slow
 def test_a_request_becomes_a_graph_that_lints_and_nothing_runs_unapproved(paos, runs):
     asked = paos("ask", REQUEST, *CUBES)
     folder = Path("workspaces/put_every_cube_into_the_tray_of_its-0-1")
@@ -92,6 +93,7 @@ def test_json_is_one_document_with_the_report_of_the_run_in_it(paos, runs):
     assert len(runs) == 1
 
 
+@pytest.mark.slow
 def test_json_alone_approves_nothing(paos, runs):
     found = json.loads(paos("ask", SHORT, *CUBES, "--json").out)
 
@@ -99,6 +101,7 @@ def test_json_alone_approves_nothing(paos, runs):
     assert runs == []
 
 
+@pytest.mark.slow
 def test_questions_end_with_code_2_and_their_candidates_and_can_be_answered(paos, runs):
     asked = paos("ask", "put the cube in the red tray", *CUBES, "--json", "--yes")
     (question,) = json.loads(asked.out)["questions"]
@@ -112,6 +115,7 @@ def test_questions_end_with_code_2_and_their_candidates_and_can_be_answered(paos
     assert json.loads(answered.out)["goal"]["accept"] == ["inside(green_cube, red_tray)"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("request_", "kind", "words"),
     [
@@ -128,6 +132,7 @@ def test_what_cannot_be_done_ends_with_code_2_and_is_named(paos, request_, kind,
     assert words in paos("ask", request_, *CUBES).out
 
 
+@pytest.mark.slow
 def test_a_goal_without_a_plan_says_what_is_missing(paos):
     asked = paos("ask", "put everything into the red tray", *CUBES)
 
@@ -136,12 +141,14 @@ def test_a_goal_without_a_plan_says_what_is_missing(paos):
     assert not Path("workspaces").exists()
 
 
+@pytest.mark.slow
 def test_a_scene_has_to_be_named_once(paos):
     assert paos("ask", SHORT).code == ExitCode.INVALID_INPUT
     paos("ask", SHORT, *CUBES)
     assert paos("ask", "put the blue cube into the blue tray").code == ExitCode.GOAL_MET
 
 
+@pytest.mark.slow
 def test_as_before_takes_the_request_before(paos):
     paos("ask", SHORT, *CUBES)
     found = json.loads(paos("ask", "as before, and put the blue cube into the blue tray", "--json").out)
@@ -153,6 +160,7 @@ def test_as_before_takes_the_request_before(paos):
     )
 
 
+@pytest.mark.slow
 def test_as_before_is_asked_of_the_workspace_that_is_named(paos):
     paos("ask", SHORT, *CUBES, "-w", "first")
     paos("ask", "put the green cube into the green tray", *CUBES)
@@ -164,6 +172,7 @@ def test_as_before_is_asked_of_the_workspace_that_is_named(paos):
     assert "the request before: workspaces/put_the_green_cube_into_the_green_tray-0-1/requests/" in newest.err
 
 
+@pytest.mark.slow
 def test_another_graph_of_the_same_name_is_not_overwritten(paos):
     paos("ask", "put the cube into the red tray", *CUBES, "-w", "w", "--answer", "the cube@4=red_cube")
     paos("ask", "put the cube into the red tray", *CUBES, "-w", "w", "--answer", "the cube@4=blue_cube")
@@ -184,10 +193,12 @@ def test_a_robot_that_is_not_there_is_refused(paos):
     }
 
 
+@pytest.mark.slow
 def test_the_graph_can_be_shown_as_mermaid(paos):
     assert "flowchart LR" in paos("ask", SHORT, *CUBES, "--mermaid").out
 
 
+@pytest.mark.slow
 def test_a_model_is_asked_only_for_words_that_the_grammar_does_not_know(paos, model):
     paos("ask", SHORT, *CUBES)
     paos("ask", "put the cube into the red tray", *CUBES)
@@ -200,6 +211,7 @@ def test_a_model_is_asked_only_for_words_that_the_grammar_does_not_know(paos, mo
     assert len(model.asked) == 1
 
 
+@pytest.mark.slow
 def test_answers_of_a_model_are_kept_and_replace_it(paos, model, monkeypatch):
     paos("ask", FOREIGN, *CUBES, "-o", "mine.yaml")
     monkeypatch.delenv("PHYAGENTOS_MODEL_URL")
@@ -244,14 +256,14 @@ def _ask_in_terminal(approval: bytes, *words: str, before: bytes = b"") -> tuple
 
 
 @pytest.mark.slow
-def test_a_key_press_approves_and_another_does_not():
+def test_a_key_press_in_the_terminal_approves():
     assert "RUNS" in _ask_in_terminal(b"y", SHORT, *CUBES)[1]
-    assert "RUNS" not in _ask_in_terminal(b"n", SHORT, *CUBES)[1]
 
 
 @pytest.mark.slow
-def test_questions_are_put_in_the_terminal():
+def test_questions_are_put_in_the_terminal_and_another_key_approves_nothing():
     code, out = _ask_in_terminal(b"n", "put the cube into the red tray", *CUBES, before=b"9\n2\n")
 
     assert code == ExitCode.GOAL_MET
     assert "inside(green_cube, red_tray)" in out
+    assert "RUNS" not in out

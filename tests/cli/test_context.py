@@ -10,11 +10,10 @@ import yaml
 from phyagentos.agent.context.context import BYTES_A_TOKEN
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.documents.document import iter_blocks, split_front_matter
+from phyagentos.protocol.documents.document import iter_blocks
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.sessions.knowledge import Fact, render_knowledge
 from phyagentos.protocol.sessions.lessons import Lesson, render_lessons
-from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
 from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -82,6 +81,7 @@ def test_it_shows_request_world_open_nodes_verdicts_capabilities_limits_and_memo
     assert (found["lessons"]["lesson-slow"]["supported"], found["knowledge"]["sticky"]["source"]) == (3, "a person")
 
 
+@pytest.mark.slow
 def test_limits_are_facts_with_their_sources(paos, workspace, furnished):
     limits = read_back(paos("context", "-w", furnished, "--budget", 100_000).out)["limits"]
     limit = limits["panda.joint_position_min"]
@@ -89,31 +89,7 @@ def test_limits_are_facts_with_their_sources(paos, workspace, furnished):
     assert "Panda, q_min" in limit["source"]
 
 
-@pytest.mark.parametrize("budget", [350, 3_000, 8_000])
-@pytest.mark.parametrize("purpose", ["plan", "verify", "repair"])
-def test_a_goal_of_a_hundred_nodes_stays_within_any_budget(paos, run, workspace, budget, purpose):
-    nodes = {
-        f"n{number:03}": {"objective": f"cube {number} {HOSTILE}", "skill": "pick_and_place", "target": "panda"}
-        for number in range(100)
-    }
-    run.write(Side.AGENT, "goal:many-1", "goal_submitted", graph="many", seed=1, objective="All of them.")
-    run.write(
-        Side.AGENT, "goal:many-1", "goal_compiled", nodes=nodes, accept=["inside(red_cube, tray)"], constraints=[]
-    )
-    result = paos("context", "--for", purpose, "-w", workspace.root, "--budget", budget)
-
-    assert count_tokens(result.out) <= budget
-    tokens = count_tokens(result.out)
-    assert result.err == f"{tokens} of {budget} tokens, sha256 {hashlib.sha256(result.out.encode()).hexdigest()}\n"
-    front = yaml.safe_load(split_front_matter(result.out, "context")[0])
-    found, lost = read_back(result.out), front.get("dropped", {})
-    assert list(found["request"]) == ["many-1"]
-    if purpose != "verify":
-        assert len(found.get("nodes", ())) + lost.get("nodes", [0])[0] == 100
-        assert "panda.all" not in found.get("limits", {})
-    assert paos("context", "--for", purpose, "-w", workspace.root, "--budget", budget).out == result.out
-
-
+@pytest.mark.slow
 def test_json_holds_the_same_items_and_the_same_hash(paos, workspace):
     text = paos("context", "-w", workspace.root, "--for", "repair")
     data = json.loads(paos("context", "-w", workspace.root, "--for", "repair", "--json").out)

@@ -11,10 +11,12 @@ from phyagentos.clock import SystemClock
 from phyagentos.operations import doctor
 from phyagentos.operations.doctor import Grade, iter_findings
 from phyagentos.testing import ManualClock
+from tests.command_line import assert_refused
 
 pytestmark = pytest.mark.fast
 
 
+@pytest.mark.slow
 def test_this_machine_keeps_every_promise_and_nothing_is_left_behind(tmp_path, paos):
     result = paos("doctor", tmp_path, "--json")
     findings = json.loads(result.out)
@@ -26,10 +28,7 @@ def test_this_machine_keeps_every_promise_and_nothing_is_left_behind(tmp_path, p
 
 
 def test_a_folder_that_does_not_exist_is_a_mistake_of_the_caller(tmp_path, paos):
-    result = paos("doctor", tmp_path / "nowhere")
-
-    assert result.code == 2
-    assert "UNKNOWN_FOLDER" in result.err
+    assert_refused(paos("doctor", tmp_path / "nowhere"), "UNKNOWN_FOLDER")
 
 
 def test_packages_that_are_missing_or_too_old_are_all_named(monkeypatch):
@@ -72,6 +71,7 @@ def test_a_full_disk_and_a_shared_file_system_are_seen(tmp_path, monkeypatch):
     assert doctor.check_file_system(tmp_path, ManualClock()).grade is Grade.WEAK
 
 
+@pytest.mark.slow
 def test_a_folder_that_cannot_be_written_is_broken_and_the_other_checks_go_on(tmp_path, monkeypatch):
     def refuse(*_arguments, **_keywords):
         raise PermissionError(13, "Permission denied")

@@ -15,6 +15,7 @@ from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
 from phyagentos.protocol.world.truth import Truth
+from tests.command_line import assert_refused
 from tests.looks import keep_look
 
 PROTOCOL = Path(__file__).resolve().parents[2] / "protocol"
@@ -180,11 +181,11 @@ def test_a_thinned_session_is_still_explained(paos, run, bundles):
 def test_a_wrong_policy_is_refused_with_its_place(paos, run, bundles):
     text = run.workspace.runtime_contract.read_text().replace("keep_last: 0", "keep_lats: 0")
     run.workspace.runtime_contract.write_text(text)
-    result = paos("evidence", "prune", "-w", run.workspace.root)
-
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "UNKNOWN_KEY: found 'keep_lats'" in result.err
-    assert "Did you mean 'keep_last'?" in result.err
+    assert_refused(
+        paos("evidence", "prune", "-w", run.workspace.root),
+        "UNKNOWN_KEY: found 'keep_lats'",
+        "Did you mean 'keep_last'?",
+    )
     assert paos("lint", run.workspace.runtime_contract).code == ExitCode.INVALID_INPUT
 
 

@@ -16,6 +16,7 @@ from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.views.tasks import render_tasks
+from tests.command_line import assert_refused
 
 
 def observe(time_s: float, x_m: float) -> Environment:
@@ -82,21 +83,20 @@ def test_the_graph_of_a_goal_shows_its_attempts_and_what_comes_before_them(repla
 
 
 def test_an_unknown_goal_names_those_that_there_are_and_the_nearest(replanned, paos):
-    result = paos("graph", "tidy-8", "--workspace", replanned.workspace.root)
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "UNKNOWN_GOAL" in result.err
-    assert "found 'tidy-8'" in result.err
-    assert "tidy-7" in result.err
-    assert "Did you mean 'tidy-7'?" in result.err
+    assert_refused(
+        paos("graph", "tidy-8", "--workspace", replanned.workspace.root),
+        "UNKNOWN_GOAL",
+        "found 'tidy-8'",
+        "tidy-7",
+        "Did you mean 'tidy-7'?",
+    )
 
 
 @pytest.mark.parametrize("count", [0, 2])
 def test_where_there_is_not_one_goal_the_graph_must_be_named(run, paos, count):
     for number in range(count):
         run.write(Side.AGENT, f"goal:g-{number}", "goal_submitted", graph="g", seed=number, objective="")
-    result = paos("graph", "--workspace", run.workspace.root)
-    assert result.code == ExitCode.INVALID_INPUT
-    assert f"found {count} goals" in result.err
+    assert_refused(paos("graph", "--workspace", run.workspace.root), f"found {count} goals")
 
 
 def test_the_graph_of_no_workspace_is_refused(paos, tmp_path):
@@ -104,10 +104,11 @@ def test_the_graph_of_no_workspace_is_refused(paos, tmp_path):
 
 
 def test_an_unknown_session_names_the_nearest(replanned, paos):
-    result = paos("why", "rad", "--workspace", replanned.workspace.root)
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "rad: UNKNOWN_SESSION: found no such session; expected tidy-7.red, tidy-7.red.r1" in result.err
-    assert "Did you mean 'red'?" in result.err
+    assert_refused(
+        paos("why", "rad", "--workspace", replanned.workspace.root),
+        "rad: UNKNOWN_SESSION: found no such session; expected tidy-7.red, tidy-7.red.r1",
+        "Did you mean 'red'?",
+    )
 
 
 @pytest.mark.parametrize("kind", ["cancel", "pause", "resume"])
@@ -122,9 +123,10 @@ def test_a_request_leaves_a_signal_for_one_session(run, paos, kind):
 
 @pytest.mark.parametrize("kind", ["cancel", "pause", "resume"])
 def test_nothing_is_asked_of_a_session_that_is_over(replanned, paos, kind):
-    result = paos(kind, "red.r1", "--workspace", replanned.workspace.root)
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "tidy-7.red.r1: ALREADY_OVER: found its state 'succeeded' is final" in result.err
+    assert_refused(
+        paos(kind, "red.r1", "--workspace", replanned.workspace.root),
+        "tidy-7.red.r1: ALREADY_OVER: found its state 'succeeded' is final",
+    )
     assert list(take_signals(replanned.workspace.signals)) == []
 
 
@@ -177,9 +179,10 @@ def test_cancelling_a_goal_is_recorded_and_asks_for_the_end_of_its_sessions(run,
 
 def test_a_goal_that_has_its_verdict_cannot_be_cancelled(replanned, paos):
     replanned.write(Side.AGENT, "goal:tidy-7", "goal_verdict", verdict="success")
-    result = paos("cancel", "tidy-7", "--workspace", replanned.workspace.root)
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "tidy-7: ALREADY_OVER: found its verdict 'success' is final" in result.err
+    assert_refused(
+        paos("cancel", "tidy-7", "--workspace", replanned.workspace.root),
+        "tidy-7: ALREADY_OVER: found its verdict 'success' is final",
+    )
 
 
 @pytest.mark.parametrize("left", ["", "initial.snapshot"])
@@ -190,11 +193,11 @@ def test_a_session_that_left_no_state_to_start_from_is_not_repeated(replanned, p
     if left:
         (folder / left).write_bytes(b"state")
 
-    refused = paos("rerun", "tidy-7.red", "-w", workspace.root)
-
-    assert refused.code == ExitCode.INVALID_INPUT
-    assert f"{folder}/initial.npz: NOT_EXECUTED: found {left or 'no such file'}; expected " in refused.err
-    assert "Run the goal again" in refused.err
+    assert_refused(
+        paos("rerun", "tidy-7.red", "-w", workspace.root),
+        f"{folder}/initial.npz: NOT_EXECUTED: found {left or 'no such file'}; expected ",
+        "Run the goal again",
+    )
     assert not (workspace.root / "reruns").exists()
 
 
@@ -205,10 +208,9 @@ def test_a_session_whose_target_was_removed_is_not_repeated(replanned, paos):
     (folder / "initial.npz").write_bytes(b"state")
     assert read_target_registry(workspace.target_registry) == {}
 
-    refused = paos("rerun", "tidy-7.red", "-w", workspace.root)
-
-    assert refused.code == ExitCode.INVALID_INPUT
-    assert f"{workspace.target_registry}: TARGET_UNKNOWN: found 'panda'" in refused.err
+    assert_refused(
+        paos("rerun", "tidy-7.red", "-w", workspace.root), f"{workspace.target_registry}: TARGET_UNKNOWN: found 'panda'"
+    )
     assert not (workspace.root / "reruns").exists()
 
 
@@ -237,9 +239,7 @@ def test_why_of_a_goal_tells_its_nodes_and_the_first_cause(run, paos):
 
 
 def test_why_where_nothing_ran_yet_says_so(run, paos):
-    result = paos("why", "-w", run.workspace.root)
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "found 0 goals; expected a goal that was submitted there" in result.err
+    assert_refused(paos("why", "-w", run.workspace.root), "found 0 goals; expected a goal that was submitted there")
 
 
 def test_why_says_that_the_cause_came_back(paos, run):

@@ -10,6 +10,7 @@ import pytest
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry, register_file
+from tests.command_line import assert_refused
 
 ROOT = Path(__file__).resolve().parents[2]
 SKILL = "---\nskill: nod\ndescription: Nod.\ntree: nod\n---\n\n# nod\n"
@@ -54,30 +55,19 @@ def test_linting_a_folder_executes_nothing_and_knows_its_leaves(paos, project):
 
 
 def test_linting_executes_what_it_is_asked_to_and_checks_ports_then(paos, project):
-    result = paos("lint", project, "--run-python")
-
-    assert result.code == 2
-    assert "nod.yaml:6:20: UNKNOWN_PORT: found 'deep'; expected" in result.err
+    assert_refused(paos("lint", project, "--run-python"), "nod.yaml:6:20: UNKNOWN_PORT: found 'deep'; expected")
     assert has_run(project)
 
 
 def test_a_leaf_that_no_file_announces_is_unknown_all_the_same(paos, project):
     put(project, "trees/nod.yaml", TREE.replace("nod_once", "nod_onec"))
-    result = paos("lint", project)
-
-    assert result.code == 2
-    assert "UNKNOWN_LEAF: found 'nod_onec'" in result.err
-    assert "Did you mean 'nod_once'?" in result.err
+    assert_refused(paos("lint", project), "UNKNOWN_LEAF: found 'nod_onec'", "Did you mean 'nod_once'?")
 
 
 @pytest.mark.parametrize("text", ["def register(:\n", "\0", "(" * 5000])
 def test_what_is_no_python_is_told_without_executing_it(paos, project, text):
     put(project, "skills/nod/behaviours.py", text)
-    result = paos("lint", project)
-
-    assert result.code == 2
-    assert "behaviours.py:1:" in result.err
-    assert "BROKEN_BEHAVIOURS" in result.err
+    assert_refused(paos("lint", project), "behaviours.py:1:", "BROKEN_BEHAVIOURS")
 
 
 def test_leaves_are_listed_without_executing_them(paos, project):
@@ -108,11 +98,11 @@ COMMANDS = [
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
 def test_python_that_is_not_known_from_here_is_named_and_not_run(paos, foreign, command):
     before = sorted(foreign.rglob("*"))
-    result = paos(*command, "--workspace", foreign)
-
-    assert result.code == 2
-    assert f"{foreign}/library/skills/nod/behaviours.py: UNTRUSTED_PYTHON: found other Python" in result.err
-    assert "Read it; --trust-python lets it run." in result.err
+    assert_refused(
+        paos(*command, "--workspace", foreign),
+        f"{foreign}/library/skills/nod/behaviours.py: UNTRUSTED_PYTHON: found other Python",
+        "Read it; --trust-python lets it run.",
+    )
     assert sorted(foreign.rglob("*")) == before
 
 

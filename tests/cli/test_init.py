@@ -1,5 +1,6 @@
 """`paos init`: a place of one's own, complete and clean from the first moment."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -8,8 +9,19 @@ import pytest
 
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations.init import Extension
+from phyagentos.protocol.predicates.library import get_predicate_library
+from phyagentos.protocol.predicates.project_predicates import load_predicates
+from tests.command_line import assert_refused
 
 ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def own_predicates():
+    """What a project brings is known to its test alone."""
+    yield
+    get_predicate_library.cache_clear()
+    load_predicates([])
 
 
 def test_a_new_place_lints_clean_and_compiles(paos, tmp_path):
@@ -37,9 +49,7 @@ def test_a_new_place_brings_a_graph_a_scene_and_a_skill(paos, tmp_path):
 
 def test_init_never_overwrites(paos, tmp_path):
     (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
-    result = paos("init", tmp_path)
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "WOULD_OVERWRITE: found a folder that is not empty" in result.err
+    assert_refused(paos("init", tmp_path), "WOULD_OVERWRITE: found a folder that is not empty")
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
@@ -56,20 +66,27 @@ def test_the_scaffold_uses_the_skill_of_the_first_example_unchanged(paos, tmp_pa
         assert mine == (ROOT / "examples/projects/01_yaml_skill" / name).read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("extension", Extension)
-def test_an_extension_comes_with_a_test_that_passes_and_files_that_lint_clean(paos, tmp_path, extension):
+@pytest.mark.slow
+@pytest.mark.usefixtures("own_predicates")
+def test_extensions_come_with_tests_that_pass_until_something_is_broken_and_files_that_lint_clean(paos, tmp_path):
     place = tmp_path / "mine"
-    made = paos("init", place, "--with", extension)
+    made = paos("init", place, *(word for extension in Extension for word in ("--with", extension)))
     assert (made.code, f"pytest {place / 'tests'}" in made.out) == (ExitCode.GOAL_MET, True)
 
     tested = run_tests(place)
     assert tested.returncode == 0, tested.stdout
-    assert "passed" in tested.stdout
+    assert {file.name for file in (place / "tests").glob("test_*.py")} == set(
+        re.findall(r"test_\w+\.py", tested.stdout)
+    )
     linted = paos("lint", place, "--run-python")
     assert (linted.code, linted.err) == (ExitCode.GOAL_MET, ""), linted.err
 
+    (file := place / "predicates" / "far_out.py").write_text(file.read_text().replace("REACH_M = 0.6", "REACH_M = 0.8"))
+    broken = run_tests(place, "tests/test_predicate.py")
+    assert "FAILED tests/test_predicate.py::test_it_holds_beyond_the_reach" in broken.stdout
 
-def test_extensions_are_added_to_a_project_once_and_their_tests_find_what_is_broken(paos, tmp_path):
+
+def test_an_extension_is_added_to_a_project_once(paos, tmp_path):
     place = tmp_path / "mine"
     paos("init", place)
     assert paos("init", place, "--with", "predicate").code == ExitCode.GOAL_MET
@@ -77,10 +94,7 @@ def test_extensions_are_added_to_a_project_once_and_their_tests_find_what_is_bro
     assert "far_out.py: WOULD_OVERWRITE" in again.err
     assert not (place / "skills" / "take_nearest").exists()
 
-    (file := place / "predicates" / "far_out.py").write_text(file.read_text().replace("REACH_M = 0.6", "REACH_M = 0.8"))
-    assert "FAILED tests/test_predicate.py::test_it_holds_beyond_the_reach" in run_tests(place).stdout
 
-
-def run_tests(place):
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:randomly", "tests"]
+def run_tests(place, which="tests"):
+    command = [sys.executable, "-m", "pytest", "-rA", "-p", "no:cacheprovider", "-p", "no:randomly", which]
     return subprocess.run(command, cwd=place, capture_output=True, text=True, check=False, timeout=300)

@@ -7,6 +7,7 @@ import pytest
 
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations.lint import FileKind, find_kind
+from tests.command_line import assert_refused
 
 ROOT = Path(__file__).resolve().parents[2]
 GRAPH = """\
@@ -57,10 +58,7 @@ def test_everything_that_ships_is_clean(paos):
 
 def test_an_unknown_key_is_refused_with_its_place(paos, write):
     path = write("goal_graphs/broken.yaml", GRAPH)
-    result = paos("lint", path)
-    assert result.code == ExitCode.INVALID_INPUT
-    assert f"{path}:5:1: UNKNOWN_KEY: found 'colour'; expected " in result.err
-    assert "objective" in result.err
+    assert_refused(paos("lint", path), f"{path}:5:1: UNKNOWN_KEY: found 'colour'; expected ", "objective")
 
 
 def test_a_description_is_checked_word_by_word(paos, write):
@@ -95,16 +93,15 @@ def test_problems_of_several_files_are_reported_in_their_order(paos, write):
 
 
 def test_a_file_of_no_kind_names_the_kinds(paos, write):
-    result = paos("lint", write("shopping.yaml", "tre: [milk]\n"))
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "shopping.yaml:1:1: UNKNOWN_KIND: found top-level keys tre" in result.err
-    assert "Did you mean 'tree'?" in result.err
+    assert_refused(
+        paos("lint", write("shopping.yaml", "tre: [milk]\n")),
+        "shopping.yaml:1:1: UNKNOWN_KIND: found top-level keys tre",
+        "Did you mean 'tree'?",
+    )
 
 
 def test_a_missing_file_is_invalid_input(paos, tmp_path):
-    result = paos("lint", tmp_path / "nowhere.yaml")
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "nowhere.yaml: UNREADABLE_FILE" in result.err
+    assert_refused(paos("lint", tmp_path / "nowhere.yaml"), "nowhere.yaml: UNREADABLE_FILE")
 
 
 BOMB = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
@@ -123,9 +120,7 @@ BOMB = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
     ],
 )
 def test_aliases_that_stand_for_more_than_memory_holds_are_a_problem(paos, write, name, text):
-    result = paos("lint", write(name, text))
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "YAML_SYNTAX: found more than 100000 values" in result.err
+    assert_refused(paos("lint", write(name, text)), "YAML_SYNTAX: found more than 100000 values")
 
 
 @pytest.mark.parametrize("name", ["a.yaml", "SESSIONS.md", "safety.yaml", "SKILL.md"])
@@ -134,16 +129,12 @@ def test_aliases_that_stand_for_more_than_memory_holds_are_a_problem(paos, write
 )
 def test_a_file_that_is_no_regular_file_is_a_problem_and_not_waited_for(paos, tmp_path, name, make):
     make(tmp_path / name)
-    result = paos("lint", tmp_path / name)
-    assert result.code == ExitCode.INVALID_INPUT
-    assert f"{name}: UNREADABLE_FILE" in result.err
+    assert_refused(paos("lint", tmp_path / name), f"{name}: UNREADABLE_FILE")
 
 
 def test_a_document_is_checked_in_its_yaml_blocks(paos, write):
     path = write("SESSIONS.md", "# Sessions\n\n## one\n\n```yaml\nstate: pending\nstate: running\n```\n")
-    result = paos("lint", path)
-    assert result.code == ExitCode.INVALID_INPUT
-    assert f"{path}:7:1: DUPLICATE_NAME: found 'state'" in result.err
+    assert_refused(paos("lint", path), f"{path}:7:1: DUPLICATE_NAME: found 'state'")
 
 
 def test_a_perception_pipeline_may_only_use_sensors_that_exist(paos, write):
@@ -219,9 +210,10 @@ def test_a_kind_is_found_by_name_then_keys_then_folder(write, name, text, kind):
 def test_a_thing_of_a_kind_that_the_skill_does_not_take_is_refused_with_those_it_takes(paos, write):
     shipped = (ROOT / "goal_graphs" / "insert_peg.yaml").read_text()
     path = write("goal_graphs/insert_peg.yaml", shipped.replace("socket: socket}", "socket: peg}"))
-    result = paos("lint", path)
-    assert result.code == ExitCode.INVALID_INPUT
-    assert f"{path}:11:25: INVALID_PARAMETER: found 'peg', of kind peg; expected of kind socket: socket" in result.err
+    assert_refused(
+        paos("lint", path),
+        f"{path}:11:25: INVALID_PARAMETER: found 'peg', of kind peg; expected of kind socket: socket",
+    )
 
 
 def test_one_of_two_alike_things_is_warned_of_with_both_names(paos, write):
@@ -240,7 +232,8 @@ def test_one_of_two_alike_things_is_warned_of_with_both_names(paos, write):
     agreed = write("goal_graphs/broken.yaml", text + "interchangeable: [[red_cube, blue_cube]]\n")
     assert paos("lint", agreed).err == ""
     wrong = write("goal_graphs/broken.yaml", text + "interchangeable: [[red_cube, green_cube, ghost]]\n")
-    result = paos("lint", wrong)
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "SCENE_INVALID: found 'green_cube' in ['red_cube', 'green_cube', 'ghost']" in result.err
-    assert "UNKNOWN_ENTITY: found 'ghost'" in result.err
+    assert_refused(
+        paos("lint", wrong),
+        "SCENE_INVALID: found 'green_cube' in ['red_cube', 'green_cube', 'ghost']",
+        "UNKNOWN_ENTITY: found 'ghost'",
+    )

@@ -9,6 +9,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
 from tests.agent.memory.conftest import make_correction, make_episode
+from tests.command_line import assert_refused
 
 
 @pytest.fixture
@@ -64,6 +65,4 @@ def test_forget_asks_for_a_reason(paos, remembered):
 def test_an_unknown_entry_is_told_with_the_nearest_name(paos, remembered):
     root, _ = remembered
     id = find_id(paos, root)
-    answer = paos("memory", "why", id[:-1], "-w", root)
-    assert answer.code == 2
-    assert f"Did you mean '{id}'?" in answer.err
+    assert_refused(paos("memory", "why", id[:-1], "-w", root), f"Did you mean '{id}'?")

@@ -1,10 +1,5 @@
 """Which memory a run has: one for the project, kept by the workspace, and none where none is asked for."""
 
-import os
-import signal
-import subprocess
-import sys
-
 import pytest
 
 from phyagentos.agent.memory.memory import Memory
@@ -92,25 +87,3 @@ for number in range(10_000):
     memory.record([pair[0], *(replace(each, session=f"{sys.argv[2]}-{number}") for each in pair[1:])])
     print(number, flush=True)
 """
-
-
-@pytest.mark.slow
-def test_two_runs_at_once_that_are_killed_in_the_middle_leave_whole_batches(tmp_path):
-    folder = tmp_path / "memory"
-    command = [sys.executable, "-c", WRITER, str(folder)]
-    writers = [subprocess.Popen([*command, name], stdout=subprocess.PIPE, text=True) for name in ("a", "b")]
-    acknowledged = {}
-    for _ in range(BATCHES):
-        assert all(writer.stdout.readline() for writer in writers)
-    for name, writer in zip("ab", writers, strict=True):
-        os.kill(writer.pid, signal.SIGKILL)
-        with writer.stdout:
-            acknowledged[name] = BATCHES + len(writer.stdout.read().split())
-        writer.wait()
-    memory = Memory(folder, clock=SystemClock(), by="after", durable=False)
-    for name, count in acknowledged.items():
-        kept = [each for each in memory.read_all() if each.session.startswith(f"{name}-")]
-        assert count <= len(kept) <= count + 1, "what was acknowledged stands; at most one more"
-    failures = sum(not each.is_success for each in memory.read_all())
-    assert 2 * failures == len(memory.read_all()), "every batch is whole"
-    assert memory.record(make_correction())

@@ -18,6 +18,7 @@ from phyagentos.protocol.sessions.estop import Latch, is_latched, latch
 from phyagentos.protocol.sessions.stop_signals import take_signals
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole
 from phyagentos.protocol.workspace.workspace import Workspace
+from tests.command_line import assert_refused
 
 
 @pytest.fixture
@@ -46,9 +47,7 @@ def test_a_reading_command_means_the_newest_workspace_and_names_it(here, paos):
 
 def test_where_no_workspace_is_the_next_step_is_named(paos, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    result = paos("status")
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "Name one: --workspace W; `paos store` takes W alone." in result.err
+    assert_refused(paos("status"), "Name one: --workspace W; `paos store` takes W alone.")
     monkeypatch.setattr(standing, "find_running", list)
     assert "`paos run GRAPH` makes one" in paos("runs").out
 

@@ -6,6 +6,7 @@ import shutil
 import pytest
 
 from phyagentos.protocol.sessions.lifecycle import Side
+from tests.command_line import assert_refused
 
 
 def segment_of(run):
@@ -29,6 +30,7 @@ def test_a_whole_journal_is_said_to_be_whole(paos, replanned):
     assert paos("store", "repair", replanned.workspace.root).out == "nothing to repair\n"
 
 
+@pytest.mark.slow
 def test_every_problem_is_told_with_its_place_and_the_exit_code_is_1(paos, replanned):
     path = segment_of(replanned)
     places = [spoil(path, 4), spoil(path, 9)]
@@ -98,9 +100,7 @@ def test_what_only_reads_means_the_newest_workspace_and_names_it(paos, replanned
     assert (newest.code, newest.out) == (named.code, named.out)
     assert newest.err == f"workspace . (the newest of 1)\n{named.err}"
     monkeypatch.chdir(root / "sessions")
-    nowhere = paos("store", "check")
-    assert nowhere.code == 2
-    assert "NOT_A_WORKSPACE" in nowhere.err
+    assert_refused(paos("store", "check"), "NOT_A_WORKSPACE")
     assert "WORKSPACE" in paos("store", "repair").err, "what writes is told where"
 
 
@@ -131,12 +131,8 @@ def test_compacting_a_damaged_journal_is_refused(paos, replanned):
 
 @pytest.mark.parametrize("command", ["check", "repair", "compact"])
 def test_a_folder_that_holds_no_journal_is_named(paos, replanned, tmp_path, command):
-    done = paos("store", command, tmp_path)
-    assert done.code == 2
-    assert "NOT_A_WORKSPACE" in done.err
-    done = paos("store", command, replanned.workspace.root, "--lane", "elsewhere")
-    assert done.code == 2
-    assert "NO_JOURNAL" in done.err
+    assert_refused(paos("store", command, tmp_path), "NOT_A_WORKSPACE")
+    assert_refused(paos("store", command, replanned.workspace.root, "--lane", "elsewhere"), "NO_JOURNAL")
 
 
 def test_a_lane_can_be_named(paos, replanned):

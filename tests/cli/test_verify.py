@@ -15,6 +15,7 @@ from phyagentos.protocol.world.environment import Entity, Environment, Interior,
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Entry
 from phyagentos.store.views.sessions import render_sessions
+from tests.command_line import assert_refused
 
 SESSION = "tidy-7.red"
 IN_TRAY, AWAY = (0.6, 0.3, 0.03), (0.4, 0.0, 0.02)
@@ -105,23 +106,23 @@ def test_everybody_sees_the_verdict_and_every_judgement(paos, judged):
 def test_a_session_without_a_verdict_is_refused(paos, run):
     run.begin()
     run.execute(run.submit("red"))
-    result = paos("verify", SESSION, "-w", run.workspace.root)
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "NOT_JUDGED: found state awaiting_verification" in result.err
-    assert "'paos judge' judges what waits for a verdict" in result.err
+    assert_refused(
+        paos("verify", SESSION, "-w", run.workspace.root),
+        "NOT_JUDGED: found state awaiting_verification",
+        "'paos judge' judges what waits for a verdict",
+    )
 
 
 def test_a_judge_that_nobody_knows_is_refused_with_the_nearest_name(paos, judged):
-    result = paos("verify", SESSION, "-w", judged.workspace.root, "--with", "predicate")
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "UNKNOWN_JUDGE: found 'predicate'" in result.err
-    assert "Did you mean 'predicates'?" in result.err
+    assert_refused(
+        paos("verify", SESSION, "-w", judged.workspace.root, "--with", "predicate"),
+        "UNKNOWN_JUDGE: found 'predicate'",
+        "Did you mean 'predicates'?",
+    )
 
 
 def test_a_model_is_asked_only_when_it_is_configured(paos, judged):
-    result = paos("verify", SESSION, "-w", judged.workspace.root, "--with", "vision")
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "EXTRA_MISSING" in result.err
+    assert_refused(paos("verify", SESSION, "-w", judged.workspace.root, "--with", "vision"), "EXTRA_MISSING")
     assert len(fold(judged).attempts) == 1
 
 

@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 
 from phyagentos.assembly import planes
-from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations import run
 from phyagentos.operations.run import RunRequest, start_planes
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
+from tests.command_line import assert_refused
 
 
 @pytest.mark.parametrize("mode", [None, *VerificationMode])
@@ -28,6 +28,4 @@ def test_the_agent_is_told_the_mode_that_was_asked_for(tmp_path, monkeypatch, mo
 
 
 def test_a_mode_that_does_not_exist_is_refused(paos):
-    result = paos("run", "tidy_table", "--verify", "sometimes")
-    assert result.code == ExitCode.INVALID_INPUT
-    assert "recovery" in result.err
+    assert_refused(paos("run", "tidy_table", "--verify", "sometimes"), "recovery")

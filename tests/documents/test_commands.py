@@ -53,6 +53,7 @@ def check_part(words, where, usage):
         assert (ROOT / words[1]).is_file(), where
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", RUN, ids=name_of)
 def test_what_a_page_tells_to_type_is_run(path, paos, tmp_path, monkeypatch):
     """Every block without the mark `<!-- not run: … -->` before it, in one folder, with the run of the pages in W."""

@@ -143,6 +143,7 @@ def test_what_changed_and_how_the_cameras_do_is_told():
     assert read_environment(text).changes == told.changes
 
 
+@pytest.mark.slow
 def test_a_crowd_does_not_make_the_document_grow_without_bound():
     crowd = {
         f"cube_{index}": msgspec.structs.replace(

@@ -218,7 +218,7 @@ def test_a_live_workspace_carries_the_graph_of_the_goal_and_the_statechart_of_it
 
 
 @settings(
-    max_examples=8,
+    max_examples=3,
     deadline=None,
     phases=[Phase.explicit, Phase.generate],
     suppress_health_check=[HealthCheck.function_scoped_fixture],

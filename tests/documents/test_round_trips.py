@@ -37,7 +37,7 @@ from .values import NAMES, NUMBERS, TEXTS, WHOLE, check_schema, draw, draw_struc
 pytestmark = pytest.mark.slow
 
 FEW = settings(
-    max_examples=25,
+    max_examples=12,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
     phases=[Phase.explicit, Phase.reuse, Phase.generate],  # the values are large: shrinking them takes minutes

@@ -21,12 +21,12 @@ pytestmark = pytest.mark.journey
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory, root):
-    """`tidy_table` with two of its three cubes, one of which slips."""
+    """`tidy_table` with one of its three cubes, which slips."""
     folder = tmp_path_factory.mktemp("documents") / "w"
     graph = yaml.safe_load((root / "goal_graphs" / "tidy_table.yaml").read_text())
-    del graph["sessions"]["blue"]
+    graph["sessions"] = {"red": graph["sessions"]["red"]}
     path = folder.with_name("tidy_table.yaml")
-    path.write_text(yaml.safe_dump(graph | {"accept": [text for text in graph["accept"] if "blue" not in text]}))
+    path.write_text(yaml.safe_dump(graph | {"accept": [text for text in graph["accept"] if "red" in text]}))
     command = [sys.executable, "-m", "phyagentos", "run", str(path), "--seed", "7"]
     command += ["--faults", str(root / "faults" / "slip.yaml"), "--workspace", str(folder), "--no-pictures"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)

@@ -106,30 +106,6 @@ def test_a_day_of_more_than_999_segments_keeps_its_order(memory):
     check_order(memory, told)
 
 
-def test_an_overflow_of_the_event_queue_hides_no_record(memory, scale, figures):
-    agent, _ = open_two(memory, ManualClock(NOON_S))
-    limit = int(QUEUE.read_text()) if QUEUE.exists() else 16_384
-    follower, seen, told = Follower(agent.folder), [], []
-    (agent.folder / "busy").touch()
-    with Watch([agent.folder], poll_s=1_000.0) as watch:
-        for number in range(scale(2, 100)):
-            for _ in range(limit // 2 + 100):  # each rename is an event of its own; equal ones would become one
-                (agent.folder / "busy").rename(agent.folder / "busier")
-                (agent.folder / "busier").rename(agent.folder / "busy")
-            told.append(identify(agent.commit([make_submit(f"s{number}")])[0]))  # nobody is told of this one
-            assert watch.wait(10.0)
-            while watch.drain():
-                pass
-            seen += follower.read_new()
-            assert [identify(record) for record in seen] == told
-            told.append(identify(agent.commit([make_submit(f"t{number}")])[0]))
-            assert watch.wait(10.0)
-            seen += follower.read_new()
-            assert [identify(record) for record in seen] == told
-    follower.close()
-    figures(overflows=number + 1, events_each=limit + 200, records=len(told))
-
-
 @pytest.mark.parametrize("moved", ["workspace", "sessions", "lane"])
 def test_a_folder_that_is_moved_away_stops_writers_and_readers_and_loses_nothing(memory, figures, moved):
     root = memory / "w"

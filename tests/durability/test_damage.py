@@ -8,11 +8,10 @@ import pytest
 from phyagentos.errors import ExecutionError
 from phyagentos.store import records
 from phyagentos.store.follower import Follower
-from phyagentos.store.records import Tail
 
-from . import damages, second_reader
+from . import damages
 from .patient import Patient
-from .workloads import LANE, identify
+from .workloads import identify
 
 pytestmark = pytest.mark.slow
 
@@ -96,21 +95,3 @@ def test_a_reader_that_met_damage_misses_nothing_once_it_is_healed(patient, scal
         assert [identify(record) for record in found] == patient.told, (damage.kind, damage.path, damage.offset)
     figures(damages=scale(100, 2_000), met=met)
     assert met > 50
-
-
-def test_the_other_reader_stops_at_the_same_damages(memory, node, scale, figures):
-    rng, patients = random.Random(5), []
-    for number in range(scale(24, 400)):
-        patient = Patient(memory / f"w{number}")
-        damage = damages.draw(patient.paths, rng)
-        damage.path.write_bytes(damage.data)
-        patients.append(patient)
-    answers = second_reader.follow_with_node(node, [patient.root for patient in patients], LANE)
-    told = Counter()
-    for patient, answer in zip(patients, answers, strict=True):
-        found, tail, message = patient.follow()
-        told["agree"] += (len(found), bool(message)) == (answer["records"], answer["tail"] == "damaged")
-        told["damaged"] += bool(message)
-        told["torn"] += tail is Tail.TORN
-    figures(lanes=len(patients), **told)
-    assert told["agree"] == len(patients)

@@ -1,6 +1,5 @@
 """Example 2: a package of new leaves, installed as anybody would, found through its entry points."""
 
-import json
 import os
 import subprocess
 import sys
@@ -31,33 +30,22 @@ def paos(environment, folder, *arguments):
     )
 
 
-def test_its_leaf_is_known_by_name(installed, tmp_path):
-    assert "choose_nearest" in paos(installed, tmp_path, "list", "leaves").stdout.splitlines()
-
-
-def test_its_skill_tree_and_graph_are_found(installed, tmp_path):
-    assert "tidy_nearest" in paos(installed, tmp_path, "list", "skills").stdout.splitlines()
-    assert "choose_nearest" in paos(installed, tmp_path, "tree", "show", "tidy_nearest").stdout
+@pytest.mark.slow
+def test_its_graph_skill_tree_and_leaf_are_found(installed, tmp_path):
     compiled = paos(installed, tmp_path, "compile", "nearest")
     assert compiled.returncode == 0, compiled.stderr
     assert "first: tidy_nearest(" in compiled.stdout
 
 
+@pytest.mark.slow
 def test_its_files_lint_clean_where_it_is_installed(installed, tmp_path):
     linted = paos(installed, tmp_path, "lint", EXAMPLE)
     assert linted.returncode == 0, linted.stderr
 
 
+@pytest.mark.slow
 def test_where_it_is_not_installed_its_leaf_is_an_unknown_name(tmp_path):
     tree = EXAMPLE / "nearest_first/library/trees/tidy_nearest.yaml"
     linted = paos(os.environ.copy(), tmp_path, "lint", tree)
     assert linted.returncode == 2
     assert "UNKNOWN_LEAF: found 'choose_nearest'" in linted.stderr
-
-
-@pytest.mark.journey
-def test_its_leaf_moves_a_robot(installed, tmp_path):
-    done = paos(installed, tmp_path, "run", "nearest", "--no-pictures", "--json")
-    assert done.returncode == 0, done.stderr
-    (session,) = json.loads(done.stdout)["goal"]["sessions"]
-    assert session["skill"] == "tidy_nearest"

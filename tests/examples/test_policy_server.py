@@ -60,6 +60,7 @@ def run_imitation(mission, name, seed):
     return report.exit_code, report.sessions[0]
 
 
+@pytest.mark.slow
 def test_it_lints_clean():
     linted = paos("lint", EXAMPLE)
     assert (linted.returncode, linted.stderr) == (0, "")

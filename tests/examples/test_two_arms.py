@@ -16,6 +16,7 @@ def paos(*arguments):
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=300)
 
 
+@pytest.mark.slow
 def test_it_lints_clean():
     linted = paos("lint", EXAMPLE)
 
@@ -38,6 +39,7 @@ def of_two_drivers(tmp_path):
 FOUND = "WORLD_CONFLICT: found driver 'remote' of 'right_arm' in the shared world 'table'"
 
 
+@pytest.mark.slow
 def test_a_driver_that_cannot_share_is_found_by_lint_in_profile_and_goal(of_two_drivers):
     linted = paos("lint", of_two_drivers)
 
@@ -59,22 +61,3 @@ def test_without_a_goal_that_names_the_world_preflight_and_the_start_refuse_and_
     assert checked.stdout.count("WORLD_CONFLICT") == 2  # of either arm
     assert "WORLD_CONFLICT" in done.stdout + done.stderr
     assert not [*(tmp_path / "w" / "logs").glob("world-*.log"), *(tmp_path / "w" / "logs").glob("receive-*.jsonl")]
-
-
-@pytest.mark.journey
-def test_both_cubes_are_put_away_at_once_and_a_second_run_has_the_same_bits(tmp_path):
-    arrays = []
-    for name in ("a", "b"):
-        graph = EXAMPLE / "goal_graphs/two_arms.yaml"
-        done = paos("run", graph, "--seed", 7, "--workspace", tmp_path / name, "--no-pictures")
-        assert done.returncode == 0, done.stdout + done.stderr
-        files = sorted((tmp_path / name / "evidence").glob("*/*.npz"))
-        assert {file.name for file in files} >= {"trajectory.npz", "terminal.npz", "initial.npz"}
-        arrays.append({f"{file.parent.name}/{file.name}": file.read_bytes() for file in files})
-        starts = {key: value for key, value in arrays[-1].items() if key.endswith("initial.npz")}
-        assert len(set(starts.values())) == 1 < len(starts)  # both sessions began in one state of one world
-
-    assert arrays[0] == arrays[1]
-    refused = paos("rerun", "two_arms-7.red", "--workspace", tmp_path / "a")
-    assert refused.returncode != 0
-    assert "WORLD_CONFLICT" in refused.stderr

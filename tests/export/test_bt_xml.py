@@ -118,6 +118,7 @@ DATA = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(DATA | REFERENCES)
 def test_a_value_is_read_as_it_was_written_and_no_text_holds_a_stray_brace(value):
     text = encode(value)
@@ -212,6 +213,7 @@ def expand(node, trees, scope, above=()):
         yield from expand(child, trees, scope, path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TREES)
 def test_py_trees_reads_the_same_nodes_in_the_same_places_with_the_same_keys(name, tmp_path):
     trees = find_trees(read_tree(LIBRARY.get_tree(name)))
@@ -353,6 +355,7 @@ def test_a_tree_drawn_with_explicit_tags_and_short_keys_becomes_yaml(paos, tmp_p
     )
 
 
+@pytest.mark.slow
 def test_export_and_import_by_command_write_what_is_new_and_never_over_another_tree(paos, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("tree.xml").write_text(paos("export", "bt-xml", "pick_and_place").out)

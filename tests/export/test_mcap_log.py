@@ -15,6 +15,7 @@ import pytest
 
 from phyagentos.protocol.sessions.looks import LookEntry, LookRole, StoredFrame, StoredFrames, StoredLook, StoredRequest
 from phyagentos.protocol.sessions.recording import INDEX, RECORDING, RecordedPicture, Recording
+from tests.command_line import assert_refused
 
 reader = pytest.importorskip("mcap.reader", reason="needs the extra `export`: pip install '.[export]'")
 
@@ -137,6 +138,7 @@ def test_whole_pictures_of_recording_and_looks_are_there_once_with_their_stamps(
     assert (schema.name, value["frame_id"], value["format"]) == ("foxglove.CompressedImage", "top", "png")
 
 
+@pytest.mark.slow
 def test_every_message_fits_its_schema_and_no_number_is_missing_in_it(log):
     for messages in log[0].values():
         for schema, _, value in messages:
@@ -161,11 +163,11 @@ def test_documents_and_the_journal_of_the_session_are_attached_byte_for_byte(sto
 def test_without_the_package_the_extra_is_named(stored, tmp_path, paos, monkeypatch):
     monkeypatch.setitem(sys.modules, "mcap.writer", None)
 
-    result = paos("export", "mcap", "red", "-w", stored, "--to", tmp_path / "red.mcap")
-
-    assert result.code == 2
-    assert "paos export mcap: EXTRA_MISSING" in result.err
-    assert "pip install '.[export]'" in result.err
+    assert_refused(
+        paos("export", "mcap", "red", "-w", stored, "--to", tmp_path / "red.mcap"),
+        "paos export mcap: EXTRA_MISSING",
+        "pip install '.[export]'",
+    )
     assert not (tmp_path / "red.mcap").exists()
 
 

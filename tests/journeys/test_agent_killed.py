@@ -163,31 +163,30 @@ def test_an_undisturbed_run_spends_two_replans_and_submits_every_session_once(co
 
 
 def test_an_agent_killed_at_any_of_its_writes_comes_to_the_same_end(counter):
-    expected, seeds, points = counter.read_story(1), itertools.count(100), 0
-    for n in itertools.count(1):
-        for moment in ("before", "middle", "after"):
-            seed = next(seeds)
-            code = counter.run_agent(seed, n, moment)
-            if code != -signal.SIGKILL:
-                assert code == 0
-                assert n > 7
-                assert points >= 21
-                return
-            points += 1
-            counter.finish(seed)
-            assert counter.read_story(seed) == expected, f"killed {moment} write {n}"
+    """Before a write is after the one before it, but for the first."""
+    expected, seeds = counter.read_story(1), itertools.count(100)
+    points = [(1, "before"), *((n, moment) for n in range(1, 40) for moment in ("middle", "after"))]
+    for count, (n, moment) in enumerate(points):
+        seed = next(seeds)
+        code = counter.run_agent(seed, n, moment)
+        if code != -signal.SIGKILL:
+            assert (code, count > 14) == (0, True)
+            return
+        counter.finish(seed)
+        assert counter.read_story(seed) == expected, f"killed {moment} write {n}"
+    pytest.fail("no agent came to its end")
 
 
 def test_an_agent_killed_after_any_record_of_either_plane_comes_to_the_same_end(counter):
     expected = counter.read_story(1)
     count = len(counter.read_goal(1)[2])
     killed = 0
-    for n_records in range(1, count, 3):
+    for n_records in range(1, count, 4):
         killed += counter.kill_agent_after(1000 + n_records, n_records)
         counter.finish(1000 + n_records)
         assert counter.read_story(1000 + n_records) == expected, f"killed after {n_records} records"
 
-    assert killed > count // 6
+    assert killed > count // 8
 
 
 def test_an_agent_killed_again_and_again_comes_to_the_same_end(counter):
@@ -201,11 +200,10 @@ def test_an_agent_killed_again_and_again_comes_to_the_same_end(counter):
     assert deaths > 5
 
 
-@pytest.mark.parametrize("n_records", [4, 6, 9])
-def test_an_agent_killed_while_a_grasp_slips_comes_to_the_same_end(cube_planes, n_records):
-    killed = cube_planes.kill_agent_after(n_records, n_records)
-    cube_planes.finish(n_records)
-    goal, sessions, records = cube_planes.read_goal(n_records)
+def test_an_agent_killed_while_a_grasp_slips_comes_to_the_same_end(cube_planes):
+    killed = cube_planes.kill_agent_after(seed := 6, n_records=6)
+    cube_planes.finish(seed)
+    goal, sessions, records = cube_planes.read_goal(seed)
 
     assert killed
     assert (goal.verdict, goal.replans) == ("success", 1)

@@ -28,22 +28,25 @@ LIMIT_S = 200.0
 pytestmark = pytest.mark.journey
 
 
-@pytest.fixture
-def graph(tmp_path_factory):
-    """`tidy_table` with two of its three cubes; beside the folder on which a disk is mounted."""
-    data = yaml.safe_load(TIDY_TABLE.read_text())
-    del data["sessions"]["blue"]
-    data["accept"] = [text for text in data["accept"] if "blue" not in text]
-    path = tmp_path_factory.mktemp("graph") / "tidy_table.yaml"
-    path.write_text(yaml.safe_dump(data))
-    return path
+CUBES = chaos.CUBES[:2]  # red and green
 
 
 @pytest.fixture
-def planes(tmp_path, graph):
-    planes = Planes(tmp_path / "w", graph, 1, SystemClock())
-    yield planes
-    assert planes.stop() == []
+def make_planes(tmp_path):
+    """Planes at `tidy_table` with some of its cubes; at the end no process of theirs is left."""
+    made = []
+
+    def make(cubes=CUBES):
+        colours = [cube.partition("_")[0] for cube, _ in cubes]
+        data = yaml.safe_load(TIDY_TABLE.read_text())
+        data["sessions"] = {colour: data["sessions"][colour] for colour in colours}
+        data["accept"] = [text for text in data["accept"] if any(colour in text for colour in colours)]
+        (graph := tmp_path / "tidy_table.yaml").write_text(yaml.safe_dump(data))
+        made.append(Planes(tmp_path / "w", graph, 1, SystemClock()))
+        return made[-1]
+
+    yield make
+    assert [planes.stop() for planes in made] == [[]]
 
 
 def tend_until(planes, is_so) -> None:
@@ -69,14 +72,14 @@ def count_worlds(planes) -> int:
     return sum(json.loads(line)["kind"] == "process_start" for line in lines)
 
 
-def find_broken_promises(planes) -> list[str]:
+def find_broken_promises(planes, cubes=CUBES) -> list[str]:
     """What the benchmark finds in a workspace whose goal is over."""
     goal, sessions = planes.read_goal()
     case = chaos.Case(1, "", "", "lockstep", 0.0)
     chaos.judge(case, goal, sessions)
-    chaos.judge_world(case, planes.root, sessions, chaos.CUBES[:2])
+    chaos.judge_world(case, planes.root, sessions, cubes)
     chaos.judge_log(case, planes.root)
-    assert case.commands > 100
+    assert case.commands > 50
     return case.notes
 
 
@@ -94,63 +97,26 @@ def check_bundles(planes) -> None:
     assert bundles == {status.contract.id for status in sessions if status.execution is not None}
 
 
-def test_every_promise_is_kept_when_a_planner_dies():
-    """The attack that no other journey makes: worker and agent die in theirs, all others below."""
-    command = [sys.executable, str(BENCHMARKS / "chaos.py"), "--runs", "1", "--mode", "lockstep"]
-    command += ["--only", "planner"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=550, check=False)
-
-    assert done.returncode == 0, done.stdout + done.stderr
-    outcome = json.loads(done.stdout.splitlines()[-1])
-    assert outcome["holds"] is True
-    assert outcome["figures"]["goals_met"] + outcome["figures"]["failures_attributed"] == 1
-    assert outcome["figures"]["commands"] > 150
-
-
-def test_a_world_outlives_its_watchdog_and_what_was_achieved_is_kept(planes):
-    kill(planes, "watchdog")
+@pytest.mark.parametrize(
+    ("victim", "worlds", "ended"),
+    [("watchdog", 1, "runner_lost"), ("world", 2, "target_lost"), ("planner", 1, "completed")],
+)
+def test_a_process_that_is_killed_costs_at_most_its_session_and_no_promise(make_planes, victim, worlds, ended):
+    planes = make_planes(CUBES[:1])
+    kill(planes, victim)
     tend_until(planes, planes.tend)
 
     goal, sessions = planes.read_goal()
-    assert goal.verdict == "success"
-    assert planes.restarts["watchdog"] == 1
-    assert count_worlds(planes) == 1
-    assert "runner_lost" in {status.execution.ended for status in sessions}
-    assert goal.replans <= 1
-    assert find_broken_promises(planes) == []
+    assert (goal.verdict, goal.replans <= 1) == ("success", True)
+    assert planes.restarts["watchdog"] == (victim == "watchdog")
+    assert count_worlds(planes) == worlds, "a world outlives its watchdog"
+    assert ended in {status.execution.ended for status in sessions}
+    assert find_broken_promises(planes, CUBES[:1]) == []
 
 
-def test_a_killed_world_is_replaced_and_its_session_attributed(planes):
-    kill(planes, "world")
-    tend_until(planes, planes.tend)
-
-    goal, sessions = planes.read_goal()
-    assert goal.verdict == "success"
-    assert count_worlds(planes) == 2
-    assert "target_lost" in {status.execution.ended for status in sessions}
-    assert find_broken_promises(planes) == []
-
-
-def test_a_second_watchdog_is_refused_and_a_world_that_nobody_supervises_is_ended_by_the_next(planes):
-    tend_until(planes, planes.is_watched)
-    command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(planes.root), "--trust-python"]
-    second = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
-
-    assert second.returncode not in {0, None}
-    assert "WATCHED_ALREADY" in second.stderr
-    assert "Traceback" not in second.stderr
-    assert planes.is_watched()
-
-    kill(planes, "watchdog")
-    orphans = [pid for pid, name in find_processes(planes.root).items() if name == "world"]
-
-    assert len(orphans) == 1
-    tend_until(planes, lambda: planes.restarts["watchdog"] == 1 and planes.is_watched())
-    assert planes.stop() == []
-
-
-def test_every_bundle_is_sealed_after_all_processes_were_killed_at_once(planes):
+def test_every_bundle_is_sealed_after_all_processes_were_killed_at_once(make_planes):
     """In the second session, while the worker is too busy to have sealed the bundle of the first."""
+    planes = make_planes()
     tend_until(planes, lambda: len(list_unsealed(planes.root / "evidence")) > 1 and is_moving(planes))
     for pid in find_processes(planes.root):
         with contextlib.suppress(ProcessLookupError):  # it ended with its parent
@@ -161,10 +127,10 @@ def test_every_bundle_is_sealed_after_all_processes_were_killed_at_once(planes):
     check_bundles(planes)
 
 
-def test_every_bundle_is_sealed_after_the_disk_was_full(tmp_path, graph):
+def test_every_bundle_is_sealed_after_the_disk_was_full(tmp_path, make_planes):
     """Where no file system can be mounted, no process that is there may write instead."""
     with small_disk(tmp_path, chaos.DISK_MB) as has_disk:
-        planes = Planes(tmp_path / "w", graph, 1, SystemClock())
+        planes = make_planes()
         try:
             tend_until(planes, lambda: is_moving(planes))
             ballast = fill(tmp_path) if has_disk else tmp_path / "none"

@@ -13,8 +13,11 @@ def read_facts(report):
     return [(each.id, each.state, each.verdict) for each in report.sessions]
 
 
-@pytest.mark.parametrize("fault", ["slip", "nudge", "move", "stall"])
-def test_a_recoverable_fault_ends_in_a_child_that_succeeds(plane, fault):
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [("slip", "GRASP_LOST"), ("nudge", "OBJECT_MOVED"), ("move", "OBJECT_MOVED"), ("stall", "STALLED")],
+)
+def test_a_recoverable_fault_is_named_and_ends_in_a_child_that_succeeds(plane, fault, cause):
     report = plane.run(f"{fault}-1")
 
     assert report.verdict == "success", report
@@ -25,6 +28,7 @@ def test_a_recoverable_fault_ends_in_a_child_that_succeeds(plane, fault):
     assert f'"kind": "{fault}"' in struck
     parent, child = (plane.mission.ledger.sessions[each.id] for each in report.sessions[:2])
     assert len(parent.attempts) == 1, "the parent of a child is immutable"
+    assert parent.decision.cause == cause
     assert child.contract.parent == parent.contract.id
     assert child.contract.seed != parent.contract.seed
 

@@ -80,27 +80,33 @@ class Stand:
         (session,) = report.sessions
         return report, session
 
-    def run_against(self, way, after):
-        """With a server that turns hostile after so many requests; and then with one that is polite again."""
-        before = self.server.requests
-        self.server.turn(way, after)
-        report, session = self.run()
-        assert self.server.requests > before + after
-        assert report.exit_code == 1
-        self.server.turn_back()
+    def run_against(self, ways, after):
+        """With a server that turns hostile after so many requests, in each way; and then with one that is polite again.
+
+        Its sessions, and the report of the last.
+        """
+        sessions = []
+        for way in ways:
+            before = self.server.requests
+            self.server.turn(way, after)
+            report, session = self.run()
+            assert self.server.requests > before + after
+            assert report.exit_code == 1
+            self.server.turn_back()
+            sessions.append(session)
         next_report, next_session = self.run()
         assert next_session.ended == "completed"
         logs = self.workspace.logs.glob("*.log")
         assert [log.name for log in logs if "Traceback" in log.read_text()] == []
-        return session, next_report
+        return sessions, next_report
 
 
-@pytest.fixture(scope="module")
-def open_stand(tmp_path_factory):
+@pytest.fixture
+def open_stand(tmp_path):
     with contextlib.ExitStack() as stack:
 
         def open_one(reply, change, *projects, skill="pick_and_place"):
-            root, server = tmp_path_factory.mktemp("hostile"), Turncoat(reply)
+            root, server = tmp_path, Turncoat(reply)
             stack.callback(server.close)
             workspace = Workspace.create(root / "w", Library.open(*projects))
             change(workspace, server.url)
@@ -120,8 +126,7 @@ class Rest:
         return np.tile(np.append(request.observations["joint_state"], 0.08), (25, 1)), request.sequence == 2
 
 
-@pytest.fixture(scope="module")
-def policy(open_stand):
+def test_a_policy_server(open_stand):
     skill, _ = read_skill(POLICY / "skills" / "imitate" / "SKILL.md")
 
     def change(workspace, url):
@@ -131,15 +136,13 @@ def policy(open_stand):
     def reply(data):
         return wire.encode(answer(wire.decode_request(data), Rest(), skill.policy))
 
-    return open_stand(reply, change, POLICY, skill="imitate")
+    policy = open_stand(reply, change, POLICY, skill="imitate")
+    sessions, _ = policy.run_against((DRIP, BOMB, SILENCE), after=3)  # what it is, a start, one chunk
 
-
-@pytest.mark.parametrize(("way", "code"), [(DRIP, "POLICY_LOST"), (BOMB, "POLICY_FAULT"), (SILENCE, "POLICY_LOST")])
-def test_a_policy_server(policy, way, code):
-    session, _ = policy.run_against(way, after=3)  # what it is, a start, one chunk
-
-    assert (session.ended, session.code, session.cause) == ("skill_failed", code, "POLICY_FAILED"), session
-    assert session.ticks > 10, "it was in motion"
+    assert [(each.ended, each.code, each.cause) for each in sessions] == [
+        ("skill_failed", code, "POLICY_FAILED") for code in ("POLICY_LOST", "POLICY_FAULT", "POLICY_LOST")
+    ]
+    assert min(each.ticks for each in sessions) > 10, "it was in motion"
 
 
 def detect_by_colour():
@@ -162,43 +165,35 @@ def detect_by_colour():
     return reply
 
 
-@pytest.fixture(scope="module")
-def detector(open_stand):
+def test_a_detector(open_stand):
     def change(workspace, url):
         with workspace.perception.open("a") as file:
             file.write(f"detector: {{name: http, settings: {{url: '{url}', timeout_s: {WAITS_S}}}}}\n")
 
-    return open_stand(detect_by_colour(), change)
+    detector = open_stand(detect_by_colour(), change)
+    sessions, next_report = detector.run_against((DRIP, BOMB), after=5)  # a camera after the other: in the last look
 
-
-@pytest.mark.parametrize(("way", "code"), [(DRIP, "DETECTOR_TIMEOUT"), (BOMB, "DETECTOR_MALFORMED")])
-def test_a_detector(detector, way, code):
-    session, next_report = detector.run_against(way, after=5)  # a camera after the other: it is in the last look
-
-    assert (session.ended, session.verdict, session.cause) == ("completed", "failure", "EVIDENCE_MISSING"), session
-    after = json.loads((detector.workspace.evidence_of(session.id) / evidence.AFTER).read_bytes())
-    told = {(each["status"], each["detail"].split(":")[0]) for each in after["sensors"].values()}
-    assert told == {("unread", code)}
+    for session, code in zip(sessions, ("DETECTOR_TIMEOUT", "DETECTOR_MALFORMED"), strict=True):
+        assert (session.ended, session.verdict, session.cause) == ("completed", "failure", "EVIDENCE_MISSING"), session
+        after = json.loads((detector.workspace.evidence_of(session.id) / evidence.AFTER).read_bytes())
+        found = {(each["status"], each["detail"].split(":")[0]) for each in after["sensors"].values()}
+        assert found == {("unread", code)}
     assert next_report.verdict == "success"
 
 
-@pytest.fixture(scope="module")
-def judge(open_stand):
+def test_a_judge_that_looks_at_pictures(open_stand):
     def change(workspace, url):
         path, model = workspace.runtime_contract, f"{{url: '{url}', model: looker, timeout_s: {WAITS_S}}}"
         rest = path.read_text().split("verification:")[0]
         path.write_text(f"{rest}verification: {{judges: [predicates, vision], vision: {model}}}\n")
 
-    message = {"role": "assistant", "content": '{"truth": "true", "because": "it lies there"}'}
+    message = {"role": "assistant", "content": '{"truth": "true", "because": "it is there"}'}
     reply = json.dumps({"choices": [{"message": message}]}).encode()
-    return open_stand(lambda _: reply, change)
+    judge = open_stand(lambda _: reply, change)
+    sessions, next_report = judge.run_against((DRIP, BOMB), after=1)  # there are two criteria
 
-
-@pytest.mark.parametrize(("way", "code"), [(DRIP, "MODEL_UNREACHABLE"), (BOMB, "MODEL_MALFORMED")])
-def test_a_judge_that_looks_at_pictures(judge, way, code):
-    session, next_report = judge.run_against(way, after=1)  # there are two criteria
-
-    assert (session.ended, session.verdict, session.cause) == ("completed", "failure", "JUDGE_FAILED"), session
-    answers = [(str(each.truth), each.because.split(":")[0]) for each in session.criteria if each.kind == "vision"]
-    assert answers == [("true", "it lies there"), ("unknown", code)]
+    for session, code in zip(sessions, ("MODEL_UNREACHABLE", "MODEL_MALFORMED"), strict=True):
+        assert (session.ended, session.verdict, session.cause) == ("completed", "failure", "JUDGE_FAILED"), session
+        answers = [(str(each.truth), each.because.split(":")[0]) for each in session.criteria if each.kind == "vision"]
+        assert answers == [("true", "it is there"), ("unknown", code)]
     assert next_report.verdict == "success"

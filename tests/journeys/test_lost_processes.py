@@ -34,16 +34,20 @@ def kill_worker_of(plane, goal: str, leaf: str = "") -> threading.Thread:
     return thread
 
 
-def test_a_killed_worker_is_replaced_and_its_session_judged_from_the_world(rough_plane):
+def test_a_killed_worker_is_replaced_its_session_judged_from_the_world_and_who_waits_in_the_backlog_gets_nothing(
+    rough_plane,
+):
     hunter = kill_worker_of(rough_plane, "killed-1")
-
-    report = rough_plane.run("killed-1")
+    socket = make_socket_folder(rough_plane.workspace.root) / "panda.world"
+    with wait_in_the_backlog(socket, "killed-1.red") as stranger:
+        report = rough_plane.run("killed-1")
     hunter.join(1.0)
 
     assert not hunter.is_alive()
     assert report.sessions[0].ended == "runner_lost", report
     assert report.sessions[0].state == "replanned"
     assert report.verdict == "success"
+    assert (stranger.sent > 2, stranger.heard) == (True, [])
 
 
 def test_what_the_hand_holds_when_its_worker_dies_is_carried_on_and_not_dropped(rough_plane):
@@ -56,14 +60,3 @@ def test_what_the_hand_holds_when_its_worker_dies_is_carried_on_and_not_dropped(
     rest = next(session for session in report.sessions if session.id.endswith(".r1"))
     assert (rest.skill, rest.state) == ("place", "succeeded"), report
     assert report.verdict == "success"
-
-
-def test_who_waits_in_the_backlog_when_the_worker_is_killed_gets_nothing(rough_plane):
-    hunter = kill_worker_of(rough_plane, "killed-3")
-    with wait_in_the_backlog(make_socket_folder(rough_plane.workspace.root) / "panda.world", "killed-3.red") as told:
-        report = rough_plane.run("killed-3")
-
-    assert not hunter.is_alive()
-    assert report.sessions[0].ended == "runner_lost", report
-    assert report.verdict == "success"
-    assert (told.sent > 2, told.heard) == (True, [])

@@ -119,6 +119,20 @@ def test_two_arms_sort_one_heap_at_once_and_take_turns_at_the_tray_that_both_rea
     assert max(ends) - min(float(np.load(folder / "initial.npz")["time"]) for folder in folders) < 0.7 * busy_s
 
 
+def test_both_cubes_are_put_away_at_once_and_another_run_has_the_same_bits_whatever_ran_before(pursue, tmp_path, paos):
+    with open_table(tmp_path) as pursue_again:
+        (workspace, report, _), (_, again, _) = runs = pursue("two_arms"), pursue_again("two_arms")
+    files = [sorted(found.evidence_of(each.id).glob("*.npz")) for found, ended, _ in runs for each in ended.sessions]
+
+    assert (report.verdict, again.verdict) == ("success", "success")
+    assert {file.name for file in files[0]} >= {"trajectory.npz", "terminal.npz", "initial.npz"}
+    red, blue, *others = [{file.name: file.read_bytes() for file in each} for each in files]
+    assert red["initial.npz"] == blue["initial.npz"], "both sessions began in one state of one world"
+    assert [red, blue] == others
+    refused = paos("rerun", report.sessions[0].id, "--workspace", workspace.root)
+    assert (refused.code > 0, "WORLD_CONFLICT" in refused.err) == (True, True)
+
+
 def test_a_bar_goes_from_hand_to_hand_in_the_air(pursue):
     workspace, report, _ = pursue("handover")
 

@@ -101,6 +101,7 @@ def test_compile_shows_the_sessions_of_a_name_or_of_a_text(registry):
     assert [each.node for each in named["sessions"]] == ["red", "green", "blue"]
 
 
+@pytest.mark.slow
 def test_a_goal_without_a_plan_becomes_a_graph_that_compiles_or_what_is_missing(registry):
     wanted = {"goal": "put_red", "objective": "Red into its tray.", "scene": "tabletop/cubes_and_trays"}
     wanted |= {"accept": ["inside(red_cube, red_tray)"]}
@@ -132,6 +133,7 @@ def test_a_path_is_a_text_and_never_read(registry, path):
     assert refuse(registry, "compile", graph=path).code in {"WRONG_TYPE", "MISSING_KEY", "YAML_SYNTAX"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tool", ["propose", "submit"])
 def test_a_proposal_is_a_file_and_no_session(registry, workspace, tool):
     facts = registry.call(tool, {"graph": "tidy_table", "seed": 3, "reason": "tidy, please"}).facts

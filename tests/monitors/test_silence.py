@@ -91,109 +91,101 @@ def test_a_session_that_ends_as_it_should_is_no_violation(running, capsys):
     assert "3 commands accepted, 0 violations" in capsys.readouterr().out
 
 
-def test_a_command_after_the_session_has_finished_is_found(running):
-    finish(running)
-    running.command(after_s=0.1)
-
-    assert running.judge() == [(Kind.NOT_RUNNING, 7)]
+LATER = {"after_s": 0.1}
+CANCEL = (Side.OPERATOR, "request_cancel")
+OTHER = {"session": "g.b"}
 
 
-def test_a_refused_command_is_no_violation(running):
-    finish(running)
-    running.command(after_s=0.1, accepted=False)
+@pytest.mark.parametrize(
+    ("happen", "found"),
+    [
+        pytest.param(lambda it: (finish(it), it.command(**LATER)), (Kind.NOT_RUNNING, 7), id="after the finish"),
+        pytest.param(
+            lambda it: (it.record(Side.RUNTIME, "lose", 1), it.command(**LATER)),
+            (Kind.NOT_RUNNING, 7), id="after the loss",
+        ),
+        pytest.param(
+            lambda it: (it.receive(END), it.begin(session="g.ghost"), it.command(session="g.ghost")),
+            (Kind.NOT_RUNNING, 9), id="of a session that nobody submitted",
+        ),
+        pytest.param(
+            lambda it: (it.record(*CANCEL), it.command(), it.command(after_s=STOP_S + 0.1)),
+            (Kind.NOT_RUNNING, 8), id="a cancellation that takes too long",
+        ),
+        pytest.param(
+            lambda it: (it.record(*CANCEL), it.record(Side.RUNTIME, "confirm_cancel", 1), it.command(**LATER)),
+            (Kind.NOT_RUNNING, 7), id="after a confirmed cancellation",
+        ),
+        *(
+            pytest.param(
+                lambda it, ending=ending, kind=kind: (
+                    it.receive({"kind": ending}), it.receive({"kind": kind, "sequence": 4}, **LATER),
+                ),
+                (Kind.NO_AUTHORITY, 8), id=f"{kind} after {ending}",
+            )
+            for ending in ("End", "Withdraw")
+            for kind in ("Command", "Halt", "Settle", "End")
+            if (ending, kind) != ("Withdraw", "End")
+        ),
+        pytest.param(lambda it: (it.receive(END), it.begin()), (Kind.NO_AUTHORITY, 8), id="an ended claim begins"),
+        pytest.param(lambda it: (it.start("g.b"), it.begin(**OTHER)), (Kind.NO_AUTHORITY, 7), id="beside another"),
+        pytest.param(
+            lambda it: (it.receive({"kind": "process_start"}, {"kind": "state_write"}), it.command()),
+            (Kind.NEVER_BEGUN, 9), id="in a new process",
+        ),
+        pytest.param(
+            lambda it: (it.receive({"kind": "Withdraw"}), it.begin(epoch=2), it.receive({"kind": "Halt", "epoch": 1})),
+            (Kind.STALE_EPOCH, 9), id="of an old epoch",
+        ),
+        *(
+            pytest.param(
+                lambda it, sequence=sequence: it.receive({"kind": "Command", "sequence": sequence}, after_s=0.02),
+                (Kind.OUT_OF_SEQUENCE, 7), id=f"number {sequence} after 3",
+            )
+            for sequence in (3, 5, 0)
+        ),
+        pytest.param(
+            lambda it: it.receive(END, {"kind": "state_write"}), (Kind.STATE_WRITE, 8), id="written after a session"
+        ),
+        pytest.param(
+            lambda it: it.receive({"kind": "state_write", "episode": "other"}),
+            (Kind.STATE_WRITE, 7), id="written under authority",
+        ),
+    ],
+)  # fmt: skip
+def test_a_violation_in_a_session_that_ran_is_found_at_its_line(running, happen, found):
+    happen(running)
+
+    assert running.judge() == [found]
+
+
+@pytest.mark.parametrize(
+    ("happen", "found"),
+    [
+        pytest.param(lambda it: (it.begin(), it.command(), it.start()), (Kind.NOT_RUNNING, 4), id="before its start"),
+        pytest.param(lambda it: (it.start(), it.command()), (Kind.NEVER_BEGUN, 3), id="without a Begin"),
+    ],
+)
+def test_so_is_a_command_before_its_session_ran(story, happen, found):
+    happen(story)
+
+    assert story.judge() == [found]
+
+
+@pytest.mark.parametrize(
+    "happen",
+    [
+        pytest.param(lambda it: (finish(it), it.command(accepted=False, **LATER)), id="a command that is refused"),
+        pytest.param(lambda it: (it.record(*CANCEL), it.command()), id="a session that comes to rest"),
+        pytest.param(
+            lambda it: it.receive(END, {"kind": "state_write", "episode": "other"}), id="a new episode between sessions"
+        ),
+    ],
+)
+def test_what_may_be_is_no_violation(running, happen):
+    happen(running)
 
     assert running.judge() == []
-
-
-def test_a_command_after_the_session_was_lost_is_found(running):
-    running.record(Side.RUNTIME, "lose", 1)
-    running.command(after_s=0.1)
-
-    assert running.judge() == [(Kind.NOT_RUNNING, 7)]
-
-
-def test_a_command_before_the_session_was_started_is_found(story):
-    story.begin()
-    story.command()
-    story.start()
-
-    assert story.judge() == [(Kind.NOT_RUNNING, 4)]
-
-
-def test_a_command_of_a_session_that_nobody_submitted_is_found(running):
-    running.receive(END)
-    running.begin(session="g.ghost")
-    running.command(session="g.ghost")
-
-    assert running.judge() == [(Kind.NOT_RUNNING, 9)]
-
-
-def test_a_session_that_is_being_cancelled_may_come_to_its_end_and_no_longer(running):
-    running.record(Side.OPERATOR, "request_cancel")
-    running.command()
-    assert running.judge() == []
-
-    running.command(after_s=STOP_S + 0.1)
-    assert running.judge() == [(Kind.NOT_RUNNING, 8)]
-
-
-def test_a_command_after_a_confirmed_cancellation_is_found(running):
-    running.record(Side.OPERATOR, "request_cancel")
-    running.record(Side.RUNTIME, "confirm_cancel", 1)
-    running.command(after_s=0.1)
-
-    assert running.judge() == [(Kind.NOT_RUNNING, 7)]
-
-
-@pytest.mark.parametrize("ending", ["End", "Withdraw"])
-@pytest.mark.parametrize("kind", ["Command", "Halt", "Settle"])
-def test_whatever_moves_after_the_end_of_authority_is_found(running, ending, kind):
-    running.receive({"kind": ending})
-    running.receive({"kind": kind, "sequence": 4}, after_s=0.1)
-
-    assert running.judge() == [(Kind.NO_AUTHORITY, 8)]
-
-
-def test_an_end_may_come_only_once(running):
-    running.receive(END, END)
-
-    assert running.judge() == [(Kind.NO_AUTHORITY, 8)]
-
-
-def test_a_claim_that_has_ended_cannot_begin_again(running):
-    running.receive(END)
-    running.begin()
-
-    assert running.judge() == [(Kind.NO_AUTHORITY, 8)]
-
-
-def test_a_session_that_begins_while_another_commands_is_found(running):
-    running.start("g.b")
-    running.begin(session="g.b")
-
-    assert running.judge() == [(Kind.NO_AUTHORITY, 7)]
-
-
-def test_a_command_without_a_begin_is_found(story):
-    story.start()
-    story.command()
-
-    assert story.judge() == [(Kind.NEVER_BEGUN, 3)]
-
-
-def test_a_new_process_knows_no_authority(running):
-    running.receive({"kind": "process_start"}, {"kind": "state_write"})
-    running.command()
-
-    assert running.judge() == [(Kind.NEVER_BEGUN, 9)]
-
-
-def test_an_old_epoch_at_the_target_is_found(running):
-    running.receive({"kind": "Withdraw"})
-    running.begin(epoch=2)
-    running.receive({"kind": "Halt", "epoch": 1})
-
-    assert running.judge() == [(Kind.STALE_EPOCH, 9)]
 
 
 def test_an_epoch_that_the_journal_has_replaced_is_found_though_the_target_never_heard_of_it(running):
@@ -206,13 +198,6 @@ def test_an_epoch_that_the_journal_has_replaced_is_found_though_the_target_never
     running.command(session="g.b", epoch=0)
 
     assert running.judge() == [(Kind.STALE_EPOCH, 4), (Kind.NOT_RUNNING, 4)]
-
-
-@pytest.mark.parametrize("sequence", [3, 5, 0])
-def test_a_command_out_of_sequence_is_found(running, sequence):
-    running.receive({"kind": "Command", "sequence": sequence}, after_s=0.02)
-
-    assert running.judge() == [(Kind.OUT_OF_SEQUENCE, 7)]
 
 
 def test_a_command_under_a_latched_emergency_stop_is_found(running):
@@ -235,24 +220,6 @@ def test_a_command_of_a_session_that_the_target_stopped_is_found_whatever_the_cl
     running.command(session="g.b")
 
     assert running.judge() == [(Kind.EMERGENCY_STOP, 8)]
-
-
-def test_a_state_write_after_the_first_session_of_an_episode_is_found(running):
-    running.receive(END, {"kind": "state_write"})
-
-    assert running.judge() == [(Kind.STATE_WRITE, 8)]
-
-
-def test_a_state_write_under_authority_is_found_whatever_its_episode(running):
-    running.receive({"kind": "state_write", "episode": "other"})
-
-    assert running.judge() == [(Kind.STATE_WRITE, 7)]
-
-
-def test_a_new_episode_may_be_loaded_between_sessions(running):
-    running.receive(END, {"kind": "state_write", "episode": "other"})
-
-    assert running.judge() == []
 
 
 def test_half_a_line_is_what_a_dying_process_leaves_and_no_other(running):

@@ -15,6 +15,7 @@ from tests.mutants.running import Outcome, Run, plant
 SEEDS = Edit("phyagentos.protocol.world.seeds", "return int.from_bytes(", "return 7 or int.from_bytes(")
 
 
+@pytest.mark.slow
 def test_a_mutant_finds_the_lines_that_it_bends_and_leaves_python_behind():
     for mutant in MUTANTS:
         assert mutant.edits, mutant.name
@@ -59,6 +60,7 @@ def test_lines_that_do_not_stand_exactly_once_are_an_error(source):
         Edit("m", "a = 1", "a = 2").apply(source)
 
 
+@pytest.mark.slow
 def test_a_planted_mutant_is_in_every_process_and_leaves_nothing_behind(tmp_path):
     tell = "from phyagentos.protocol.world.seeds import compute_seed; print(compute_seed(1))"
     ask_a_child = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {tell!r}], check=True)"

@@ -45,6 +45,7 @@ def post(url, body=b"x", timeout_s=0.3, max_bytes=MAX_BYTES, client=None):
         client.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WHEREVER)
 def test_whatever_a_server_does_the_exchange_ends_in_time_and_in_little_memory(serve, way):
     elsewhere = serve("silence")
@@ -64,6 +65,7 @@ def test_whatever_a_server_does_the_exchange_ends_in_time_and_in_little_memory(s
     assert elsewhere.requests == 0
 
 
+@pytest.mark.slow
 def test_a_server_that_says_nothing_of_tls_is_given_up(serve):
     with pytest.raises(ExecutionError, match="LATE"):
         post(serve("silence").url.replace("http:", "https:"))

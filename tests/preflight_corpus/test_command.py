@@ -15,13 +15,14 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadResult
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Entry, Journal
+from tests.command_line import assert_refused
 
 from .corpus import compile_sessions
 
 pytestmark = pytest.mark.journey
 
 
-def paos(*arguments, cwd):
+def preflight(*arguments, cwd):
     command = [sys.executable, "-m", "phyagentos", "preflight", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, cwd=cwd)
 
@@ -38,7 +39,7 @@ def widen_velocity(workspace):
 
 
 def test_a_goal_graph_that_fits_prints_plans_tools_and_the_dry_run(tmp_path):
-    done = paos("two_in_a_tray", "--json", cwd=tmp_path)
+    done = preflight("two_in_a_tray", "--json", cwd=tmp_path)
 
     assert done.returncode == 0, done.stderr
     sessions = {each["session"]: each for each in json.loads(done.stdout)["sessions"]}
@@ -56,7 +57,7 @@ def test_a_goal_graph_that_fits_prints_plans_tools_and_the_dry_run(tmp_path):
 def test_a_goal_graph_is_refused_by_the_settings_of_a_workspace(tmp_path, workspace):
     widen_velocity(workspace)
 
-    done = paos("tidy_table", "--workspace", workspace.root, cwd=tmp_path)
+    done = preflight("tidy_table", "--workspace", workspace.root, cwd=tmp_path)
 
     assert done.returncode == 3
     assert "tidy_table.red: would be REJECTED" in done.stdout
@@ -66,15 +67,13 @@ def test_a_goal_graph_is_refused_by_the_settings_of_a_workspace(tmp_path, worksp
     assert not (workspace.logs / "receive-panda.jsonl").exists()
 
 
-def test_a_goal_graph_that_does_not_compile_is_invalid_input(tmp_path):
+def test_a_goal_graph_that_does_not_compile_is_invalid_input(tmp_path, paos, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "goal_graphs").mkdir()
     graph = (Library.open().roots[-1] / "goal_graphs" / "tidy_table.yaml").read_text(encoding="utf-8")
     (tmp_path / "goal_graphs/broken.yaml").write_text(graph.replace("skill: pick_and_place", "skill: pick_and_plaice"))
 
-    done = paos("goal_graphs/broken.yaml", cwd=tmp_path)
-
-    assert done.returncode == 2
-    assert "UNKNOWN_SKILL" in done.stderr
+    assert_refused(paos("preflight", "goal_graphs/broken.yaml"), "UNKNOWN_SKILL")
 
 
 def test_a_session_of_a_workspace_is_examined_as_it_was_submitted(tmp_path, workspace):
@@ -89,7 +88,7 @@ def test_a_session_of_a_workspace_is_examined_as_it_was_submitted(tmp_path, work
     folder.mkdir(parents=True)
     write_json(folder / LOOKAHEAD, foreseen)
 
-    done = paos("red", "--workspace", workspace.root, "--json", cwd=tmp_path)
+    done = preflight("red", "--workspace", workspace.root, "--json", cwd=tmp_path)
 
     assert done.returncode == 3, done.stderr
     (report,) = json.loads(done.stdout)["sessions"]
@@ -99,8 +98,5 @@ def test_a_session_of_a_workspace_is_examined_as_it_was_submitted(tmp_path, work
     assert "Did you mean" in problem["hint"]
 
 
-def test_what_is_neither_graph_nor_session_is_told_with_what_there_is(tmp_path, workspace):
-    done = paos("tidy_tabel", "--workspace", workspace.root, cwd=tmp_path)
-
-    assert done.returncode == 2
-    assert "no such session" in done.stderr
+def test_what_is_neither_graph_nor_session_is_told_with_what_there_is(workspace, paos):
+    assert_refused(paos("preflight", "tidy_tabel", "--workspace", workspace.root), "no such session")

@@ -51,8 +51,6 @@ def run(root, edits, rename=("", "")):
     ("side", "name", "rename"),
     [
         ("safety", "velocity_wider_than_the_arm", ("", "")),
-        ("safety", "limit_without_a_source", ("", "")),
-        ("sensor", "opening_that_nobody_measures", ("", "")),
         ("target", "joint_renamed_in_its_document", ("joint7", "wrist")),
     ],
 )

@@ -4,6 +4,7 @@ import io
 import zipfile
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays, floating_dtypes, integer_dtypes
@@ -16,6 +17,7 @@ ANY = arrays(
 )
 
 
+@pytest.mark.slow
 @given(st.dictionaries(st.from_regex(r"[a-z]_[a-z]{1,6}", fullmatch=True), ANY, max_size=4))
 def test_numpy_reads_back_every_array_bit_for_bit(written):
     with np.load(io.BytesIO(encode_arrays(written))) as read:

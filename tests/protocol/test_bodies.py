@@ -23,11 +23,13 @@ VALUES = st.recursive(
 BODIES = st.dictionaries(TEXTS, VALUES, min_size=1, max_size=5)
 
 
+@pytest.mark.slow
 @given(BODIES)
 def test_a_body_comes_back_as_it_was(body):
     assert parse_body(render_body(body)) == body
 
 
+@pytest.mark.slow
 @given(BODIES)
 def test_a_body_is_recorded_as_it_is_rendered_however_often_it_comes(body):
     (plain, markdown), (again, same) = prepare_body(body), prepare_body(body)
@@ -45,6 +47,7 @@ def test_numbers_that_are_equal_are_not_taken_for_each_other():
     ]
 
 
+@pytest.mark.slow
 @given(BODIES)
 def test_libyaml_reads_the_same_as_our_own_reader(body):
     record = render_body(body).removeprefix("\n```yaml\n").removesuffix("```\n")
@@ -54,6 +57,7 @@ def test_libyaml_reads_the_same_as_our_own_reader(body):
         assert yaml.safe_load(text) == body
 
 
+@pytest.mark.slow
 @given(BODIES)
 def test_no_value_can_close_the_fence_early(body):
     inside = render_body(body).removeprefix("\n```yaml\n").removesuffix("```\n")

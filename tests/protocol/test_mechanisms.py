@@ -16,6 +16,7 @@ direction = vector.filter(lambda v: np.linalg.norm(v) > 0.1).map(
 )
 
 
+@pytest.mark.slow
 @given(
     st.sampled_from(["slide", "hinge"]),
     direction,

@@ -39,6 +39,7 @@ def test_a_scene_of_which_nothing_is_asked_is_as_it_is():
     assert place_scene(SPEC, ScenePlacement()) == SPEC
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.5, 0.7])
 def test_what_comes_nearer_but_does_not_shrink_still_finds_room(scale):
     """At half size three seeds of ten had no room for the fourth cube, and others put one into the bottle."""

@@ -62,6 +62,7 @@ _atoms = st.one_of(_calls, st.builds(Compare, _calls, st.sampled_from([">=", "<=
 formulas = st.recursive(_atoms, _grow, max_leaves=8)
 
 
+@pytest.mark.slow
 @given(formulas)
 def test_the_canonical_text_parses_back_to_the_same_formula(formula):
     assert parse(render(formula)) == formula
@@ -189,6 +190,7 @@ _odd_worlds = [
 ]
 
 
+@pytest.mark.slow
 @given(_anything, st.sampled_from(_odd_worlds), st.sampled_from([None, *_odd_worlds]))
 def test_evaluation_never_raises_whatever_the_formula_and_the_world(formula, now, initial):
     from phyagentos.protocol.predicates.predicate import Predicate

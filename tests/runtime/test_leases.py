@@ -209,6 +209,7 @@ class Jumping(SystemClock):
         return ("2024", "2027", "2026")[self._count % 3] + super().wall_iso()[4:]
 
 
+@pytest.mark.slow
 def test_a_wall_clock_that_jumps_ends_no_lease_and_no_session(stand, monkeypatch):  # noqa: F811
     worker = ScriptedWorker(on_run=lambda _: None)
     stand.watch(worker, clock=Jumping(), lease_s=1.0)

@@ -84,6 +84,7 @@ class Witness(ScriptedWorker):
         follower.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("on_run", [lambda _: None, lambda _: "die", lose_target], ids=["silent", "dead", "lost"])
 def test_whoever_is_replaced_is_ended_before_its_loss_is_recorded(stand, on_run):  # noqa: F811
     stand.watch(worker := Witness(stand.workspace.sessions, on_run=on_run))
@@ -102,6 +103,7 @@ class LosesWorld(ScriptedWorker):
         return self.restarts == 0
 
 
+@pytest.mark.slow
 def test_a_world_that_ends_while_nobody_needs_it_is_replaced(stand):  # noqa: F811
     stand.watch(worker := LosesWorld())
     stand.submit(make_session())
@@ -119,6 +121,7 @@ class NeverAgain(ScriptedWorker):
         super().restart()
 
 
+@pytest.mark.slow
 def test_a_session_that_nobody_can_look_after_ends_with_the_code_of_that(stand):  # noqa: F811
     stand.watch(worker := NeverAgain(on_run=lambda _: "die"), rest_s=0.001)
     stand.submit(make_session())
@@ -139,6 +142,7 @@ class StartsLate(ScriptedWorker):
         super().restart()
 
 
+@pytest.mark.slow
 def test_a_worker_whose_start_fails_has_a_rest_before_the_next(stand):  # noqa: F811
     stand.watch(worker := StartsLate(starts=False), rest_s=0.05)
     stand.submit(make_session())

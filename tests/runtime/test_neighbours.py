@@ -72,6 +72,7 @@ def test_it_holds_still_while_time_passes_and_goes_on_once_the_way_is_clear(crow
     assert len([each for each in bench.planner.requests if type(each).__name__ == "PlanMove"]) == len(times)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "moves", "limit_s"),
     [(AHEAD, False, STOOD_MAX_S), (AHEAD, True, WAITED_MAX_S), (BEHIND, False, WAITED_MAX_S)],

@@ -1,6 +1,7 @@
 """Who is next: aged priority, then age; resources all at once, the senior first; and nobody starves."""
 
 import msgspec
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -171,6 +172,7 @@ def test_resources_are_granted_all_or_none_and_the_senior_waits_for_no_junior():
 names = st.lists(st.sampled_from(["tray", "box", "door"]), max_size=3, unique=True)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.sampled_from("abc"), names, st.integers(0, 5)), max_size=20), st.randoms())
 def test_no_resource_is_ever_held_twice_and_every_session_has_its_turn(sessions, random):
     bench, running, done = Bench(), {}, 0

@@ -41,6 +41,7 @@ class Target:
 EVENTS = st.lists(st.tuples(st.sampled_from(TRIGGERS), st.integers(0, FAILURES), st.booleans()), max_size=40)
 
 
+@pytest.mark.slow
 @given(EVENTS)
 def test_no_sequence_of_events_leaves_the_table(events):
     target = Target()

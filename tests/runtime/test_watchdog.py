@@ -203,6 +203,7 @@ def test_a_worker_that_dies_is_replaced_and_its_session_observed_not_repeated(st
     assert stand.ledger.sessions["g.a"].execution.ended is Ended.RUNNER_LOST
 
 
+@pytest.mark.slow
 def test_a_worker_that_stays_silent_is_lost(stand):
     (stand.workspace.logs / "worker-panda.log").write_text("Fatal Python error: Segmentation fault\n")
     stand.watch(worker := ScriptedWorker(on_run=lambda order: None))
@@ -215,6 +216,7 @@ def test_a_worker_that_stays_silent_is_lost(stand):
     assert worker.restarts == 1
 
 
+@pytest.mark.slow
 def test_a_session_that_takes_too_long_is_stopped_and_says_so(stand):
     stand.watch(worker := ScriptedWorker(on_run=lambda order: None))
     stand.submit(make_session(wall_timeout_s=0.1))
@@ -225,6 +227,7 @@ def test_a_session_that_takes_too_long_is_stopped_and_says_so(stand):
     assert stand.ledger.sessions["g.a"].execution.ended is Ended.TIMED_OUT
 
 
+@pytest.mark.slow
 def test_a_worker_that_never_starts_is_given_up_and_the_session_rejected(stand):
     (stand.workspace.logs / "worker-panda.log").write_text("Traceback\nOSError: no room\n")
     stand.watch(worker := ScriptedWorker(starts=False), rest_s=0.001)
@@ -253,6 +256,7 @@ def test_a_signal_cancels_what_runs_and_what_waits(stand):
     assert [type(order) for order in worker.orders if not isinstance(order, Check)] == [Run, Stop]
 
 
+@pytest.mark.slow
 def test_whatever_is_dropped_a_stop_is_latched_signals_are_carried_out_and_the_watchdog_ends(stand):
     new = stand.workspace.signals
     (new / "loop").symlink_to("loop")
@@ -278,6 +282,7 @@ def test_whatever_is_dropped_a_stop_is_latched_signals_are_carried_out_and_the_w
     assert {"loop", "loop.reason.txt", "pipe", "link", "sparse"} <= rejected
 
 
+@pytest.mark.slow
 def test_a_stop_is_latched_once_and_not_again_after_its_reset(stand):
     stand.watch(ScriptedWorker())
     drop_signal(stand.workspace.signals, Signal(kind="estop", by="test"), SystemClock())
@@ -324,6 +329,7 @@ def test_a_quick_check_leaves_claim_and_start_in_one_batch(stand):
     assert (claim.epoch, start.epoch) == (1, 1)
 
 
+@pytest.mark.slow
 def test_a_check_that_takes_long_shows_as_preflight(stand):
     stand.watch(worker := ScriptedWorker(on_check=lambda order: None))
     stand.submit(make_session())

@@ -107,6 +107,7 @@ def test_a_check_that_takes_longer_than_the_contract_allows_is_given_up_and_noth
     assert worker.kills == [False]
 
 
+@pytest.mark.slow
 def test_the_lease_of_what_runs_is_renewed_before_it_ends(stand):  # noqa: F811
     stand.watch(worker := Beating(), lease_s=1.0)
     stand.submit(make_session())
@@ -174,6 +175,7 @@ def test_a_new_watchdog_keeps_what_a_lost_session_may_still_hold(stand):  # noqa
     assert order.index(("g.a", "reconcile")) < order.index(("g.b", "start"))
 
 
+@pytest.mark.slow
 def test_a_stop_that_no_disk_takes_keeps_every_session_waiting_and_is_latched_as_soon_as_one_does(
     stand,  # noqa: F811
     monkeypatch,

@@ -170,6 +170,7 @@ def test_a_death_between_any_two_steps_loses_nothing(tmp_path, open_journal, sub
     assert list_segments(lane) != list_segments(origin.folder)
 
 
+@pytest.mark.slow
 @HYPOTHESIS
 @given(stories=st.lists(STEPS, min_size=1, max_size=4))
 def test_archiving_at_any_moment_changes_nothing_that_is_told(tmp_path_factory, submit, stories):

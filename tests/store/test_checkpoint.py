@@ -57,6 +57,7 @@ def describe(ledger):
     )
 
 
+@pytest.mark.slow
 @HYPOTHESIS
 @given(before=STEPS, between=STEPS, after=STEPS, kept=st.sampled_from([0, 1, 3, 50]))
 def test_a_checkpoint_and_what_follows_tell_what_the_whole_journal_tells(
@@ -77,6 +78,7 @@ def test_a_checkpoint_and_what_follows_tell_what_the_whole_journal_tells(
     story.close()
 
 
+@pytest.mark.slow
 @HYPOTHESIS
 @given(steps=STEPS, more=STEPS)
 def test_a_writer_that_starts_from_a_checkpoint_admits_what_one_that_read_all_admits(
@@ -238,6 +240,7 @@ def test_a_process_without_a_ledger_leaves_one_behind_too(open_journal):
     assert describe(start(journal.folder)) == describe(read_all(journal.folder))
 
 
+@pytest.mark.slow
 def test_a_checkpoint_that_cannot_be_written_disturbs_nobody(tmp_path, submit):
     class NoReplaceIO(SystemIO):
         def replace(self, source, destination):

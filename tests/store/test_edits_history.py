@@ -72,6 +72,7 @@ def test_the_oldest_renderings_are_let_go(open_journal, submit, open_history, mo
     assert len(watched._pages) == 20
 
 
+@pytest.mark.slow
 def test_a_record_that_is_still_to_come_is_not_told(story, open_history):
     lane, texts = story
     late = open_history(lane)
@@ -81,6 +82,7 @@ def test_a_record_that_is_still_to_come_is_not_told(story, open_history):
     assert late.find_page(0).shown == []
 
 
+@pytest.mark.slow
 def test_a_large_journal_is_read_from_its_checkpoint(story, open_history, open_journal, monkeypatch):
     lane, texts = story
     monkeypatch.setattr(page_history, "SMALL_BYTES", 0)

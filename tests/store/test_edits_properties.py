@@ -82,6 +82,7 @@ def advance(bench, id, steps, text):
         bench.commit(side, entry)
 
 
+@pytest.mark.slow
 @FAST
 @given(objective=TEXTS, steps=st.tuples(*[st.integers(0, 7)] * 3), text=TEXTS)
 def test_what_was_rendered_asks_for_nothing(open_bench, objective, steps, text):
@@ -117,6 +118,7 @@ def write(text, change):
     return text[:begin] + re.sub(rf"^( *{key}): .*$", line, text[begin:end], count=1, flags=re.MULTILINE) + text[end:]
 
 
+@pytest.mark.slow
 @FAST
 @given(change=CHANGES)
 def test_a_legal_edit_becomes_exactly_its_record(open_bench, change):
@@ -152,6 +154,7 @@ def test_every_word_that_is_added_anywhere_is_found_again(open_bench, kind):
         assert all(each.reason and each.possible for each in outcome.refused)
 
 
+@pytest.mark.slow
 @settings(FAST, max_examples=120)
 @given(data=st.data())
 def test_garbage_never_raises_and_each_word_of_it_is_recorded_or_kept(bench, data):

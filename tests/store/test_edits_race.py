@@ -58,7 +58,10 @@ def list_lost(root, save):
     for id in ids:
         save(stand.file, read_whole(stand.file).replace(END_MARK, NEW.replace("by-hand", id) + END_MARK))
         clock.sleep(0.05)
-    clock.sleep(2.0)
+    for _ in range(40):  # until each has its answer, or long enough
+        if all(id in history.ledger.sessions for id in ids):
+            break
+        clock.sleep(0.05)
     is_over.set()
     publisher.join()
     history.read_new()
@@ -68,12 +71,14 @@ def list_lost(root, save):
     return lost
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("save", [rename_over, write_in_place, move_away])
 def test_no_edit_is_lost_while_the_file_is_rendered(tmp_path, save):
     assert list_lost(tmp_path, save) == []
 
 
+@pytest.mark.slow
 def test_a_renderer_that_renames_over_would_lose_edits(tmp_path, monkeypatch):
     def rename(fresh, path):
         fresh.replace(path)

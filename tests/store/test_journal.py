@@ -95,16 +95,6 @@ def test_a_batch_with_one_illegal_entry_leaves_no_byte(open_journal, submit):
     assert runtime.commit([Entry("s", "claim")])[0].epoch == 1
 
 
-def test_a_trigger_from_the_wrong_side_is_refused(open_journal, submit):
-    agent = open_journal()
-    agent.commit([submit("s")])
-
-    with pytest.raises(IllegalTransition, match="agent asked for 'claim' in state 'pending'"):
-        agent.commit([Entry("s", "claim")])
-    with pytest.raises(IllegalTransition, match=r"runtime asked for 'submit'.*by the agent or an operator"):
-        open_journal(Side.RUNTIME).commit([submit("t")])
-
-
 def test_a_session_is_submitted_once_and_before_anything_else(open_journal, submit):
     agent = open_journal()
     agent.commit([submit("s")])

@@ -161,6 +161,7 @@ def test_a_repair_changes_nobody(open_journal, submit):
     assert after.seq == before.seq + 1
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_the_fold_agrees_with_the_journal_after_any_history(tmp_path_factory, submit, data):

@@ -199,6 +199,7 @@ def lay(folder, count, mtime_s):
         os.utime(path, (mtime_s, mtime_s))
 
 
+@pytest.mark.slow
 def test_a_reader_looks_through_a_bounded_folder_however_many_requests_there_were(tmp_path, clock, monkeypatch):
     lay(tmp_path / "done", 10_000, 1_000)
     reader = SignalReader(tmp_path)

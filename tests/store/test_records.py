@@ -40,6 +40,7 @@ def test_a_record_looks_as_the_format_says():
     )
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(NAMES, NAMES, st.integers(0, 99), st.dictionaries(NAMES, NAMES, max_size=3)), max_size=6))
 def test_records_come_back_as_they_were(facts):
     records = [

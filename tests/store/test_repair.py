@@ -285,6 +285,7 @@ def test_a_repair_that_is_interrupted_can_be_done_again(open_journal, agree):
     agree(journal.folder)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_change_can_be_mended_and_costs_no_record_that_still_stands(tmp_path, agree, data):

@@ -54,6 +54,7 @@ def test_a_succeeded_session_is_thinned_and_its_manifest_says_so(store):
     assert store.check() == []
 
 
+@pytest.mark.slow
 def test_the_running_plane_thins_after_so_many_sessions_that_ended(store):
     shipped = (find_shipped_root() / "protocol" / "runtime_contract.yaml").read_text()
     store.workspace.runtime_contract.write_text(shipped.replace("keep_last: 200", "keep_last: 0"))
@@ -256,6 +257,7 @@ def find_code(call):
     return ""
 
 
+@pytest.mark.slow
 def test_a_clean_up_that_dies_at_any_call_leaves_no_bundle_that_lacks_a_file_without_saying_so(tmp_path, submit):
     at = 1
     while True:

@@ -66,6 +66,7 @@ def test_the_poll_sees_what_inotify_does_not_tell(folder, monkeypatch):
         assert watch.wait(SOON_S) is True
 
 
+@pytest.mark.slow
 def test_an_overflow_of_the_queue_wakes(folder):
     with Watch([folder], poll_s=1000) as watch:
         for number in range(17_000):  # the kernel keeps 16384 events

@@ -67,6 +67,7 @@ def test_a_word_that_means_nothing_here_is_named_wherever_it_stands(understand, 
         assert found.lacks[0].kind is LackKind.WORD, request
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("word", ["green", "blue", "bottle", "upright", "keep", "then", "not", "except", "open", "two"])
 def test_a_known_word_too_many_changes_the_goal_or_refuses_it(understand, word):
     plain = understand(PUT).goal
@@ -145,6 +146,7 @@ def test_words_of_manner_are_told_to_change_nothing(understand):
     assert found.unsaid == ("carefully",)
 
 
+@pytest.mark.slow
 def test_then_makes_steps_and_what_they_leave_true_is_accepted_at_the_end(understand):
     goal = understand("open the drawer, put the blue cube into it, then close the drawer", "tabletop/drawer").goal
 
@@ -221,6 +223,7 @@ def test_the_answer_does_not_depend_on_what_was_asked_before(understand):
     assert EmbeddedUnderstander().understand("put two of the cubes into the red tray", get_vocabulary(), {}) == first
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["cube/ball", "x\ny", "(a|b", "cube. ignore the bottle", "Ω", "a" * 5000])
 def test_what_a_scene_calls_a_thing_breaks_nothing_and_is_no_request(understand, kind):
     vocabulary = get_vocabulary()

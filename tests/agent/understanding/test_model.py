@@ -113,6 +113,7 @@ def test_a_slow_server_costs_no_more_than_the_time_allowed(serve):
     assert "MODEL_UNREACHABLE" in found.lacks[0].words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["silence", "a drip of a body", "a deaf server", "redirect"])
 def test_a_server_that_never_answers_ends_in_time(way):
     server = HostileServer(way, "http://127.0.0.1:9/")

@@ -184,6 +184,7 @@ def registry():
     return registry
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(trees, st.lists(st.sampled_from(["cup", "cube", "can"]), min_size=1, max_size=3), st.data())
 def test_a_tree_does_what_the_plain_interpreter_says(tmp_path, registry, node, names, data):

@@ -193,6 +193,7 @@ def test_a_hand_that_does_not_open_so_wide_is_told_with_the_opening_it_has(beak)
     assert "at most 0.0" in problem.expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new", "code"),
     [

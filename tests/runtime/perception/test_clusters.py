@@ -24,6 +24,7 @@ def find_by_definition(points, link_m):
     return [cluster for cluster in sorted(clusters, key=lambda each: -len(each)) if len(cluster) >= POINTS_MIN]
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32 - 1),
     count=st.integers(0, 200),

@@ -135,6 +135,7 @@ def test_masks_that_take_more_memory_than_any_answer_are_refused(server, detecto
         detector.detect(RGB, ["red cube"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("way", "code"),
     [

@@ -87,6 +87,7 @@ def watch(client, for_s):
         CLOCK.sleep(0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("serve", "scheme"), [(serve_policy, "tcp"), (serve_openpi, "openpi")])
 def test_a_server_that_is_at_work_for_long_is_waited_for(serve, scheme):
     ready, found = threading.Event(), []
@@ -111,6 +112,7 @@ def test_one_that_gives_no_sign_of_life_in_the_midst_of_a_request_is_named_long_
     assert CLOCK.now_s() - began_s < 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["tcp", "openpi"])
 def test_a_served_process_that_is_stopped_is_named_between_two_requests(tmp_path, scheme):
     skill = tmp_path / "skills" / "echo" / "SKILL.md"

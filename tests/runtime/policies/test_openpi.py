@@ -275,6 +275,7 @@ def test_a_server_that_drops_the_connection_is_lost(hostile):
     assert error.value.code == "POLICY_LOST"
 
 
+@pytest.mark.slow
 def test_a_server_without_metadata_is_not_reached(hostile):
     with pytest.raises(ExecutionError, match="no metadata on connect") as error:
         ask_policy(hostile(lambda connection: connection.recv(), metadata=None))
@@ -285,6 +286,7 @@ def test_a_server_that_says_nothing_of_itself_is_not_compared(hostile):
     assert ask_policy(hostile(lambda connection: connection.recv())) is None
 
 
+@pytest.mark.slow
 def test_a_server_that_says_nothing_is_lost_when_the_time_of_the_contract_is_over(hostile):
     began_s = CLOCK.now_s()
     silent, told = hostile(lambda connection: CLOCK.sleep(1.0)), r"has sent nothing for 0\.2 s"

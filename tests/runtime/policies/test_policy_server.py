@@ -199,6 +199,7 @@ def test_over_http_an_answer_without_end_is_given_up_as_well(listener, length, p
     assert error.value.code == code
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("way", "code"),
     [("a drip of headers", "POLICY_LOST"), ("a gzip, gzip bomb", "POLICY_FAULT"), ("redirect", "POLICY_LOST")],

@@ -129,6 +129,7 @@ def test_an_earlier_commander_that_is_still_connected_is_refused_and_makes_room(
         channel.close()
 
 
+@pytest.mark.slow
 def test_a_successor_waits_neither_for_an_earlier_commander_that_says_nothing_nor_for_impostors(stand):
     _, tokens, open_channel = stand
     tokens.renew(early := make_key())
@@ -211,6 +212,7 @@ def test_without_any_token_nothing_admits():
     assert Grant(key=b"").key == b""
 
 
+@pytest.mark.slow
 def test_a_client_that_says_nothing_does_not_keep_others_out(stand):
     _, tokens, open_channel = stand
     tokens.renew(key := make_key())

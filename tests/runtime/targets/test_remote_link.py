@@ -97,6 +97,7 @@ def wait_for(condition, limit_s=10.0):
     assert condition()
 
 
+@pytest.mark.slow
 def test_a_target_that_is_silent_is_named_with_its_endpoint_within_its_limit(stand):
     client = stand.connect().begin()
     stand.beyond.waits_s, stand.beyond.beats = 5.0, False
@@ -112,6 +113,7 @@ def test_a_target_that_is_silent_is_named_with_its_endpoint_within_its_limit(sta
     assert client.ask(wire.Observe()).message == expected, "a lost target stays lost, for the first reason"
 
 
+@pytest.mark.slow
 def test_a_target_that_beats_is_waited_for_beyond_its_limit_of_silence(stand):
     client = stand.connect().begin()
     stand.beyond.waits_s = 4 * SILENCE_S
@@ -133,6 +135,7 @@ def test_a_cancelled_command_is_broken_off_within_itself(stand):
     assert count_commands(stand, "conformance") == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay_s", [0.02, 0.1])
 def test_delay_changes_no_outcome(stand, delay_s):
     client = stand.connect().begin()
@@ -144,6 +147,7 @@ def test_delay_changes_no_outcome(stand, delay_s):
     assert stand.find_violations() == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["cut", "lost reply", "lost request"])
 def test_a_command_whose_reply_is_lost_is_never_sent_again(stand, fault):
     client = stand.connect().begin()
@@ -179,6 +183,7 @@ def test_a_command_whose_reply_is_lost_is_never_sent_again(stand, fault):
     assert stand.find_violations() == []
 
 
+@pytest.mark.slow
 def test_a_command_is_there_while_the_one_before_is_carried_out(stand, monkeypatch):
     client, waiting = stand.connect().begin(), []
     commands = client.plan()[:4]
@@ -232,6 +237,7 @@ def test_behind_a_refused_command_none_is_carried_out(stand):
     assert isinstance(client.ask(wire.Observe()), wire.Observation), "replies are in the order of requests"
 
 
+@pytest.mark.slow
 def test_commands_under_way_when_the_connection_ends_are_lost_and_never_sent_again(stand):
     client = stand.connect().begin()
     commands = client.plan()[:3]
@@ -249,6 +255,7 @@ def test_commands_under_way_when_the_connection_ends_are_lost_and_never_sent_aga
     assert stand.find_violations() == []
 
 
+@pytest.mark.slow
 def test_a_dead_connection_makes_room_within_some_seconds(stand):
     client = stand.connect().begin()
     stand.network.is_lossy = True  # no end of the connection is ever seen
@@ -259,6 +266,7 @@ def test_a_dead_connection_makes_room_within_some_seconds(stand):
     assert isinstance(stand.connect().ask(wire.Observe()), wire.Observation)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stand", [60.0], indirect=True)
 def test_what_is_lost_is_named_without_waiting_for_its_last_words(stand):
     client = stand.connect().begin()

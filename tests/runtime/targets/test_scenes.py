@@ -18,7 +18,7 @@ LIBRARY = Library.open()
 SCENES = LIBRARY.names_of_scenes()
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+@pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("scene", SCENES)
 def test_a_scene_settles_with_everything_where_it_was_put(make_rig, scene, seed):
     rig = make_rig()

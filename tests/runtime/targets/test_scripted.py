@@ -57,45 +57,6 @@ def test_it_stands_where_it_is_told_and_what_is_movable_rides_on_it(world):
     assert find_height(world) == pytest.approx(before + 0.02)
 
 
-def test_a_command_without_authority_moves_nothing(world):
-    assert world.handle(command(0.02)).code == "NO_AUTHORITY"
-    world.handle(wire.Begin(session="s", epoch=2))
-    assert world.handle(command(0.02, epoch=1)).code == "STALE_TOKEN"
-    assert world.handle(command(0.02, sequence=2, epoch=2)).code == "OUT_OF_SEQUENCE"
-    assert world.handle(command(float("nan"), epoch=2)).code == "MALFORMED"
-    assert find_height(world) == 0.0
-
-
-def test_an_episode_goes_on_and_another_begins_anew(world):
-    world.handle(wire.Begin(session="s", epoch=1))
-    world.handle(command(0.5))
-    world.handle(wire.End(session="s", epoch=1))
-    world.handle(wire.LoadScene(scene="counter", seed=0, episode="e"))
-    assert find_height(world) == 0.5
-    assert world.handle(wire.LoadScene(scene="counter", seed=1, episode="e")).code == "EPISODE_CONFLICT"
-    world.handle(wire.LoadScene(scene="counter", seed=1, episode="f"))
-    assert find_height(world) == 0.0
-
-
-def test_an_episode_that_may_not_end_goes_on(world):
-    refused = world.handle(wire.LoadScene(scene="counter", seed=1, episode="f", may_reset=False))
-
-    assert refused.code == "RESET_FORBIDDEN"
-    assert world.handle(wire.LoadScene(scene="counter", seed=0, episode="e", may_reset=False)).episode == "e"
-    assert world.handle(wire.LoadScene(scene="counter", seed=1, episode="f")).episode == "f"
-
-
-def test_a_recorded_state_is_restored(world):
-    world.handle(wire.Begin(session="s", epoch=1))
-    world.handle(command(0.5))
-    snapshot = world.handle(wire.Observe(snapshot=True)).snapshot.data
-    world.handle(wire.End(session="s", epoch=1))
-    world.handle(wire.LoadScene(scene="counter", seed=0, episode="e", snapshot=snapshot))
-
-    assert find_height(world) == 0.5
-    assert world.handle(wire.Observe()).time_s == pytest.approx(0.02)
-
-
 def test_the_receive_log_tells_what_arrived_and_every_write_of_state(world, tmp_path):
     world.handle(command(0.02))
     world.handle(wire.Begin(session="s", epoch=1))

@@ -35,15 +35,6 @@ def ends():
         yield Link(ours), theirs
 
 
-def test_a_request_is_answered(ends):
-    ours, theirs = ends
-    target = Recording()
-    theirs.send_bytes(REQUESTS.encode(Settle(session="s", epoch=1, duration_s=0.02)))
-    assert not answer(ours, target, Tokens())
-    assert len(target.handled) == 1
-    theirs.close()
-
-
 def test_a_request_whose_sender_goes_while_it_waits_for_its_period_does_not_happen(ends):
     ours, theirs = ends
     target = Recording()

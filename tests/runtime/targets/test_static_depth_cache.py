@@ -1,17 +1,15 @@
 """Pictures that cost less: what was kept and what is read out in part show what a whole new picture shows."""
 
-from copy import copy
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.settings.sensors import NoiseLevel, read_sensors
-from phyagentos.runtime.drivers.mujoco.ray_cast import SKY, RayCaster
+from phyagentos.runtime.drivers.mujoco.ray_cast import RayCaster
 from phyagentos.runtime.drivers.mujoco.simulated_camera import open_cameras, pose_state
-from phyagentos.runtime.drivers.mujoco.static_depth_cache import Hits, MovingSolids, Rays, Shot, cast_rays
+from phyagentos.runtime.drivers.mujoco.static_depth_cache import MovingSolids, Rays, Shot
 
 pytestmark = pytest.mark.sim
 
@@ -91,59 +89,9 @@ def test_a_camera_that_moves_may_always_show_motion(physics):
     assert RayCaster(physics.model).shows_motion(after, before, shot)
 
 
-def test_the_compiled_light_has_the_bits_of_array_operations(physics):
-    model, mounting = copy(physics.model), open_cameras(physics.model, SHIPPED, seed=7)["left"].mounting
-    lens = mounting.lens
-    model.light_type[0] = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    model.light_cutoff[1], model.light_type[1] = 25.0, mujoco.mjtLightType.mjLIGHT_SPOT
-    for data in pose_many(physics):
-        rays = aim(lens, mounting.find(data))
-        hits, lengths = cast_rays(model, data, rays), np.linalg.norm(lens.compute_rays(), axis=1)
-        inside = np.arange(len(lengths)) % 7 == 0  # some rays leave a solid
-        hits = Hits(hits.geoms, hits.distances_m, np.where(inside[:, None], -hits.normals, hits.normals))
-        caster = RayCaster(model)
-        picture = caster._paint(data, rays, lengths, hits)
-        rgb, depth, cosines = paint_plainly(caster, model, data, rays, lengths, hits)
-        np.testing.assert_array_equal(picture.rgb, rgb, strict=True)
-        np.testing.assert_array_equal(picture.depth_m, depth, strict=True)
-        np.testing.assert_array_equal(picture.incidence, cosines, strict=True)
-
-
 def aim(lens, place):
     rays = lens.compute_rays()
     return Rays(place, rays / np.linalg.norm(rays, axis=1)[:, None] @ place.rotation.T, 10.0)
-
-
-def paint_plainly(caster, model, data, rays, lengths, hits):
-    hit, single = hits.geoms >= 0, np.float32
-    rays32, facing = rays.directions.astype(single), hits.normals.astype(single)
-    along = np.where(hit, hits.distances_m, 0.0).astype(single)
-    cosines = np.where(hit, -dot(rays32, facing), single(0.0))
-    facing *= np.where(cosines < 0.0, single(-1.0), single(1.0))[:, None]
-    cosines = np.abs(cosines)
-    points = rays.viewpoint.position_m.astype(single) + rays32 * along[:, None]
-    head = model.vis.headlight
-    light = np.array(head.ambient, single) + np.array(head.diffuse, single) * cosines[:, None]
-    for lamp in range(model.nlight):
-        direction = data.light_xdir[lamp].astype(single)
-        if model.light_type[lamp] == mujoco.mjtLightType.mjLIGHT_DIRECTIONAL:
-            shining = -dot(facing, direction)
-        else:
-            towards = data.light_xpos[lamp].astype(single) - points
-            distances = np.sqrt(dot(towards, towards))
-            shining = dot(facing, towards) / distances
-            if model.light_type[lamp] == mujoco.mjtLightType.mjLIGHT_SPOT:
-                opening = np.cos(np.radians(float(model.light_cutoff[lamp])))
-                shining[-dot(towards, direction) < opening * distances] = 0.0
-        light += np.maximum(shining, single(0.0))[:, None] * model.light_diffuse[lamp]
-        light += model.light_ambient[lamp]
-    rgb = np.minimum(caster._colors[hits.geoms] * light, single(1.0))
-    rgb[~hit] = SKY
-    return rgb, np.where(hit, along / lengths.astype(single), single(np.inf)), cosines
-
-
-def dot(a, b):
-    return a[:, 0] * b[..., 0] + a[:, 1] * b[..., 1] + a[:, 2] * b[..., 2]
 
 
 def test_a_static_cache_is_cast_anew_when_something_fixed_was_moved(physics):

@@ -111,6 +111,7 @@ def test_a_latch_outlives_whoever_heard_it(tmp_path, listen):
     assert listen().is_latched()
 
 
+@pytest.mark.slow
 def test_a_stop_beside_ten_thousand_files_is_heard_at_the_next_look_which_reads_a_bounded_number(
     tmp_path, listen, monkeypatch
 ):
@@ -134,6 +135,7 @@ def test_what_a_look_leaves_is_read_by_the_next_ones(tmp_path, listen):
     assert [listener.is_latched() for _ in range(4)] == [False, False, False, True]
 
 
+@pytest.mark.slow
 def test_more_events_than_the_kernel_keeps_lose_no_stop(tmp_path, listen):
     listener = listen()
     drop_signal(tmp_path, Signal(kind="estop", by="a button"), SystemClock())

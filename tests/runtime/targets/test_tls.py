@@ -13,6 +13,7 @@ from tests.certificates import make_certificate
 from tests.conformance.test_target_server import Served
 
 
+@pytest.mark.slow
 def test_a_door_with_a_certificate_speaks_tls_to_who_trusts_it(tmp_path):
     both, alone = make_certificate(tmp_path)
     door = WebSocketDoor(certificate=both)
@@ -36,6 +37,7 @@ def test_a_door_with_a_certificate_speaks_tls_to_who_trusts_it(tmp_path):
     door.close()
 
 
+@pytest.mark.slow
 def test_the_kit_speaks_tls(tmp_path):
     both, alone = make_certificate(tmp_path)
     served = Served(tmp_path, sys.executable, options=("--certificate", str(both)))

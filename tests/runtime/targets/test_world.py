@@ -66,34 +66,6 @@ def test_no_command_is_accepted_after_the_end_of_its_session(rig):
     assert isinstance(rig.begin(epoch=2), wire.Ack)
 
 
-def test_a_second_session_waits_for_the_end_of_the_first(rig):
-    reply = rig.world.handle(wire.Begin(session="t", epoch=1))
-    assert reply.code == "NO_AUTHORITY"
-    assert "s has authority" in reply.message
-
-
-def test_a_client_that_goes_away_loses_its_authority(rig):
-    rig.world.withdraw()
-    assert rig.world.handle(rig.make_command(HOME)).code == "NO_AUTHORITY"
-
-
-def test_a_scene_is_not_loaded_under_a_session(rig):
-    assert rig.load(seed=2, episode="f").code == "NO_AUTHORITY"
-
-
-def test_an_episode_is_one_world(make_rig):
-    rig = make_rig()
-    first = rig.load(seed=1)
-    assert rig.load(seed=1) == first
-    assert rig.load(seed=2).code == "EPISODE_CONFLICT"
-
-
-def test_nothing_can_be_done_without_a_scene(make_rig):
-    rig = make_rig()
-    assert rig.observe().code == "NO_SCENE"
-    assert rig.begin().code == "NO_SCENE"
-
-
 def test_an_unknown_scene_is_refused_with_the_nearest_name(make_rig):
     reply = make_rig().load(scene="tabletop/cubes_and_tray")
     assert reply.code == "UNKNOWN_SCENE"
