@@ -1,19 +1,18 @@
 """The rows of the table of error codes, by phase: a code, then what it means. `codes` reads them."""
 
 AUTHORED = """
+DUPLICATE_NAME       A key, value or block stands twice, or two packages offer a leaf or plug-in of one name.
+WORLD_CONFLICT       Targets cannot share a world, or not the one that the goal gives them, or be repeated in it alone.
+SCENE_INVALID        No collision-free placement was found, or bodies have sizes, forms or colours that cannot be meant.
+MODEL_INVALID        MuJoCo cannot read a model, or its arm or fingers are not as the profile says.
 AMBIGUOUS_REFERENCE  A reference names a node that `foreach` made several of.
 API_KEY_MISSING      The environment variable that holds a model's key is not set.
 BROKEN_BEHAVIOURS    A Python package of leaves cannot be imported or registered.
 BROKEN_PLUGIN        What an installed package announces does not load, or is of another kind.
 BROKEN_PREDICATES    A file of predicates in a project's folder cannot be loaded.
-BROKEN_TREE          A tree uses another one that is wrong itself.
+BROKEN_TREE          A tree is wrong, or uses one that is: a key or output that nothing writes, two actions at once.
 CONTEXT_TOO_LARGE    A token budget is too small for the head of a context and its question.
-CYCLE                Nodes wait for each other, or goal graphs or trees contain each other.
-DUPLICATE_BLOCK      A document holds the same block twice.
-DUPLICATE_KEY        A mapping holds the same key twice.
-DUPLICATE_LEAF       Two packages offer a leaf of the same name.
-DUPLICATE_PLUGIN     Two packages announce a plug-in of one kind under the same name.
-DUPLICATE_VALUE      A `foreach` names the same value twice.
+CYCLE                Nodes wait for each other, or goal graphs or trees contain each other or themselves.
 EMPTY_FOREACH        A `foreach` names no value.
 FRONT_MATTER_MISSING A document does not begin with its front matter.
 INCLUDE_DIFFERS      An included goal graph has another scene, or calls another thing by a name.
@@ -30,12 +29,10 @@ MISSING_KEY          A key that the format needs is missing.
 MISSING_PARAMETER    An argument that the skill needs is missing.
 MISSING_PORT         A port that the leaf or subtree needs is missing.
 MODEL_MISSING        A target names a model file that is not there.
-MODEL_UNREADABLE     MuJoCo cannot read a model file.
 ALIKE                A goal names one of several things that look alike; a warning.
 NAME_MISMATCH        A name differs from that of its file or folder.
 NOTHING_SEEN         A node decides on what is seen, and no session before it sees anything.
 NOTHING_TO_ACCEPT    A node, or the goal, holds nothing by which it could be accepted.
-NOT_ALIKE            Things that are called interchangeable have different forms or colours.
 NOT_A_KEY            A port is wired to something that is no key of a tree.
 NOT_A_LEAF           A registered class does not derive from `Leaf`.
 NOT_A_NODE           A value of a tree is no node.
@@ -45,17 +42,10 @@ NOT_A_WIRING         The ports of a node are no mapping.
 NOT_PLANNABLE        No plan is made for a predicate of this form.
 NOT_COMPARED         A number stands without a comparison, or a truth with one.
 NO_CANDIDATE         No skill and target together guarantee what is asked.
-NO_SERIAL_CHAIN      The model's arm is no serial chain from base to tool.
 OVERLAP              Two bodies of a scene begin inside of each other, or one inside the robot.
-PERIODS_DIFFER       Targets of one world count on different control periods or physics steps.
 PREDICATE_SYNTAX     A predicate cannot be parsed.
-RECURSION            A tree contains itself.
-SCENE_OVERFULL       The bodies of a scene find no room without touching.
-TARGET_IN_TWO_WORLDS A goal puts one target into two worlds.
 UNCLOSED_FENCE       Nothing closes a fenced block of a document.
 UNSUPPORTED          A movable body of a scene begins in the air, with nothing below it to stand on.
-VISION_NOT_CONFIGURED The judge `vision` was asked for, and no model is configured.
-TWO_ACTIONS          A reactive composite has more than one child that takes time.
 UNKNOWN_FORECASTER   An unknown forecaster.
 UNKNOWN_JUDGE        An unknown judge.
 UNKNOWN_BLOCK        A document holds a block that it should not.
@@ -83,20 +73,12 @@ UNKNOWN_WORD         A description holds a word that is neither a colour nor a f
 UNREADABLE_FILE      A file cannot be read, is no regular file, has more than 16 MiB, or is no text.
 UNSOURCED_LIMIT      A limit of safety.yaml names no source of its number.
 OLD_REFERENCE        A tree refers to a key as `$name`; `${name}` is the present form (a warning).
-UNWRITTEN_KEY        A tree reads a key that nothing has written by then.
-UNWRITTEN_OUTPUT     A tree declares an output that nothing writes.
 WRONG_ARGUMENT       An argument of a predicate is of the wrong kind.
 WRONG_ARGUMENTS      A predicate has too many or too few arguments.
-WORLD_DIFFERS        A goal puts a target into another world than the target's profile.
-WORLD_NOT_SHARED     A driver cannot put several targets into one world.
-WORLD_SHARED         A session of a shared world cannot be repeated alone.
 WRONG_DOCUMENT       The front matter names another document.
 WRONG_KIND           A file is of another kind than a command takes.
-WRONG_AXIS           The fingers of a profile do not close along the y axis of its tool.
 WRONG_LENGTH         A list has not one value per joint.
-WRONG_OPENING        The fingers of a model do not open as wide as its profile says.
 WRONG_TYPE           A mapping, list or text stands where another kind belongs.
-WRONG_SCALE          A movable body of a scene is so large that its sizes are probably no metres.
 WRONG_UNIT           A limit is given in another unit than its check uses.
 XML_SYNTAX           The text is not XML, or declares a document type.
 YAML_SYNTAX          The text is not YAML, holds a value that does not fit its form or tag, or stands for too many.
@@ -105,29 +87,22 @@ YAML_SYNTAX          The text is not YAML, holds a value that does not fit its f
 OPERATION = """
 ALREADY_OVER      The goal or the session has ended: its verdict or its state is final.
 CONTRADICTS_DONE  An amendment changes or takes out what has begun already.
-ENVIRONMENT_MISSING A Python environment that a suite declares is not there, or lacks a package.
-EXTRA_MISSING     A command needs packages of an extra that is not installed.
+EXTRA_MISSING        A package, a module, a Python environment or the configuration that a command needs is missing.
 GOAL_DIFFERS      A goal of this name was begun with another graph.
 INVALID_RATE      A rate is not the control rate divided by a whole number.
 MIXED_TARGETS     Sessions of different targets would be exported into one data set.
-MODULE_MISSING    A suite needs a Python module that is not installed.
-NOTHING_TO_EXPORT No session was verified as a success, the choice leaves none, or the session never ran.
 NOT_A_RUN         The folder is no run of a suite.
 NOT_A_WORKSPACE   The folder is no workspace.
 NOT_BY_HAND       An edit by hand may not change this field.
-NOT_EXECUTED      The session never ran, so it cannot be run again.
-NOT_PAIRED        Two runs have no episode in common that could be compared.
+NOT_EXECUTED         The session never ran, or left nothing that could be run again or exported.
 NOT_RUNNING       No workspace of this machine is running.
 NOT_LATCHED       There is no latched emergency stop to reset.
 NOT_PROMOTED      A lesson has not proved itself as a skill, or a skill was not made of one.
 NO_JOURNAL        The workspace has no such partition of the journal.
-NO_SNAPSHOT       The session left no state of its start, so it cannot be run again.
 POLICY_MISSING    A policy server of a suite cannot be started, or does not listen.
-RAY_MISSING       The package ray is not installed.
 REASON_MISSING    A reset of the emergency stop needs a reason.
 RUN_BUSY          Another process works on the run.
-RUN_DAMAGED       A record of a run cannot be read.
-RUN_DIFFERS       The suite of a run, or a file that it names, has changed since the run began.
+RUN_DIFFERS          A run has changed since it began, cannot be read, or has no episode in common with the other.
 SETUP_FAILED      An environment could not be made.
 SOCKETS_UNSAFE    The folder of the sockets can be used by others.
 TURN_OVER         An agent answers a turn that does not await an answer.
@@ -145,9 +120,7 @@ WOULD_OVERWRITE   A file stands where one was to be written.
 HIDDEN_TEXT       A proposal holds characters that are not seen as they are.
 NOT_APPROVED      A proposed goal has no approval of exactly its bytes.
 NOT_PERMITTED     A proposed goal does more than the operator's policy permits.
-PROPOSAL_CHANGED  A proposal, or the decision on it, is not about the bytes that its name stands for.
-PROPOSAL_DECIDED  A decision on the proposal was made before; the first one stays.
-PROPOSAL_OPEN     A proposal names another goal graph, whose content could change after an approval.
+PROPOSAL_CHANGED     A proposal is not the one that was decided on, could still change, or was decided before.
 TOOL_NOT_OFFERED  The server was started with a level that does not include the tool.
 TOO_LARGE         A proposal, or the arguments of a tool, have too many bytes.
 TOO_MANY_PROPOSALS So many proposals wait for a decision that no other is taken.
@@ -230,9 +203,7 @@ OUTSIDE_WORKSPACE        Every way to do it would bring the tool beyond the work
 PARAMETER_INVALID        An argument of the contract is of the wrong type or out of range.
 PARAMETER_MISSING        The contract lacks an argument.
 PARAMETER_UNKNOWN        The contract holds an argument that the skill does not know.
-POLICY_MISMATCH          The policy server is not the one that SKILL.md describes.
-POLICY_TOO_SLOW          The policy takes longer to answer than one of its chunks lasts.
-POLICY_UNDECLARED        A policy skill does not declare the observations of its policy, or its action space.
+POLICY_MISMATCH      A policy, or its server, is not as SKILL.md describes it, or is too slow for its chunks.
 POLICY_UNREACHABLE       No policy server answers.
 PRECONDITION_UNMET       A precondition is false or unknown in the world as observed.
 RATE_UNBRIDGED           No resampling leads from the source's rate to the target's.
@@ -403,4 +374,19 @@ TARGET_LIMIT            The target itself refused a command.
 TARGET_LOST             The target no longer answers.
 UNKNOWN_CAMERA          No camera of this name in sensors.yaml, or nothing in this world that carries it.
 UNKNOWN_TOOL            The target has no tool of this name.
+"""
+
+# Codes of earlier releases, which documents still hold: what each is called now.
+ALIASES = """
+BROKEN_TREE: TWO_ACTIONS UNWRITTEN_KEY UNWRITTEN_OUTPUT
+CYCLE: RECURSION
+DUPLICATE_NAME: DUPLICATE_BLOCK DUPLICATE_KEY DUPLICATE_LEAF DUPLICATE_PLUGIN DUPLICATE_VALUE
+EXTRA_MISSING: MODULE_MISSING RAY_MISSING ENVIRONMENT_MISSING VISION_NOT_CONFIGURED
+MODEL_INVALID: MODEL_UNREADABLE NO_SERIAL_CHAIN WRONG_AXIS WRONG_OPENING
+NOT_EXECUTED: NO_SNAPSHOT NOTHING_TO_EXPORT
+POLICY_MISMATCH: POLICY_TOO_SLOW POLICY_UNDECLARED
+PROPOSAL_CHANGED: PROPOSAL_OPEN PROPOSAL_DECIDED
+RUN_DIFFERS: RUN_DAMAGED NOT_PAIRED
+SCENE_INVALID: SCENE_OVERFULL WRONG_SCALE NOT_ALIKE
+WORLD_CONFLICT: WORLD_DIFFERS WORLD_NOT_SHARED WORLD_SHARED PERIODS_DIFFER TARGET_IN_TWO_WORLDS
 """

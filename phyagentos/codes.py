@@ -90,3 +90,12 @@ CODES: Mapping[str, Code] = {
     **_read(rows.SAFETY, Phase.SAFETY, Actor.AGENT, Retry.REPLANNED),
     **_read(rows.TARGET, Phase.TARGET, Actor.RUNTIME, Retry.OBSERVED),
 }
+ALIASES: Mapping[str, str] = {
+    old: new for line in rows.ALIASES.strip().splitlines() for new, olds in [line.split(": ")] for old in olds.split()
+}
+"""Codes of earlier releases -> what they are called now."""
+
+
+def find_code(name: str) -> Code | None:
+    """The row of a code, also of one by which an earlier release called it; None where there is none."""
+    return CODES.get(ALIASES.get(name, name))

@@ -4,7 +4,7 @@
     SCORERS.names()            # ['mine', 'outcomes'], sorted; nothing is imported
     SCORERS.load("mine")       # imported now
 
-A name has one owner: where two packages announce it, or one announces a name that ships, `DUPLICATE_PLUGIN` says which.
+A name has one owner: where two packages announce it, or one announces a name that ships, `DUPLICATE_NAME` says which.
 What does not load is `BROKEN_PLUGIN` for those that name it, and for nothing else. Python in the folder of a project is
 no plug-in: `run_file` executes it, once its user has consented.
 """
@@ -41,7 +41,7 @@ class Plugins(Generic[T]):
     unknown: str = "UNKNOWN_PLUGIN"
 
     def names(self) -> list[str]:
-        """Every name, sorted; nothing is imported. Raises DefinitionError `DUPLICATE_PLUGIN`."""
+        """Every name, sorted; nothing is imported. Raises DefinitionError `DUPLICATE_NAME`."""
         return sorted(self._find_points())
 
     def find(self, name: str, address: str = "") -> T | EntryPoint:
@@ -55,7 +55,7 @@ class Plugins(Generic[T]):
         """The plug-in of a name.
 
         Raises:
-            DefinitionError: The code `unknown` at `address`, with the nearest name; `DUPLICATE_PLUGIN`;
+            DefinitionError: The code `unknown` at `address`, with the nearest name; `DUPLICATE_NAME`;
                 `BROKEN_PLUGIN` with the package and what it raised.
         """
         point = self.find(name, address)
@@ -79,7 +79,7 @@ class Plugins(Generic[T]):
             if (other := points.get(point.name)) is not None:
                 found = f"{point.name!r} of {_name_package(other)} and of {_name_package(point)}"
                 hint = "Uninstall one of them, or let its author rename it."
-                raise DefinitionError.of("DUPLICATE_PLUGIN", self.group, found, "one package for each name", hint)
+                raise DefinitionError.of("DUPLICATE_NAME", self.group, found, "one package for each name", hint)
             points[point.name] = point
         return points
 

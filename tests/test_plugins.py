@@ -49,7 +49,7 @@ def test_a_name_of_two_packages_is_refused_with_both(announce):
     announce("one", "ZEAL = 1", zeal="one:ZEAL")
     announce("two", "ZEAL = 2", zeal="two:ZEAL")
 
-    with pytest.raises(DefinitionError, match="DUPLICATE_PLUGIN: found 'zeal' of package one and of package two"):
+    with pytest.raises(DefinitionError, match="DUPLICATE_NAME: found 'zeal' of package one and of package two"):
         Plugins(GROUP).names()
 
 

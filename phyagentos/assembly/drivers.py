@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def choose_driver(targets: Mapping[str, TargetProfile], target: str) -> DriverSpec:
-    """The driver that moves a target of TARGETS.md; raises DefinitionError: `NO_DRIVER`, `WORLD_NOT_SHARED`."""
+    """The driver that moves a target of TARGETS.md; raises DefinitionError: `NO_DRIVER`, `WORLD_CONFLICT`."""
     spec, world = find_driver(DRIVERS, targets[target]), targets[target].world
     if problems := find_unshared([each for each in targets.values() if world and each.world == world]):
         raise DefinitionError(problems)
@@ -43,7 +43,7 @@ def _open_debug(site: DriverSite) -> "TargetPort":
 
 
 def open_shared_world(sites: Sequence[DriverSite], read_agreement: "ReadAgreement | None") -> "list[MujocoDriver]":
-    """The robots of a world that several targets share; raises `WORLD_NOT_SHARED` for one that is no MuJoCo simulation.
+    """The robots of a world that several targets share; raises `WORLD_CONFLICT` for one that is no MuJoCo simulation.
 
     `read_agreement` reports the sessions that run; None in real time.
     """

@@ -41,7 +41,7 @@ def run_world(root: Path, world: str, socket: str, *, outlives: bool, certificat
 
     Raises:
         ExecutionError: `TARGET_BUSY` when another one lives.
-        DefinitionError: `NO_DRIVER`, `WORLD_NOT_SHARED`, `NOT_ENCRYPTED`, or problems of the targets' profiles.
+        DefinitionError: `NO_DRIVER`, `WORLD_CONFLICT`, `NOT_ENCRYPTED`, or problems of the targets' profiles.
     """
     from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole, is_held_by
     from phyagentos.runtime.supervision.workers import end_with_parent

@@ -13,7 +13,7 @@ def draw_start(library: Library, scene: str, targets: Iterable[str], seed: int) 
 
     Raises:
         DefinitionError: The scene is not there, or invalid.
-        ExecutionError: `SCENE_OVERFULL`.
+        ExecutionError: `SCENE_INVALID`.
     """
     from phyagentos.runtime.models.scene import draw_bodies, read_regions
 

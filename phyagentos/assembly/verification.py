@@ -32,7 +32,7 @@ def build_verifier(
     `mode` and `judges` (named as by `--with`) replace those of the settings.
 
     Raises:
-        DefinitionError: With every problem of the file; `UNKNOWN_JUDGE`, `VISION_NOT_CONFIGURED`, `API_KEY_MISSING`.
+        DefinitionError: With every problem of the file; `UNKNOWN_JUDGE`, `EXTRA_MISSING`, `API_KEY_MISSING`.
     """
     file = workspace.runtime_contract
     settings = read_runtime_contract(file).verification if file.exists() else Verification()
@@ -53,7 +53,7 @@ def _open_vision(settings: JudgeSettings) -> VisionJudge:
     model = settings.verification.vision
     if model is None:
         hint = "Write 'vision: {url: ..., model: ...}' below 'verification'; until then no model is asked."
-        raise DefinitionError.of("VISION_NOT_CONFIGURED", settings.address, "no block 'vision'", "a model", hint)
+        raise DefinitionError.of("EXTRA_MISSING", settings.address, "no block 'vision'", "a model", hint)
     key = os.environ.get(model.api_key_env, "") if model.api_key_env else ""
     if model.api_key_env and not key:
         address = f"{settings.address}.vision.api_key_env"

@@ -57,7 +57,7 @@ class Gate:
         return (
             *_find_policy_lacks(policy),
             *self._look_at(variant.environment),
-            *(Problem("MODULE_MISSING", module, "no such module", expected, hint) for module in absent),
+            *(Problem("EXTRA_MISSING", module, "no such module", expected, hint) for module in absent),
             *(lack for profile, path in targets for lack in _find_target_lacks(profile, path)),
         )
 
@@ -97,20 +97,20 @@ def find_lacks(name: str, spec: EnvironmentSpec) -> list[Problem]:
     """What an environment lacks of its declaration; empty when it is whole."""
     python, hint = find_python(name), f"Make it: paos bench setup {name}"
     if not python.is_file():
-        return [Problem("ENVIRONMENT_MISSING", str(python), "no such file", f"environment {name!r}", hint)]
+        return [Problem("EXTRA_MISSING", str(python), "no such file", f"environment {name!r}", hint)]
     wanted = [Requirement(text) for text in (*spec.packages, *spec.without_dependencies)]
     wanted = [each for each in wanted if each.marker is None or each.marker.evaluate()]
     asked = json.dumps([[each.name for each in wanted], spec.imports])
     done = subprocess.run([python, "-c", _LOOK, asked], capture_output=True, text=True, check=False)
     if done.returncode:
         found = (done.stderr.strip().splitlines() or ["no message"])[-1]
-        return [Problem("ENVIRONMENT_MISSING", str(python), found, "a Python that starts", hint)]
+        return [Problem("EXTRA_MISSING", str(python), found, "a Python that starts", hint)]
     versions, absent = json.loads(done.stdout)
     had = [(each, versions[each.name]) for each in wanted]
     unmet = [(each, has) for each, has in had if not (has and each.specifier.contains(has, prereleases=True))]
     lacks = [(f"{each.name} {has or 'not installed'}", str(each)) for each, has in unmet]
     lacks += [(f"no module {module}", f"module {module}") for module in absent]
-    return [Problem("ENVIRONMENT_MISSING", str(python), found, expected, hint) for found, expected in lacks]
+    return [Problem("EXTRA_MISSING", str(python), found, expected, hint) for found, expected in lacks]
 
 
 def plan_setup(name: str, spec: EnvironmentSpec, interpreter: str = sys.executable) -> list[list[str]]:

@@ -54,7 +54,7 @@ class Engine:
 
 
 def open_engine(name: EngineName, jobs: int) -> Engine:
-    """The engine of this name; raises DefinitionError `RAY_MISSING`."""
+    """The engine of this name; raises DefinitionError `EXTRA_MISSING`."""
     return Engine(jobs, carry_out if name is EngineName.LOCAL else _join_cluster())
 
 
@@ -64,7 +64,7 @@ def _join_cluster() -> CarryOut:
         import ray
     except ImportError as error:
         hint = f"{format_install('ray')} Do so here and on every node."
-        raise DefinitionError.of("RAY_MISSING", "--engine ray", str(error), "the package ray", hint) from error
+        raise DefinitionError.of("EXTRA_MISSING", "--engine ray", str(error), "the package ray", hint) from error
     if not ray.is_initialized():
         ray.init(address=os.environ.get("RAY_ADDRESS"), log_to_driver=False)
     environment = {name: os.environ[name] for name in PASSED_ON if name in os.environ}

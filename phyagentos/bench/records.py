@@ -165,7 +165,7 @@ class EpisodeLog:
 
 
 def read_records(folder: Path) -> list[EpisodeRecord]:
-    """Every record of a run; a line that is not whole is none, a whole one that is none raises `RUN_DAMAGED`."""
+    """Every record of a run; a line that is not whole is none, a whole one that is none raises `RUN_DIFFERS`."""
     path, records = folder / LOG, []
     data = path.read_bytes() if path.is_file() else b""
     for number, line in enumerate(data.split(b"\n")[:-1], 1):
@@ -173,7 +173,7 @@ def read_records(folder: Path) -> list[EpisodeRecord]:
             records.append(msgspec.json.decode(line, type=EpisodeRecord))
         except msgspec.MsgspecError as error:
             where, expected = f"{path}:{number}", "the record of an episode"
-            raise DefinitionError.of("RUN_DAMAGED", where, str(error), expected) from error
+            raise DefinitionError.of("RUN_DIFFERS", where, str(error), expected) from error
     return records
 
 

@@ -100,7 +100,7 @@ def report(folder: Path) -> Summary:
 def compare(a: str, b: str, *, of: Figure = Figure.FINAL, significant: float = SIGNIFICANT) -> RunComparison:
     """Compare two runs, or parts of them (`RUN:axis=value,…`), paired by seed: McNemar's exact test.
 
-    Raises DefinitionError `NOT_A_RUN`, `NOT_PAIRED`; `UNKNOWN_NAME` for an axis.
+    Raises DefinitionError `NOT_A_RUN`, `RUN_DIFFERS`; `UNKNOWN_NAME` for an axis.
     """
     found = compare_records(_read_chosen(a), _read_chosen(b), of)
     return RunComparison(comparison=found, is_regression=found.is_regression(significant))

@@ -16,7 +16,7 @@ from phyagentos.agent.mission.goal_facts import is_forecast_refusal
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.bench.plug_ins import load_scorer
 from phyagentos.bench.records import Order, SessionRecord
-from phyagentos.codes import CODES, Phase
+from phyagentos.codes import Phase, find_code
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.registries import read_skill_registry
 from phyagentos.protocol.sessions.evidence import EVENTS
@@ -161,5 +161,5 @@ def classify_problems(problems: Sequence[Problem]) -> Taxon:
         return _BY_CODE[code]
     if code.startswith("POLICY_"):
         return Taxon.POLICY
-    known = CODES.get(code)
+    known = find_code(code)
     return Taxon.ADAPTER if known is None else _OF_PHASE.get(known.phase, Taxon.ADAPTER)

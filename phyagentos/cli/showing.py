@@ -11,7 +11,7 @@ from phyagentos.cli import schemas
 from phyagentos.cli.arguments import RunPython
 from phyagentos.cli.reply import Reply
 from phyagentos.cli.schemas import ShownSchema
-from phyagentos.codes import Code
+from phyagentos.codes import ALIASES, Code
 from phyagentos.operations import behaviour_trees, listing
 from phyagentos.operations import describe as declarations
 from phyagentos.operations.behaviour_trees import DrawnTree
@@ -67,7 +67,9 @@ def show_codes(
     """Explain an error code: phase, meaning, who acts, whether trying again can help."""
     found = listing.explain_codes(name)
     acts = ((each, f"{each.phase}; {each.actor} acts; again: {RETRIES[each.retry]}") for each in found)
-    return Reply(found, "\n".join(f"{code.name}: {code.meaning} ({facts})" for code, facts in acts))
+    renamed = ALIASES.get(name.upper())
+    notes = [f"{name.upper()} is called {renamed} now"] if renamed else []
+    return Reply(found, "\n".join(f"{code.name}: {code.meaning} ({facts})" for code, facts in acts), notes)
 
 
 def show(

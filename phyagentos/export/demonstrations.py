@@ -105,7 +105,7 @@ def read_demonstrations(workspaces: Sequence[Path], choice: Choice) -> Demonstra
     """The verified sessions of workspaces, in the order of their submission.
 
     Raises:
-        DefinitionError: `NOTHING_TO_EXPORT`, `MIXED_TARGETS`, `UNKNOWN_CAMERA`, `UNKNOWN_ENTITY`, `INVALID_RATE`; what
+        DefinitionError: `NOT_EXECUTED`, `MIXED_TARGETS`, `UNKNOWN_CAMERA`, `UNKNOWN_ENTITY`, `INVALID_RATE`; what
             `check_bundle` finds of a bundle that is not as it was recorded.
         ExecutionError: `JOURNAL_DAMAGED`, `EVIDENCE_UNREADABLE`.
     """
@@ -128,7 +128,7 @@ def read_demonstrations(workspaces: Sequence[Path], choice: Choice) -> Demonstra
     if not found:
         why = "; ".join(f"{count} with {reason}" for reason, count in left_out.items()) or "no session succeeded"
         where = ", ".join(map(str, workspaces))
-        raise DefinitionError.of("NOTHING_TO_EXPORT", where, why, "sessions whose verdict is success")
+        raise DefinitionError.of("NOT_EXECUTED", where, why, "sessions whose verdict is success")
     if len(forms) > 1:
         hint = "Choose one with --target, or name workspaces of one."
         raise DefinitionError.of("MIXED_TARGETS", "--target", "; ".join(forms.values()), "sessions of one target", hint)

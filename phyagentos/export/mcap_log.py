@@ -48,12 +48,12 @@ _MOVING = frozenset({SessionState.RUNNING, SessionState.HALTING, SessionState.CA
 
 
 def write_mcap(workspace: Workspace, status: SessionStatus, to: Path) -> None:
-    """Write a session to a file; raises DefinitionError `EXTRA_MISSING`, `NOTHING_TO_EXPORT`, or ExecutionError."""
+    """Write a session to a file; raises DefinitionError `EXTRA_MISSING`, `NOT_EXECUTED`, or ExecutionError."""
     with needs_extra("export", "paos export mcap"):
         from mcap.writer import Writer
     contract, folder = status.contract, workspace.evidence_of(status.contract.id)
     if status.execution is None:
-        raise DefinitionError.of("NOTHING_TO_EXPORT", contract.id, f"{status.state}, not executed", "one that ran")
+        raise DefinitionError.of("NOT_EXECUTED", contract.id, f"{status.state}, not executed", "one that ran")
     with Histories(workspace.sessions / choose_partition(workspace.sessions)) as histories:
         records = histories.find(contract.id)
     bundle, pictures = read_bundle(folder, contract, status.execution), find_pictures(folder)

@@ -78,7 +78,7 @@ def list_proposals(root: Path) -> tuple[WaitingProposal, ...]:
 def read_proposal(root: Path, name: str) -> ProposedGoal:
     """A proposal that may be approved, compiled as it would run.
 
-    Raises DefinitionError `UNKNOWN_PROPOSAL`, `PROPOSAL_CHANGED`, `PROPOSAL_OPEN`; `PROPOSAL_DECIDED` where it is
+    Raises DefinitionError `UNKNOWN_PROPOSAL`, `PROPOSAL_CHANGED`; `PROPOSAL_CHANGED` where it is
     denied; every problem of its graph.
     """
     place = Workspace.open(root)
@@ -86,7 +86,7 @@ def read_proposal(root: Path, name: str) -> ProposedGoal:
     proposed = proposals.read(name)
     graph, decision = _compile(place, proposed), proposals.find_decision(proposed)
     if decision is not None and decision.decision == "denied":
-        raise DefinitionError.of("PROPOSAL_DECIDED", name, f"denied by {decision.by}: {decision.reason}")
+        raise DefinitionError.of("PROPOSAL_CHANGED", name, f"denied by {decision.by}: {decision.reason}")
     chosen = {node: (graph.choices[node].skill, graph.choices[node].target) for node in graph.order}
     known, text = decision.decision if decision is not None else "", proposed.data.decode()
     return ProposedGoal(name=name, text=text, sha256=proposed.sha256, sessions=chosen, decision=known)
@@ -120,7 +120,7 @@ def record_approval(root: Path, name: str, sha256: str, *, by: str, reason: str 
 
 
 def deny(root: Path, name: str, *, by: str, reason: str = "") -> Decided:
-    """Refuse a proposal; raises DefinitionError `UNKNOWN_PROPOSAL`, `PROPOSAL_DECIDED`."""
+    """Refuse a proposal; raises DefinitionError `UNKNOWN_PROPOSAL`, `PROPOSAL_CHANGED`."""
     proposals = Proposals(Workspace.open(root).proposals)
     proposals.decide(proposals.read(name), "denied", by=by, at=SystemClock().wall_iso(), reason=reason)
     return Decided(proposal=name, decision="denied", reason=reason)
@@ -160,11 +160,11 @@ def _describe(proposals: Proposals, name: str) -> WaitingProposal:
 
 
 def _compile(workspace: Workspace, proposed: Proposed) -> GoalGraph:
-    """Its goal graph; raises `PROPOSAL_OPEN` when another file says what would run."""
+    """Its goal graph; raises `PROPOSAL_CHANGED` when another file says what would run."""
     found = {each.get("include") for each in iter_nested(proposed.proposal.graph) if isinstance(each, dict)}
     if names := sorted(each for each in found if isinstance(each, str)):
         expected = "included graphs in their places"
-        raise DefinitionError.of("PROPOSAL_OPEN", proposed.name, f"include: {', '.join(names)}", expected)
+        raise DefinitionError.of("PROPOSAL_CHANGED", proposed.name, f"include: {', '.join(names)}", expected)
     with as_file(_render(proposed.proposal.graph)) as file:
         return read_goal_graph(file, Catalogue.of_workspace(workspace))
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from phyagentos.codes import CODES, Code, Retry
+from phyagentos.codes import CODES, Code, Retry, find_code
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.predicates.library import get_predicate_library
@@ -89,7 +89,9 @@ def show_lifecycle(*, of_target: bool = False) -> Statechart:
 
 
 def explain_codes(name: str = "") -> tuple[Code, ...]:
-    """One error code, or every one; raises DefinitionError `UNKNOWN_CODE`."""
-    if name and name.upper() not in CODES:
+    """One error code, also by its name of an earlier release, or every one; DefinitionError `UNKNOWN_CODE`."""
+    if not name:
+        return tuple(CODES.values())
+    if (code := find_code(name.upper())) is None:
         raise DefinitionError.unknown("UNKNOWN_CODE", "paos codes", name.upper(), CODES)
-    return (CODES[name.upper()],) if name else tuple(CODES.values())
+    return (code,)

@@ -23,13 +23,13 @@ def serve(skill: str, model: str, on_begun: Callable[[str], None], *, endpoint: 
     """Serve a policy until Ctrl-C, at the endpoint that its skill declares without another.
 
     `model` is FILE.onnx, or FILE.py:CLASS or MODULE:CLASS with `start` and `infer`. Raises DefinitionError
-    `UNKNOWN_SKILL`, `POLICY_UNDECLARED`, `ENDPOINT_INVALID`, `UNKNOWN_FILE`.
+    `UNKNOWN_SKILL`, `POLICY_MISMATCH`, `ENDPOINT_INVALID`, `UNKNOWN_FILE`.
     """
     path = Path(skill)
     path = path if path.is_file() else open_library().get_skill(skill)
     declared = read_skill(path)[0].policy
     if declared is None:
-        raise DefinitionError.of("POLICY_UNDECLARED", str(path), "no `policy`", "a skill of kind `policy`")
+        raise DefinitionError.of("POLICY_MISMATCH", str(path), "no `policy`", "a skill of kind `policy`")
     descriptor = PolicyDescriptor.model_validate(declared.model_dump() | {"endpoint": endpoint or declared.endpoint})
     from phyagentos.runtime.policies.openpi_server import serve_openpi
     from phyagentos.runtime.policies.policy_server import serve_policy

@@ -43,7 +43,7 @@ def rerun(root: Path, name: str) -> Rerun:
     The Python of the workspace's skills is run: see `admit_python` before.
 
     Raises:
-        DefinitionError: `UNKNOWN_SESSION`; `NOT_EXECUTED`; `NO_SNAPSHOT` without a recorded start; `WORLD_SHARED` for a
+        DefinitionError: `UNKNOWN_SESSION`; `NOT_EXECUTED`, also without a recorded start; `WORLD_CONFLICT` for a
             session in a world of several targets; `TARGET_UNKNOWN` where its target is no more. Nothing was started.
         ExecutionError: When the repetition cannot be carried out.
     """
@@ -78,7 +78,7 @@ def _refuse_without_start(folder: Path) -> None:
         found = own.name if own.exists() else "a file that was pruned" if is_pruned else "no such file"
         expected = "the state of the target at the session's start"
         hint = "Run the goal again; `paos verify` judges the evidence that there is."
-        raise DefinitionError.of("NO_SNAPSHOT", str(start), found, expected, hint)
+        raise DefinitionError.of("NOT_EXECUTED", str(start), found, expected, hint)
 
 
 def _refuse_shared(workspace: Workspace, status: SessionStatus) -> None:
@@ -89,7 +89,9 @@ def _refuse_shared(workspace: Workspace, status: SessionStatus) -> None:
     if len(others) > 1:
         found = f"the world {world!r} of {', '.join(others)}"
         hint = "Run the goal again in a new workspace: the same seed gives the same bits."
-        raise DefinitionError.of("WORLD_SHARED", status.contract.id, found, "a session in a world of one target", hint)
+        raise DefinitionError.of(
+            "WORLD_CONFLICT", status.contract.id, found, "a session in a world of one target", hint
+        )
 
 
 def _order(worker: "Worker", status: SessionStatus, folder: Path) -> Execution:

@@ -106,7 +106,7 @@ def render_robot(robot: str, to: Path) -> Written:
 def draft_robot(model: str, folder: Path, name: str = "") -> DraftedProfile:
     """Draft a profile from a model, named after its file without a name; what it does not say is guessed and marked.
 
-    Raises DefinitionError `MODEL_MISSING`, `MODEL_UNREADABLE`, `WOULD_OVERWRITE`.
+    Raises DefinitionError `MODEL_MISSING`, `MODEL_INVALID`, `WOULD_OVERWRITE`.
     """
     from phyagentos.runtime.models.drafting import draft_profile
     from phyagentos.runtime.models.sources import find_model

@@ -133,7 +133,7 @@ def compare_runs(folders: Mapping[str, Path], first: str, second: str) -> dict[s
     """Values of the template `runs`: the rows of two runs, and their pairs by seed.
 
     Raises:
-        DefinitionError: `UNKNOWN_NAME` for a run that the page was not opened with; `RUN_DAMAGED`, `NOT_PAIRED`.
+        DefinitionError: `UNKNOWN_NAME` for a run that the page was not opened with; `RUN_DIFFERS`.
     """
     from phyagentos.bench.records import read_records
     from phyagentos.bench.suite_file import read_suite

@@ -231,10 +231,14 @@ def test_an_override_that_is_no_yaml_is_told_with_its_place(write_graph, catalog
     [
         ("{table: [arm, right]}", "", ""),
         ("{table: [arm, righd]}", "UNKNOWN_TARGET", r"found 'righd'; expected .*right.* Did you mean 'right'\?"),
-        ("{table: [arm, right], shelf: [panda]}", "TARGET_IN_TWO_WORLDS", "found 'panda' in 'table' and in 'shelf'"),
-        ("{table: [arm, alone]}", "WORLD_DIFFERS", "found 'alone' in a world of its own; expected the world 'table'"),
-        ("{shelf: [arm]}", "WORLD_DIFFERS", "'panda' in the world 'table'; .* Write `world: shelf` into robots/panda/"),
-        ("{table: [arm, page]}", "WORLD_NOT_SHARED", "found driver 'debug' of 'page' in the shared world 'table'"),
+        ("{table: [arm, right], shelf: [panda]}", "WORLD_CONFLICT", "found 'panda' in 'table' and in 'shelf'"),
+        ("{table: [arm, alone]}", "WORLD_CONFLICT", "found 'alone' in a world of its own; expected the world 'table'"),
+        (
+            "{shelf: [arm]}",
+            "WORLD_CONFLICT",
+            "'panda' in the world 'table'; .* Write `world: shelf` into robots/panda/",
+        ),
+        ("{table: [arm, page]}", "WORLD_CONFLICT", "found driver 'debug' of 'page' in the shared world 'table'"),
     ],
 )
 def test_a_goal_says_which_targets_stand_in_one_world(write_graph, catalogue, worlds, code, sentence):

@@ -314,7 +314,7 @@ def test_nobody_is_asked_unless_it_is_configured(workspace, serve, bundle, monke
 
 
 def test_asking_a_model_that_is_not_configured_is_an_error_that_says_what_to_write(workspace):
-    with pytest.raises(DefinitionError, match=r"VISION_NOT_CONFIGURED.*Write 'vision: \{url"):
+    with pytest.raises(DefinitionError, match=r"EXTRA_MISSING.*Write 'vision: \{url"):
         build_verifier(workspace, SystemClock(), judges=(JudgeName.VISION,))
 
 

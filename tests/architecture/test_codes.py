@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import phyagentos
-from phyagentos.codes import CODES
+from phyagentos.codes import ALIASES, CODES, find_code
 
 PACKAGE = Path(phyagentos.__file__).parent
 ROLLOUTS = PACKAGE.parent / "kits" / "rollouts"  # its codes are causes of the agent
@@ -79,3 +79,10 @@ def test_every_row_is_raised_somewhere(found):
 def test_a_code_is_explained_and_a_misspelt_one_gets_the_nearest():
     assert CODES["GRASP_LOST"].meaning
     assert all(code.meaning.endswith(".") for code in CODES.values())
+
+
+def test_a_code_of_an_earlier_release_is_found_by_its_new_name():
+    assert find_code("RECURSION") == find_code("CYCLE") == CODES["CYCLE"]
+    assert set(ALIASES.values()) <= set(CODES)
+    assert not set(ALIASES) & set(CODES)
+    assert find_code("NEVER_A_CODE") is None

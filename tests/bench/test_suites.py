@@ -116,8 +116,8 @@ def test_what_is_not_here_is_missing_and_says_why(read, monkeypatch, tmp_path):
     codes = {id: [problem.code for problem in problems] for id, problems in plan.missing.items()}
 
     assert "tidy.own.here.0" not in codes
-    assert codes["tidy.own.there.0"] == ["ENVIRONMENT_MISSING"]
-    assert codes["tidy.own.module.0"] == ["MODULE_MISSING"]
+    assert codes["tidy.own.there.0"] == ["EXTRA_MISSING"]
+    assert codes["tidy.own.module.0"] == ["EXTRA_MISSING"]
     assert codes["tidy.served.here.0"] == codes["tidy.begun.here.0"] == ["POLICY_MISSING"]
     assert "paos bench setup other" in str(plan.missing["tidy.own.there.0"][0])
 
@@ -162,7 +162,7 @@ def test_the_log_keeps_a_record_once_and_drops_a_half_line(tmp_path):
 
     assert [record.id for record in read_records(tmp_path)] == ["a.1", "a.3"]
     (tmp_path / "episodes.jsonl").write_bytes(b"{}\n")
-    with pytest.raises(DefinitionError, match=r"episodes\.jsonl:1: RUN_DAMAGED"):
+    with pytest.raises(DefinitionError, match=r"episodes\.jsonl:1: RUN_DIFFERS"):
         read_records(tmp_path)
 
 
@@ -171,7 +171,7 @@ def test_a_gap_in_the_second_run_is_a_regression():
 
     assert compare(*runs).is_regression()
     assert not compare(runs[1], runs[0]).is_regression()
-    with pytest.raises(DefinitionError, match="NOT_PAIRED"):
+    with pytest.raises(DefinitionError, match="RUN_DIFFERS"):
         compare(runs[0], [make_record("b.9", seed=9)])
 
 

@@ -209,7 +209,7 @@ def test_a_session_that_left_no_state_to_start_from_is_not_repeated(replanned, p
 
     assert_refused(
         paos("rerun", "tidy-7.red", "-w", workspace.root),
-        f"{folder}/initial.npz: NO_SNAPSHOT: found {left or 'no such file'}; expected ",
+        f"{folder}/initial.npz: NOT_EXECUTED: found {left or 'no such file'}; expected ",
         "Run the goal again",
     )
     assert not (workspace.root / "reruns").exists()

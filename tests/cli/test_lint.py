@@ -88,7 +88,7 @@ def test_problems_of_several_files_are_reported_in_their_order(paos, write):
     lines = result.err.splitlines()
     assert lines[0].startswith(f"{first}:")
     assert "YAML_SYNTAX" in lines[0]
-    assert lines[1] == f"{second}:2:1: DUPLICATE_KEY: found 'goal'"
+    assert lines[1] == f"{second}:2:1: DUPLICATE_NAME: found 'goal'"
     assert lines[-1] == "2 files checked, 2 problems"
 
 
@@ -134,7 +134,7 @@ def test_a_file_that_is_no_regular_file_is_a_problem_and_not_waited_for(paos, tm
 
 def test_a_document_is_checked_in_its_yaml_blocks(paos, write):
     path = write("SESSIONS.md", "# Sessions\n\n## one\n\n```yaml\nstate: pending\nstate: running\n```\n")
-    assert_refused(paos("lint", path), f"{path}:7:1: DUPLICATE_KEY: found 'state'")
+    assert_refused(paos("lint", path), f"{path}:7:1: DUPLICATE_NAME: found 'state'")
 
 
 def test_a_perception_pipeline_may_only_use_sensors_that_exist(paos, write):
@@ -234,6 +234,6 @@ def test_one_of_two_alike_things_is_warned_of_with_both_names(paos, write):
     wrong = write("goal_graphs/broken.yaml", text + "interchangeable: [[red_cube, green_cube, ghost]]\n")
     assert_refused(
         paos("lint", wrong),
-        "NOT_ALIKE: found 'green_cube' in ['red_cube', 'green_cube', 'ghost']",
+        "SCENE_INVALID: found 'green_cube' in ['red_cube', 'green_cube', 'ghost']",
         "UNKNOWN_ENTITY: found 'ghost'",
     )

@@ -15,4 +15,4 @@ def test_a_session_that_is_not_there_is_no_internal_error(paos, run):
 
 
 def test_what_is_no_policy_is_not_served(paos, tmp_path):
-    assert_refused(paos("policy", "serve", "pick_and_place", str(tmp_path / "model.onnx")), "POLICY_UNDECLARED")
+    assert_refused(paos("policy", "serve", "pick_and_place", str(tmp_path / "model.onnx")), "POLICY_MISMATCH")

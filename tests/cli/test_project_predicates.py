@@ -111,7 +111,7 @@ def test_the_latest_project_has_the_name_and_a_shipped_one_keeps_its_own(project
     assert get_predicate_library().find("far_out").description == "Beyond."
 
     path.write_text(PYTHON.replace('"far_out", arg', '"inside", arg'))
-    with pytest.raises(DefinitionError, match="DUPLICATE_PLUGIN: found 'inside'"):
+    with pytest.raises(DefinitionError, match="DUPLICATE_NAME: found 'inside'"):
         load_predicates([path])
 
 

@@ -122,7 +122,7 @@ def test_a_judge_that_nobody_knows_is_refused_with_the_nearest_name(paos, judged
 
 
 def test_a_model_is_asked_only_when_it_is_configured(paos, judged):
-    assert_refused(paos("verify", SESSION, "-w", judged.workspace.root, "--with", "vision"), "VISION_NOT_CONFIGURED")
+    assert_refused(paos("verify", SESSION, "-w", judged.workspace.root, "--with", "vision"), "EXTRA_MISSING")
     assert len(fold(judged).attempts) == 1
 
 

@@ -67,10 +67,10 @@ def test_every_problem_of_every_block_is_told_at_its_place():
         (("---\nphy: lessons/1\n---\n", ""), "F.md:1:1: FRONT_MATTER_MISSING"),
         (("phy:", "colour: red\nphy:"), "F.md:2:1: UNKNOWN_KEY: found 'colour'; expected phy"),
         (("id: grip", "id: grap"), "NAME_MISMATCH: found 'grap'; expected its heading 'grip'"),
-        (("id: grip", "id: grip\nid: grip"), "DUPLICATE_KEY: found 'id'"),
+        (("id: grip", "id: grip\nid: grip"), "DUPLICATE_NAME: found 'id'"),
         (("id: grip", "id: [grip"), "YAML_SYNTAX"),
         (("\n```\n", "\n"), "F.md:21:1: UNCLOSED_FENCE: expected a line '```' below"),
-        (("## grip", "## grip\n\n```yaml\nid: grip\nstatement: x\n```\n\n## grip"), "DUPLICATE_BLOCK: found 'grip'"),
+        (("## grip", "## grip\n\n```yaml\nid: grip\nstatement: x\n```\n\n## grip"), "DUPLICATE_NAME: found 'grip'"),
     ],
 )
 def test_what_is_wrong_with_a_document_is_named(change, problem):

@@ -76,8 +76,8 @@ def test_a_parameter_names_the_thing_of_each_session(stored):
         ({"fps": 100}, "INVALID_RATE"),
         ({"cameras": ("overhead",)}, "UNKNOWN_CAMERA"),
         ({"entities": ("moon",)}, "UNKNOWN_ENTITY"),
-        ({"skills": ("pour",)}, "NOTHING_TO_EXPORT"),
-        ({"target": "ur5e"}, "NOTHING_TO_EXPORT"),
+        ({"skills": ("pour",)}, "NOT_EXECUTED"),
+        ({"target": "ur5e"}, "NOT_EXECUTED"),
     ],
 )
 def test_what_cannot_be_had_is_refused_by_its_code(stored, choice, code):

@@ -130,7 +130,7 @@ def test_both_cubes_are_put_away_at_once_and_another_run_has_the_same_bits_whate
     assert red["initial.npz"] == blue["initial.npz"], "both sessions began in one state of one world"
     assert [red, blue] == others
     refused = paos("rerun", report.sessions[0].id, "--workspace", workspace.root)
-    assert (refused.code > 0, "WORLD_SHARED" in refused.err) == (True, True)
+    assert (refused.code > 0, "WORLD_CONFLICT" in refused.err) == (True, True)
 
 
 def test_a_bar_goes_from_hand_to_hand_in_the_air(pursue):

@@ -287,7 +287,7 @@ def test_of_equally_bad_samples_the_earlier_one_is_kept():
 def test_a_name_can_be_registered_once():
     library = PredicateLibrary()
     library.register(BUILTINS[0])
-    with pytest.raises(DefinitionError, match=r"DUPLICATE_PLUGIN: found 'inside' of phyagentos\.protocol"):
+    with pytest.raises(DefinitionError, match=r"DUPLICATE_NAME: found 'inside' of phyagentos\.protocol"):
         library.register(BUILTINS[0])
 
 

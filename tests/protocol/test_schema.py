@@ -69,7 +69,7 @@ def test_a_sound_file_has_no_problem():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a: 1\na: 2\n", r"f.yaml:2:1: DUPLICATE_KEY: found 'a'"),
+        ("a: 1\na: 2\n", r"f.yaml:2:1: DUPLICATE_NAME: found 'a'"),
         ("a: [1\n", r"f.yaml:2:1: YAML_SYNTAX"),
         ("- 1\n", r"f.yaml:1:1: WRONG_TYPE: found list; expected a mapping \(Outer\)"),
     ],

@@ -15,7 +15,7 @@ def test_a_child_has_told_why_before_its_connections_close(monkeypatch):
     def break_off(*given, **named):
         connection = io.BytesIO()
         weakref.finalize(connection, lambda: at_the_end.append(told.getvalue()))  # the supervisor kills at this moment
-        raise DefinitionError.of("MODEL_UNREADABLE", "arm.xml", "a torn file", "a model")
+        raise DefinitionError.of("MODEL_INVALID", "arm.xml", "a torn file", "a model")
 
     monkeypatch.setattr(worker_process, "run_worker", break_off)
     monkeypatch.setattr("sys.stderr", told)
@@ -23,4 +23,4 @@ def test_a_child_has_told_why_before_its_connections_close(monkeypatch):
         processes.main(["worker", "--workspace", "w", "--target", "arm"])
     assert end.value.code == 1
     del end
-    assert "MODEL_UNREADABLE" in at_the_end[0]
+    assert "MODEL_INVALID" in at_the_end[0]

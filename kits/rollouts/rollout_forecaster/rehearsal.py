@@ -134,7 +134,7 @@ class Rehearser:
     clock: Clock
 
     def open_stage(self, environment: Environment) -> Stage:
-        """The imagined world of an estimate; raises ExecutionError `SCENE_OVERFULL` and others of building a scene."""
+        """The imagined world of an estimate; raises ExecutionError `SCENE_INVALID` and others of building a scene."""
         believed = believe_scene(read_placed(self.library, environment.scene), environment)
         recording = ControlRecording()
         world = BelievedWorld(self.library, believed, lambda _episode, _seed: recording)

@@ -139,11 +139,11 @@ class Checks:
                     )
                 elif target in placed:
                     found = f"{target!r} in {placed[target]!r} and in {world!r}"
-                    yield self.located.problem("TARGET_IN_TWO_WORLDS", path, found, "one world for each target")
+                    yield self.located.problem("WORLD_CONFLICT", path, found, "one world for each target")
                 elif profile.world != world:
                     found = f"{target!r} in {f'the world {profile.world!r}' if profile.world else 'a world of its own'}"
                     hint = f"Write `world: {world}` into robots/{target}/target.yaml."
-                    yield self.located.problem("WORLD_DIFFERS", path, found, f"the world {world!r}", hint)
+                    yield self.located.problem("WORLD_CONFLICT", path, found, f"the world {world!r}", hint)
                 placed.setdefault(target, world)
         for problem in find_unshared([each for name, each in self.catalogue.targets.items() if name in placed]):
             yield replace(problem, address=self.located.address_of(("worlds",)))
@@ -159,7 +159,9 @@ class Checks:
                     yield self.located.unknown("UNKNOWN_ENTITY", path, name, self._kinds)
                 elif len(names) < 2 or set(names) - {name} - self._alike.get(name, frozenset()):
                     alike = format_names(self._alike.get(name, ()))
-                    yield self.located.problem("NOT_ALIKE", path, f"{name!r} in {list(names)}", f"alike are {alike}")
+                    yield self.located.problem(
+                        "SCENE_INVALID", path, f"{name!r} in {list(names)}", f"alike are {alike}"
+                    )
 
     def iter_warnings(self) -> Iterator[Problem]:
         """Things that the goal names and no picture tells from others, unless they are interchangeable."""

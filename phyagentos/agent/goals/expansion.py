@@ -137,7 +137,7 @@ def _iter_fan_out(
     for values in itertools.product(*node.foreach.values()):
         label = "-".join(re.sub(r"[^A-Za-z0-9_]", "_", format_value(value)) for value in values)
         if label in seen:
-            problems.append(located.problem("DUPLICATE_VALUE", path, repr(label), "values that differ"))
+            problems.append(located.problem("DUPLICATE_NAME", path, repr(label), "values that differ"))
             continue
         seen.add(label)
         if len(full := f"{name}-{label}") > NODE_MAX:

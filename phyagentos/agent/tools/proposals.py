@@ -129,10 +129,10 @@ class Proposals:
     def decide(
         self, proposed: Proposed, decision: Literal["approved", "denied"], *, by: str, at: str, reason: str
     ) -> None:
-        """Write the decision on a proposal; the first one stays: raises DefinitionError `PROPOSAL_DECIDED`."""
+        """Write the decision on a proposal; the first one stays: raises DefinitionError `PROPOSAL_CHANGED`."""
         facts = Decision(decision=decision, proposal=proposed.name, sha256=proposed.sha256, by=by, at=at, reason=reason)
         if not create_durably(self._decisions / f"{proposed.name}.yaml", _dump(facts)):
-            raise DefinitionError.of("PROPOSAL_DECIDED", proposed.name, "another decision", "the first one stays")
+            raise DefinitionError.of("PROPOSAL_CHANGED", proposed.name, "another decision", "the first one stays")
 
     def find_decision(self, proposed: Proposed) -> Decision | None:
         """The decision on exactly these bytes, None while it waits; raises DefinitionError `PROPOSAL_CHANGED`."""

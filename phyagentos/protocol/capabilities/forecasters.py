@@ -20,7 +20,7 @@ def find_forecaster(name: str) -> EntryPoint:
     """The forecaster of a name, not loaded: an installed one, or the kit `rollouts` on the path of Python.
 
     Raises:
-        DefinitionError: `UNKNOWN_FORECASTER`, for the kit with the command that installs it; `DUPLICATE_PLUGIN`.
+        DefinitionError: `UNKNOWN_FORECASTER`, for the kit with the command that installs it; `DUPLICATE_NAME`.
     """
     address, is_announced = "lookahead.forecasters", DEFAULT in FORECASTERS.names()
     if name == DEFAULT and not is_announced and find_spec(KIT.partition(".")[0]) is None:

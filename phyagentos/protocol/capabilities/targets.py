@@ -367,11 +367,11 @@ def find_driver_name(profile: TargetProfile) -> str:
 
 
 def find_unshared(profiles: Collection[TargetProfile]) -> list[Problem]:
-    """Targets that name the world of others although their driver has a world of its own: `WORLD_NOT_SHARED`."""
+    """Targets that name the world of others although their driver has a world of its own: `WORLD_CONFLICT`."""
     sizes = Counter(each.world for each in profiles if each.world)
     return [
         Problem(
-            "WORLD_NOT_SHARED",
+            "WORLD_CONFLICT",
             f"{each.target}/target.yaml: world",
             f"driver {driver!r} of {each.target!r} in the shared world {each.world!r}",
             f"the driver {SHARING!r}, or a world of its own",

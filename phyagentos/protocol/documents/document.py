@@ -113,7 +113,7 @@ def read_document(
             continue
         try:
             if block.name in blocks:
-                raise DefinitionError(_problem(source, block, "DUPLICATE_BLOCK", repr(block.name), "each heading once"))
+                raise DefinitionError(_problem(source, block, "DUPLICATE_NAME", repr(block.name), "each heading once"))
             blocks[block.name] = _read_block(block, format, source)
         except DefinitionError as error:
             problems += error.problems

@@ -174,7 +174,7 @@ def _collect_marks(
                 continue  # refused when it is constructed
             line, column = key.start_mark.line + 1 + offset, key.start_mark.column + 1
             if key.value in seen:
-                problems.append(Problem("DUPLICATE_KEY", f"{source}:{line}:{column}", repr(key.value)))
+                problems.append(Problem("DUPLICATE_NAME", f"{source}:{line}:{column}", repr(key.value)))
             seen.add(key.value)
             if key.value == "on":  # a word, as in YAML 1.2; 1.1 takes it for a truth value
                 key.tag = "tag:yaml.org,2002:str"

@@ -216,10 +216,10 @@ class PredicateLibrary:
         self._of_projects: set[str] = set()
 
     def register(self, definition: PredicateDefinition) -> None:
-        """Add one predicate; raises DefinitionError `DUPLICATE_PLUGIN` when another one has its name."""
+        """Add one predicate; raises DefinitionError `DUPLICATE_NAME` when another one has its name."""
         if (other := self._definitions.get(definition.name)) is not None:
             found = f"{definition.name!r} of {definition.measure.__module__} and of {other.measure.__module__}"
-            raise DefinitionError.of("DUPLICATE_PLUGIN", PREDICATES.group, found, "one module for each name")
+            raise DefinitionError.of("DUPLICATE_NAME", PREDICATES.group, found, "one module for each name")
         self._definitions[definition.name] = definition
 
     def admit(self, definition: PredicateDefinition) -> None:

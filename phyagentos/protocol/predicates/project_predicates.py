@@ -21,7 +21,7 @@ _OF_MEANING = (meaning.read_statement, meaning.normalize, meaning.list_kinds, me
 def load_predicates(files: Iterable[Path]) -> None:
     """Execute the files, and let every statement name their predicates, in the place of an earlier project's.
 
-    Raises DefinitionError `BROKEN_PREDICATES`; `DUPLICATE_PLUGIN` for a name that ships or is installed.
+    Raises DefinitionError `BROKEN_PREDICATES`; `DUPLICATE_NAME` for a name that ships or is installed.
     """
     for path in files:
         found = run_file(path, "BROKEN_PREDICATES").values()

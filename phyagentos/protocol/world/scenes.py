@@ -329,7 +329,7 @@ def _iter_oversized(spec: SceneSpec, located: Located) -> Iterator[Problem]:
                 expected = f"half sizes in metres, at most {MOVABLE_M:g} for what can be moved"
                 hint = f"For centimetres write [{', '.join(f'{value / 100:g}' for value in solid.size_m)}]."
                 path = ("bodies", name, "shapes", index, "size_m")
-                yield located.problem("WRONG_SCALE", path, found, expected, hint)
+                yield located.problem("SCENE_INVALID", path, found, expected, hint)
 
 
 def _find_dangling(spec: SceneSpec, located: Located) -> list[Problem]:

@@ -30,7 +30,7 @@ class LeafRegistry:
         """Add a leaf.
 
         Raises:
-            DefinitionError: `DUPLICATE_LEAF` when another class has the name; `NOT_A_LEAF`.
+            DefinitionError: `DUPLICATE_NAME` when another class has the name; `NOT_A_LEAF`.
         """
         if not issubclass(leaf, Leaf):
             raise DefinitionError.of("NOT_A_LEAF", name, repr(leaf), "a subclass of phyagentos.skills.Leaf")
@@ -38,7 +38,7 @@ class LeafRegistry:
         if existing is not None and existing is not leaf:
             found = f"{name!r}, already {existing.__module__}.{existing.__qualname__}"
             hint = "Rename one of them."
-            raise DefinitionError.of("DUPLICATE_LEAF", f"{leaf.__module__}.{leaf.__qualname__}", found, hint=hint)
+            raise DefinitionError.of("DUPLICATE_NAME", f"{leaf.__module__}.{leaf.__qualname__}", found, hint=hint)
         self._classes[name] = leaf
         self._sound.clear()
 
@@ -82,7 +82,7 @@ def build_registry(library: Library) -> LeafRegistry:
     """Built-in leaves, then those of installed packages, then those of the library's skills, whose Python is executed.
 
     Raises:
-        DefinitionError: `BROKEN_BEHAVIOURS`, `DUPLICATE_LEAF`, `NOT_A_LEAF`.
+        DefinitionError: `BROKEN_BEHAVIOURS`, `DUPLICATE_NAME`, `NOT_A_LEAF`.
     """
     registry = _build_installed()
     for path in library.iter_behaviours():

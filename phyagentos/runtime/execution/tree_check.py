@@ -114,10 +114,10 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
             if node.kind is NodeKind.SUBTREE and (way := _find_way(node.type, tree.header.tree, library)):
                 cycle = " -> ".join((tree.header.tree, *way))
                 expected, hint = "another tree, without a way back", "For what is done again use 'repeat' or 'retry'."
-                problems.append(tree.located.problem("RECURSION", node.address, cycle, expected, hint))
+                problems.append(tree.located.problem("CYCLE", node.address, cycle, expected, hint))
     for name in tree.header.outputs:
         if name not in written:
-            problems.append(tree.located.unknown("UNWRITTEN_OUTPUT", ("outputs", name), name, written))
+            problems.append(tree.located.unknown("BROKEN_TREE", ("outputs", name), name, written))
     return problems
 
 
@@ -146,7 +146,7 @@ def _iter_list_problems(tree: Tree, node: Node, written: dict[str, type]) -> Ite
         if values.key not in written:
             found, hint = f"'{values}', which nothing writes", format_hint(values.key, written)
             yield tree.located.problem(
-                "UNWRITTEN_KEY", place, found, format_names(f"${{{key}}}" for key in written), hint
+                "BROKEN_TREE", place, found, format_names(f"${{{key}}}" for key in written), hint
             )
             return
         kind = written[values.key]
@@ -168,7 +168,7 @@ def _iter_reactive_problems(tree: Tree, node: Node, library: Library, registry: 
     for child in slow[1:]:
         found = f"{child.name!r} and {slow[0].name!r}, which both take time, in one {node.kind}"
         yield tree.located.problem(
-            "TWO_ACTIONS", child.address, found, "one child that takes time, conditions beside it",
+            "BROKEN_TREE", child.address, found, "one child that takes time, conditions beside it",
             f"Put them into a '{node.kind.removeprefix('reactive_')}' of their own.",
         )  # fmt: skip
 
@@ -249,7 +249,7 @@ def _iter_reference_problems(
     if value.key not in written:
         found = f"'{value}', which nothing writes"
         expected = format_names(f"${{{key}}}" for key in written)
-        yield tree.located.problem("UNWRITTEN_KEY", place, found, expected, format_hint(value.key, written))
+        yield tree.located.problem("BROKEN_TREE", place, found, expected, format_hint(value.key, written))
     elif object not in (port.data_type, written[value.key]) and port.data_type is not written[value.key]:
         found = f"'{value}' of type {_name_of(written[value.key])}"
         yield tree.located.problem("WRONG_TYPE", place, found, f"type {_name_of(port.data_type)}")
@@ -274,7 +274,7 @@ def _iter_condition_problems(tree: Tree, node: Node, written: dict[str, type]) -
         if key not in written:
             found = f"'${{{key}}}', which nothing writes"
             expected = format_names(f"${{{name}}}" for name in written)
-            yield tree.located.problem("UNWRITTEN_KEY", node.address, found, expected, format_hint(key, written))
+            yield tree.located.problem("BROKEN_TREE", node.address, found, expected, format_hint(key, written))
 
 
 def convert_literal(value: Any, kind: type) -> Any:

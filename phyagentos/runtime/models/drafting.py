@@ -20,12 +20,12 @@ def draft_profile(path: Path, model: str, name: str) -> str:
     """YAML of a profile for a model file; `model` is how the profile names it.
 
     Raises:
-        DefinitionError: `NO_SERIAL_CHAIN` where no hinge is found.
+        DefinitionError: `MODEL_INVALID` where no hinge is found.
     """
     compiled = read_model(path).compile()
     chain = _find_chain(compiled)
     if not chain:
-        raise DefinitionError.of("NO_SERIAL_CHAIN", str(path), "no hinge", "an arm of hinges")
+        raise DefinitionError.of("MODEL_INVALID", str(path), "no hinge", "an arm of hinges")
     last = int(compiled.jnt_bodyid[chain[-1]])
     fingers = [joint for joint in range(compiled.njnt) if joint not in chain and _is_below(compiled, joint, last)]
     limits = [float(np.abs(compiled.jnt_actfrcrange[joint]).max()) for joint in chain]

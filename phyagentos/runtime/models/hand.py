@@ -64,7 +64,7 @@ def measure_hand(profile: TargetProfile, folder: Path) -> HandMotion:
     """The motion of a target's gripper, whose model is relative to `folder`; once per file and process.
 
     Raises:
-        DefinitionError: `WRONG_OPENING` where the model does not open as wide as the profile says.
+        DefinitionError: `MODEL_INVALID` where the model does not open as wide as the profile says.
     """
     gripper = profile.gripper
     if not gripper.travel:
@@ -106,5 +106,5 @@ def _measure(profile: TargetProfile, folder: Path, _changed_ns: int) -> HandMoti
     if found[-1, 0] < gripper.max_width_m - 1e-3 or len(found) < 3:
         address_of = f"{profile.target}/target.yaml: gripper.max_width_m"
         expected = f"at most {found[-1, 0]:.4f} m, between {' and '.join(gripper.pads)} in the model"
-        raise DefinitionError.of("WRONG_OPENING", address_of, f"{gripper.max_width_m} m", expected)
+        raise DefinitionError.of("MODEL_INVALID", address_of, f"{gripper.max_width_m} m", expected)
     return HandMotion(tuple(joint.name for joint in joints), found[:, 0], found[:, 1], found[:, 3:], found[:, 2])

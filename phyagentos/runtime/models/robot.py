@@ -185,12 +185,12 @@ def read_model(path: Path, replaced: Collection[str] = ()) -> mujoco.MjSpec:
     Of a URDF, a mesh of a `replaced` link may be absent even where it is solid.
 
     Raises:
-        DefinitionError: `MODEL_UNREADABLE`, `MODEL_MISSING`.
+        DefinitionError: `MODEL_INVALID`, `MODEL_MISSING`.
     """
     try:
         spec = read_urdf(path, replaced) if path.suffix in URDF else mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise DefinitionError.of("MODEL_UNREADABLE", str(path), str(error)) from error
+        raise DefinitionError.of("MODEL_INVALID", str(path), str(error)) from error
     absent = {mesh.name for mesh in spec.meshes if mesh.file and not (path.parent / spec.meshdir / mesh.file).is_file()}
     left_out = [geom for geom in spec.geoms if geom.meshname in absent]
     meshes = [mesh for mesh in spec.meshes if mesh.name in absent]

@@ -119,7 +119,7 @@ def draw_bodies(spec: SceneSpec, seed: int) -> tuple[PlacedBody, ...]:
     """Draw the start of every body; where one finds no room, all are drawn again, up to `LAYOUTS` times.
 
     Raises:
-        ExecutionError: `SCENE_OVERFULL` when an area has no room for all that is drawn from it.
+        ExecutionError: `SCENE_INVALID` when an area has no room for all that is drawn from it.
     """
     for layout in range(1, LAYOUTS):
         try:
@@ -178,7 +178,7 @@ def _draw_position(
         if all(np.linalg.norm(point - other) >= distance_m for other, distance_m in others):
             return np.array([point[0], point[1], base[2]])
     raise ExecutionError(
-        "SCENE_OVERFULL",
+        "SCENE_INVALID",
         f"scene {spec.scene}: no room for {name!r} in area {place.area!r} with spacing {area.spacing_m} m; "
         "widen the area or lower the spacing",
     )

@@ -41,16 +41,16 @@ def find_model(model: str, folder: Path, environ: Mapping[str, str] = os.environ
 
 
 def require_models(profile: TargetProfile, folder: Path) -> None:
-    """Raise `MODEL_MISSING`, `LEADS_OUT` or `MODEL_UNREADABLE` unless the models that a profile names can be read."""
+    """Raise `MODEL_MISSING`, `LEADS_OUT` or `MODEL_INVALID` unless the models that a profile names can be read."""
     for model in (profile.model, profile.hand.model if profile.hand is not None else ""):
         if model:
             require_reader(find_model(model, folder))
 
 
 def require_reader(path: Path) -> None:
-    """Raise `MODEL_UNREADABLE` for a xacro file where what expands it is not installed."""
+    """Raise `MODEL_INVALID` for a xacro file where what expands it is not installed."""
     if path.suffix == ".xacro" and importlib.util.find_spec("xacrodoc") is None:
-        raise DefinitionError.of("MODEL_UNREADABLE", str(path), "a xacro file", "a URDF file", format_install("xacro"))
+        raise DefinitionError.of("MODEL_INVALID", str(path), "a xacro file", "a URDF file", format_install("xacro"))
 
 
 def _locate_in_models(path: str, environ: Mapping[str, str]) -> tuple[Path | None, str]:

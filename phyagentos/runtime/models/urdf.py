@@ -21,12 +21,12 @@ def read_urdf(path: Path, replaced: Collection[str] = ()) -> mujoco.MjSpec:
     """Read a URDF file; a visual whose mesh is absent or of no known kind is left out; so is any of `replaced` links.
 
     Raises:
-        DefinitionError: `MODEL_UNREADABLE`, `MODEL_MISSING` for a collision mesh.
+        DefinitionError: `MODEL_INVALID`, `MODEL_MISSING` for a collision mesh.
     """
     try:
         robot = ElementTree.fromstring(_expand(path) if path.suffix == ".xacro" else path.read_text())
     except (OSError, ElementTree.ParseError) as error:
-        raise DefinitionError.of("MODEL_UNREADABLE", str(path), str(error)) from error
+        raise DefinitionError.of("MODEL_INVALID", str(path), str(error)) from error
     for element in robot.findall("mujoco"):
         robot.remove(element)
     ElementTree.SubElement(ElementTree.SubElement(robot, "mujoco"), "compiler", _COMPILER)
@@ -46,7 +46,7 @@ def read_urdf(path: Path, replaced: Collection[str] = ()) -> mujoco.MjSpec:
     try:
         return mujoco.MjSpec.from_string(ElementTree.tostring(robot, encoding="unicode"))
     except ValueError as error:
-        raise DefinitionError.of("MODEL_UNREADABLE", str(path), str(error)) from error
+        raise DefinitionError.of("MODEL_INVALID", str(path), str(error)) from error
 
 
 def _expand(path: Path) -> str:

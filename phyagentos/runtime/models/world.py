@@ -60,8 +60,8 @@ def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> Compil
     """Robots, each with the folder of its model, in a scene.
 
     Raises:
-        DefinitionError: `PERIODS_DIFFER` when the robots have different control periods or physics steps.
-        ExecutionError: `SCENE_OVERFULL`.
+        DefinitionError: `WORLD_CONFLICT` when the robots have different control periods or physics steps.
+        ExecutionError: `SCENE_INVALID`.
     """
     balls = spec.list_balls()
     spec = spec.model_copy(update={"bodies": spec.bodies | balls})
@@ -128,7 +128,7 @@ def _join(robots: Sequence[Robot]) -> mujoco.MjSpec:
     if len(set(periods.values())) > 1:
         address = "control_period_s and physics_step_s of the targets of one world"
         found = ", ".join(f"{target}: {period_s} s, {step_s} s" for target, (period_s, step_s) in periods.items())
-        raise DefinitionError.of("PERIODS_DIFFER", address, found, "the same control period and physics step for all")
+        raise DefinitionError.of("WORLD_CONFLICT", address, found, "the same control period and physics step for all")
     world = mujoco.MjSpec()
     for (profile, _), robot in zip(robots, specs, strict=True):
         world.attach(robot, prefix=name_prefix(profile.target, len(robots)), frame=world.worldbody.add_frame())

@@ -75,7 +75,7 @@ def _iter_gripper_problems(robot: RobotModel, located: Located) -> Iterator[Prob
     if along[1] < ALONG_COS:
         found = f"pads that face each other along {'xyz'[int(along.argmax())]}"
         hint = "Turn `tool.quaternion_wxyz` about z, which approaches."
-        yield located.problem("WRONG_AXIS", ("tool",), found, "along y, the closing axis", hint)
+        yield located.problem("MODEL_INVALID", ("tool",), found, "along y, the closing axis", hint)
 
 
 def describe_robot(robot: RobotModel) -> dict[str, str]:

@@ -126,7 +126,7 @@ def build_robot_model(profile: TargetProfile, folder: Path, bounds: ToolBounds =
     if [int(joint.qposadr[0]) for joint in joints] != list(range(model.nq)):
         found = f"joints {format_names(joint.name for joint in spec.joints)}"
         expected = "the arm's joints in chain order, the gripper's joints, and no others"
-        raise DefinitionError.of("NO_SERIAL_CHAIN", str(path), found, expected)
+        raise DefinitionError.of("MODEL_INVALID", str(path), found, expected)
     limits = np.array([joint.range for joint in joints])
     exclude_pairs(spec, sample_collision_matrix(model, mujoco.MjData(model), list(range(model.nq))).idle)
     tool = int(model.site_bodyid[model.site(profile.tcp).id])
@@ -160,7 +160,7 @@ def _check_types(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> Non
     wrong = [name for name, type in types.items() if int(spec.joint(name).type) != type]
     if wrong:
         expected = "hinges as joints of the arm, slides as joints of a gripper without `travel`"
-        raise DefinitionError.of("NO_SERIAL_CHAIN", str(path), format_names(wrong), expected)
+        raise DefinitionError.of("MODEL_INVALID", str(path), format_names(wrong), expected)
 
 
 def _strip(spec: mujoco.MjSpec) -> None:

@@ -171,7 +171,7 @@ def replay_exchanges(root: Path, session: str, endpoint: str = "", timeout_s: fl
     skills = locate_models(read_skill_registry(workspace.skill_registry), workspace.library())
     skill = skills.get(contract["skill"])
     if skill is None or skill.policy is None:
-        raise DefinitionError.of("POLICY_UNDECLARED", contract["skill"], "no policy", "the skill of the session")
+        raise DefinitionError.of("POLICY_MISMATCH", contract["skill"], "no policy", "the skill of the session")
     exchanges = read_exchanges(folder)
     start = wire.Start(session, contract["objective"], contract.get("parameters", {}), contract["seed"])
     client = PolicyClient(endpoint or skill.policy.endpoint, timeout_s, skill.policy.observations)

@@ -37,7 +37,7 @@ def iter_policy_problems(
         for name, declared in (("policy", policy), ("action_space", skill.action_space)):
             if declared is None:
                 fix = f"Add {name!r} to SKILL.md: a policy is checked by what it declares."
-                yield make_problem("POLICY_UNDECLARED", f"skill.{name}", "nothing", name, by, fix)
+                yield make_problem("POLICY_MISMATCH", f"skill.{name}", "nothing", name, by, fix)
         return
     by = f"policy {policy.policy}"
     if not _is_endpoint(policy.endpoint):
@@ -61,7 +61,7 @@ def iter_policy_problems(
         address, found = "skill.policy.inference_s", f"{policy.inference_s:g} s"
         expected, by = f"at most {chunk_s:g} s, which one chunk lasts", f"{by}: chunk_length / rate_hz"
         fix = "Longer chunks, or a faster server: the robot would wait in the middle of a motion."
-        yield make_problem("POLICY_TOO_SLOW", address, found, expected, by, fix)
+        yield make_problem("POLICY_MISMATCH", address, found, expected, by, fix)
 
 
 def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Problem]:

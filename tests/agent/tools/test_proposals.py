@@ -69,7 +69,7 @@ def test_a_decision_is_made_once(proposals):
     proposed = make()
     proposals.put(proposed)
     decide(proposals, proposed, "denied")
-    assert refuse(decide, proposals, proposed) == "PROPOSAL_DECIDED"
+    assert refuse(decide, proposals, proposed) == "PROPOSAL_CHANGED"
     assert proposals.find_decision(proposed).decision == "denied"
     assert proposals.list_waiting() == []
 

@@ -143,7 +143,7 @@ def test_a_name_is_given_once():
     registry.register("twice", Twice)
     registry.register("twice", Twice)
 
-    with pytest.raises(DefinitionError, match=r"DUPLICATE_LEAF: found 'twice', already .*Twice"):
+    with pytest.raises(DefinitionError, match=r"DUPLICATE_NAME: found 'twice', already .*Twice"):
         registry.register("twice", Returns)
 
 

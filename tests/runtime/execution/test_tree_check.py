@@ -75,14 +75,14 @@ def loop(values, each="$one", child="open_gripper"):
         (["locate"], OBJECT, "mine.yaml:7:9: MISSING_PORT: found locate without 'object'"),
         (["wait: {seconds: soon}"], OBJECT, "mine.yaml:7:16: WRONG_TYPE: found 'soon'; expected type float"),
         (["locate: {object: $objekt}"], OBJECT,
-         "UNWRITTEN_KEY: found '${objekt}', which nothing writes; expected ${object}. Did you mean 'object'?"),
+         "BROKEN_TREE: found '${objekt}', which nothing writes; expected ${object}. Did you mean 'object'?"),
         (["locate: {object: $object, pose: $pose}", "move_linear: {approach: $pose}"], OBJECT,
          "WRONG_TYPE: found '${pose}' of type Pose; expected type Approach"),
         (["locate: {object: $object, pose: here}"], OBJECT,
          "NOT_A_KEY: found 'here'; expected a key such as '${pose}' to write to"),
         (["subtree: {tree: pik, with: {object: $object}}"], OBJECT,
          "mine.yaml:7:19: UNKNOWN_TREE: found 'pik'; expected carry_level"),
-        (["open_gripper"], "outputs: {site: {type: point}}", "mine.yaml:3:11: UNWRITTEN_OUTPUT: found 'site'"),
+        (["open_gripper"], "outputs: {site: {type: point}}", "mine.yaml:3:11: BROKEN_TREE: found 'site'"),
         ([loop("$corners", child="{locate: {object: $one}}")], LISTS,
          "mine.yaml:7:63: WRONG_TYPE: found '${one}' of type tuple; expected type str"),
         ([loop("$corners", each="$object")], LISTS,
@@ -91,7 +91,7 @@ def loop(values, each="$one", child="open_gripper"):
          "mine.yaml:7:32: WRONG_TYPE: found '${object}' of type str; expected a list: names of entities"),
         ([loop("[red_cube, 3]")], LISTS, "mine.yaml:7:32: WRONG_TYPE: found ('red_cube', 3); expected a list"),
         ([loop("$thing")], LISTS,
-         "mine.yaml:7:32: UNWRITTEN_KEY: found '${thing}', which nothing writes; expected ${corners}, ${object}"),
+         "mine.yaml:7:32: BROKEN_TREE: found '${thing}', which nothing writes; expected ${corners}, ${object}"),
     ],
 )  # fmt: skip
 def test_a_mistake_is_told_with_its_place_and_what_is_possible(check, children, header, message):
@@ -124,13 +124,13 @@ def test_a_tree_that_contains_itself_is_shown_as_the_cycle(check):
 
     problems = check(["subtree: {tree: other}"], other=other)
 
-    assert any("RECURSION: found mine -> other -> mine" in problem for problem in problems)
+    assert any("CYCLE: found mine -> other -> mine" in problem for problem in problems)
 
 
 def test_a_condition_is_parsed_and_its_keys_are_checked(check):
     problems = check(['condition: "holding(target, ${objekt})"', 'condition: "holdin(target, red_cube)"'])
 
-    assert any("UNWRITTEN_KEY: found '${objekt}', which nothing writes" in problem for problem in problems)
+    assert any("BROKEN_TREE: found '${objekt}', which nothing writes" in problem for problem in problems)
     assert any("mine.yaml:8:9: UNKNOWN_PREDICATE: found 'holdin'" in problem for problem in problems)
 
 
@@ -139,7 +139,7 @@ def test_two_children_of_a_reactive_composite_that_take_time_are_refused(check):
     assert check([guarded % "move_home"]) == []
 
     (problem,) = check([guarded % "move_home, {retry: {attempts: 2, child: close_gripper}}"])
-    assert "TWO_ACTIONS: found 'retry' and 'move_home', which both take time, in one reactive_sequence" in problem
+    assert "BROKEN_TREE: found 'retry' and 'move_home', which both take time, in one reactive_sequence" in problem
     assert problem.endswith("Put them into a 'sequence' of their own.")
 
 

@@ -107,7 +107,7 @@ def test_what_is_only_seen_is_fixed():
 def test_an_overfull_area_is_told(tmp_path, make_rig):
     spec = read_scene(LIBRARY.get_scene("tabletop/cubes_and_trays"))
     area = spec.areas["start"].model_copy(update={"x_m": (0.4, 0.41), "y_m": (0.0, 0.01)})
-    with pytest.raises(Exception, match=r"SCENE_OVERFULL: .*no room for 'green_cube' in area 'start'"):
+    with pytest.raises(Exception, match=r"SCENE_INVALID: .*no room for 'green_cube' in area 'start'"):
         draw_bodies(spec.model_copy(update={"areas": {"start": area}}), 1)
 
 

@@ -94,7 +94,7 @@ class SimulatedWorld:
 
         Raises:
             ExecutionError: `EPISODE_CONFLICT`, `NO_AUTHORITY`, `RESET_FORBIDDEN` for the sake of another robot's
-                episode; `MALFORMED`, `TARGET_LIMIT` for a snapshot; `SCENE_OVERFULL`.
+                episode; `MALFORMED`, `TARGET_LIMIT` for a snapshot; `SCENE_INVALID`.
         """
         if len(self.robots) > 1 and self._present is not None and not request.snapshot:
             standing, loaded = self._present
