@@ -20,7 +20,7 @@ from phyagentos.runtime.motion.robot_model import RobotModel
 
 LINE_STEP_M = 0.01
 LINE_STEP_RAD = 0.1
-PROGRAMS = 60  # at most, for a posture
+PROGRAMS = 20  # at most, for a posture; from a proposal one or two
 POSE_JOINTS = 6  # fewer reach a pose only as exactly as the axes of a model are parallel
 DAMPING = 1e-6  # among the postures of a redundant arm the nearest is taken
 _UNBOUNDED = 1e30  # daqp's
@@ -87,7 +87,7 @@ class Kinematics:
         if rows is None:
             return None
         for k in range(1, len(rows)):
-            found = self.solve(poses[k], rows[k], self.polished)
+            found = self.solve(poses[k], rows[k])
             if found is None:
                 return None
             rows[k], solved = found.q_rad, combine(solved, found.solved)
