@@ -37,6 +37,7 @@ from phyagentos.bench.suite_file import MemoryUse, Variant
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.predicates.project_predicates import load_predicates
 from phyagentos.protocol.sessions.session import GoalId
@@ -220,7 +221,7 @@ def _classify_episode(verdict: str, sessions: tuple[SessionRecord, ...], *, is_m
     return next((each.taxon for each in reversed(sessions) if each.taxon), Taxon.EXECUTION)
 
 
-def _identify(job: Job, folder: Path) -> dict[str, Any]:
+def _identify(job: Job, folder: Path) -> Fields:
     """What a record says of its episode, whatever became of it."""
     where = {"folder": str(folder.relative_to(job.run)), "host": platform.node(), "version": version("phyagentos")}
     return {name: getattr(job.order, name) for name in (*Axes.__struct_fields__, "memory")} | where

@@ -7,13 +7,13 @@ off is no record, and its episode is begun anew in a folder of its own.
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from phyagentos.agent.mission.report import SessionReport
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.durable_files import sync_folder
+from phyagentos.protocol.documents.plain_data import Fields
 
 LOG = "episodes.jsonl"
 AXES = ("task", "state", "policy", "setting", "verification", "phase")  # and the seed
@@ -48,10 +48,10 @@ class Order(Axes, frozen=True, kw_only=True, omit_defaults=True):
 
     graph: str
     goal: str
-    variant: dict[str, Any] = {}
+    variant: Fields = {}
     memory: str = "none"
     scorer: str = "simulator"
-    score: dict[str, Any] = {}
+    score: Fields = {}
     scored: str = "end"
     lineage: str = ""
     chain: str = ""

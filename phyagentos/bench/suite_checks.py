@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import read_goal_graph
@@ -17,6 +16,7 @@ from phyagentos.bench.suite_file import Figure, Suite, Task, Variant, merge
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Address, Located, read_yaml, validate
 from phyagentos.protocol.predicates.project_predicates import load_predicates
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
@@ -106,7 +106,7 @@ class SuiteChecks:
     def _check_files(self, library: Library, layers: Mapping[Address, Variant]) -> None:
         """Whether settings files are sound with what the layers change in them."""
         for name, model in SETTINGS_FILES.items():
-            changes: dict[str, Any] = {}
+            changes: Fields = {}
             origins: dict[Address, tuple[Located, Address]] = {}
             for place, variant in layers.items():
                 for key, value in variant.files.get(name, {}).items():

@@ -7,11 +7,12 @@ into episodes, `availability` says which of them cannot run here.
 from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import pydantic
 
 from phyagentos.protocol.capabilities.environments import EnvironmentSpec, find_python
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Authored, Located, read_yaml, validate
 from phyagentos.protocol.settings.perception import Prior, Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
@@ -38,8 +39,8 @@ class Variant(Authored):
         needs: Modules of this Python that must be there, or the episodes are missing.
     """
 
-    set: dict[str, Any] = {}
-    files: dict[str, dict[str, Any]] = {}
+    set: Fields = {}
+    files: dict[str, Fields] = {}
     faults: str | None = None
     world_mode: WorldMode | None = None
     sense: Sensing | None = None
@@ -99,7 +100,7 @@ class Task(Variant):
 
     graph: str
     initial_states: dict[Name, Variant] = {}
-    score: dict[str, Any] = pydantic.Field(min_length=1)
+    score: Fields = pydantic.Field(min_length=1)
     scored: Literal["end", "node"] = "end"
 
 
@@ -227,7 +228,7 @@ def list_seeds(seeds: SeedList) -> tuple[int, ...]:
 
 def merge(variants: Iterable[Variant]) -> Variant:
     """What several axes say together: mappings are joined, and of two values of a key the later one is heard."""
-    merged: dict[str, Any] = {"set": {}, "files": {}, "needs": ()}
+    merged: Fields = {"set": {}, "files": {}, "needs": ()}
     for variant in variants:
         said = {key: getattr(variant, key) for key in Variant.model_fields if getattr(variant, key) is not None}
         files = merged["files"] | {name: merged["files"].get(name, {}) | each for name, each in variant.files.items()}

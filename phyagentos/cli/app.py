@@ -20,8 +20,9 @@ from typer.core import TyperGroup
 from typing_extensions import override
 
 from phyagentos.cli.outcome import ExitCode, print_json, report_exception
+from phyagentos.protocol.documents.plain_data import Fields
 
-PLAIN: dict[str, Any] = {"no_args_is_help": True, "rich_markup_mode": None, "pretty_exceptions_enable": False}
+PLAIN: Fields = {"no_args_is_help": True, "rich_markup_mode": None, "pretty_exceptions_enable": False}
 EXPORTS = ("bt_xml", "html", "lerobot", "mcap", "mermaid", "rrd", "video")
 GROUPS = {  # name -> help, module and functions
     "memory": ("What verdicts taught.", "memory", ("show", "why", "forget", "promote", "revoke")),

@@ -4,7 +4,7 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from msgspec.structs import replace
@@ -22,6 +22,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.network.chat import OpenAiEndpoint
 from phyagentos.operations import ask as asking
 from phyagentos.operations.run import RunRequest
+from phyagentos.protocol.documents.plain_data import Fields
 
 MODEL_URL, MODEL, MODEL_KEY = "PHYAGENTOS_MODEL_URL", "PHYAGENTOS_MODEL", "PHYAGENTOS_MODEL_KEY"
 _OUTPUT_HELP = "File of the goal graph; one among the requests of the run's workspace by default."
@@ -99,7 +100,7 @@ def _show(found: asking.Asked, *, mermaid: bool, as_json: bool) -> None:
         print_note(f"wrote {found.graph}")
 
 
-def _open_model(answers: Path | None, request: str, scene: str, limits: dict[str, Any]) -> ModelUnderstander | None:
+def _open_model(answers: Path | None, request: str, scene: str, limits: Fields) -> ModelUnderstander | None:
     """Recorded answers, else the endpoint that the environment names; else none."""
     if answers is not None:
         complete, name = replay_answers(answers, request, scene), str(answers)

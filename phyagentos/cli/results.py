@@ -15,6 +15,7 @@ import msgspec
 
 from phyagentos.cli.app import COMMANDS, GROUPS, SERVERS
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.struct_schema import REFERENCE
 
 LATE = {  # command -> types below phyagentos; the result is one of them
@@ -52,7 +53,7 @@ def list_types(command: str) -> list[Any]:
     return list(get_args(found)) if get_origin(found) is UnionType else [found]
 
 
-def build_result_schema(command: str) -> dict[str, Any]:
+def build_result_schema(command: str) -> Fields:
     """The JSON Schema of what `paos COMMAND --json` prints; raises DefinitionError `UNKNOWN_SCHEMA`."""
     types = list_types(command)
     schemas, definitions = msgspec.json.schema_components(types, schema_hook=_describe_path, ref_template=REFERENCE)
@@ -60,7 +61,7 @@ def build_result_schema(command: str) -> dict[str, Any]:
     return {"title": f"paos {command} --json", "$defs": definitions, **own}
 
 
-def _describe_path(kind: type) -> dict[str, Any]:
+def _describe_path(kind: type) -> Fields:
     if not issubclass(kind, Path):
         raise NotImplementedError
     return {"type": "string"}

@@ -10,7 +10,6 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -18,6 +17,7 @@ from phyagentos.cli.results import build_result_schema, iter_commands
 from phyagentos.errors import DefinitionError
 from phyagentos.operations.schema_fields import iter_structures, list_fields
 from phyagentos.protocol.documents.markdown import render_table
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Authored
 
 RESULTS = "results/"  # of a command, its words joined by underscores: `results/store_check`
@@ -28,7 +28,7 @@ class ShownSchema(msgspec.Struct, frozen=True, kw_only=True):
     """Every kind that has a schema, and the schema of the one that is asked for."""
 
     kinds: tuple[str, ...]
-    schema: dict[str, Any] = {}
+    schema: Fields = {}
 
 
 def show(kind: str) -> ShownSchema:
@@ -52,7 +52,7 @@ def render_schema(kind: str) -> str:
     return json.dumps({"$schema": BASE, **build_schema(kind)}, indent=2, ensure_ascii=False) + "\n"
 
 
-def build_schema(kind: str) -> dict[str, Any]:
+def build_schema(kind: str) -> Fields:
     """The schema as data; raises DefinitionError for an unknown kind."""
     if kind.startswith(RESULTS):
         return build_result_schema(kind.removeprefix(RESULTS).replace("_", " "))
@@ -62,7 +62,7 @@ def build_schema(kind: str) -> dict[str, Any]:
     return builders[kind]()
 
 
-def _builders() -> dict[str, Callable[[], dict[str, Any]]]:
+def _builders() -> dict[str, Callable[[], Fields]]:
     from phyagentos.agent.goals.spec import GoalFile
     from phyagentos.bench.suite_file import Suite
     from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
@@ -75,7 +75,7 @@ def _builders() -> dict[str, Callable[[], dict[str, Any]]]:
     from phyagentos.protocol.world.scenes import SceneSpec
     from phyagentos.store.document_registry import FORMATS
 
-    def build_authored(model: type[Authored]) -> dict[str, Any]:
+    def build_authored(model: type[Authored]) -> Fields:
         schema, definitions = build_authored_schema(model)
         return {"$defs": definitions, **schema} if definitions else schema
 

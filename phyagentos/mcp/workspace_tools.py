@@ -31,6 +31,7 @@ from phyagentos.operations.status import read_status
 from phyagentos.operations.why import why
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.skill_runtimes import AgentCall
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.documents.schema import read_text, read_yaml
 from phyagentos.protocol.sessions.agent_calls import CallFiles
@@ -184,13 +185,13 @@ class WorkspaceTools:
         self, decider: Literal["person", "policy"], text: str, reason: str, overrides: Mapping[str, str], seed: int
     ) -> Answer:
         graph, bundle = self._compile(text, overrides)
-        asked: dict[str, Any] = {"by": self.by, "at": self.clock.wall_iso(), "reason": reason, "decider": decider}
+        asked: Fields = {"by": self.by, "at": self.clock.wall_iso(), "reason": reason, "decider": decider}
         proposed = encode_proposal(Proposal(goal=graph.name, seed=seed, graph=bundle, **asked))
         Proposals(Workspace.open(self.root).proposals).put(proposed)
         ask = f"paos approve {proposed.name} -w {self.root}" if decider == "person" else "a policy decides"
         return Answer({"proposal": proposed.name, "sha256": proposed.sha256, "decider": decider, "next": ask})
 
-    def _describe(self, id: str) -> dict[str, Any]:
+    def _describe(self, id: str) -> Fields:
         """A proposal without a decision or with a denial; else the report of its goal, or of a session."""
         workspace, ledger = Workspace.open(self.root), read_ledger(self.root)
         if (goal := ledger.goals.get(GoalId(id))) is not None:

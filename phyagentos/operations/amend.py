@@ -3,7 +3,6 @@
 import contextlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -13,6 +12,7 @@ from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.assembly.project import get_file, parse_overrides
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.sessions.tasks import GoalStatus
@@ -35,7 +35,7 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
         dropped: Sentences of these two that hold no more, each with its key; `gained` those that are new.
     """
 
-    nodes: dict[str, dict[str, Any]]
+    nodes: dict[str, Fields]
     added: tuple[str, ...]
     removed: tuple[str, ...]
     accept: tuple[str, ...]
@@ -99,7 +99,7 @@ def _get_open(id: GoalId, ledger: Ledger) -> GoalStatus:
     return status
 
 
-def _compare(body: dict[str, Any], status: GoalStatus) -> Difference:
+def _compare(body: Fields, status: GoalStatus) -> Difference:
     keys = (("accept", status.accept), ("constraints", status.constraints))
     dropped = [(key, text) for key, before in keys for text in before if text not in body[key]]
     gained = [(key, text) for key, before in keys for text in body[key] if text not in before]

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import msgspec
 import yaml
@@ -25,6 +25,7 @@ from phyagentos.assembly.paths import serve_alone
 from phyagentos.assembly.planes import start_watch
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, relocate
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import iter_nested, read_yaml, validate
 from phyagentos.protocol.workspace.process_lock import RUNTIME_LOCK, is_held
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -226,5 +227,5 @@ def as_file(text: str) -> Iterator[Path]:
             raise DefinitionError(relocate(error.problems, file.parent)) from error
 
 
-def _render(graph: dict[str, Any]) -> str:
+def _render(graph: Fields) -> str:
     return yaml.safe_dump(graph, sort_keys=False, allow_unicode=True)

@@ -7,7 +7,6 @@ import contextlib
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import yaml
@@ -36,6 +35,7 @@ from phyagentos.operations.plan import PlannedGraph, describe_plan
 from phyagentos.operations.run import RunReport
 from phyagentos.operations.workspaces import FOLDER, REQUESTS, find_workspaces
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.workspace.workspace import Workspace
 
 GOAL_SUFFIX = ".goal.yaml"
@@ -60,7 +60,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     understood: bool = True
-    goal: dict[str, Any]
+    goal: Fields
     reasons: tuple[str, ...]
     left_out: Mapping[str, str]
     unsaid: tuple[str, ...]

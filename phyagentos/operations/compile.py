@@ -10,6 +10,7 @@ from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph, render_mermaid
 from phyagentos.assembly.project import open_library
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.project_predicates import load_predicates, name_option
 
 
@@ -32,7 +33,7 @@ class CompiledGraph(msgspec.Struct, frozen=True, kw_only=True):
 
     goal: str
     objective: str
-    parameters: Mapping[str, dict[str, Any]]
+    parameters: Mapping[str, Fields]
     sessions: tuple[CompiledNode, ...]
     accept: tuple[str, ...]
     mermaid: str

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -19,6 +18,7 @@ from phyagentos.assembly.project import get_file, open_library, parse_overrides
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.operations.workspaces import find_session
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lookahead import LookaheadResult, read_lookahead
 from phyagentos.protocol.sessions.session import GoalId, Session
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -116,7 +116,7 @@ def _find_session(subject: str, root: Path | None) -> _Order | None:
 def _settle(session: Session) -> Session:
     """The session without what only earlier sessions provide: arguments and conditions with open references."""
     arguments = {name: value for name, value in session.parameters.items() if OPEN not in str(value)}
-    changed: dict[str, Any] = {"parameters": arguments}
+    changed: Fields = {"parameters": arguments}
     for name in ("requires", "hold", "accept"):
         changed[name] = tuple(text for text in getattr(session, name) if OPEN not in text)
     return msgspec.structs.replace(session, **changed)

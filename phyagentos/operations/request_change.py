@@ -4,12 +4,12 @@ import os
 from collections.abc import Mapping
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import yaml
 
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.edits.inbox import read_request
 
@@ -24,7 +24,7 @@ def request_change(
     root: Path, session: str, *, limits: Mapping[str, float] | None = None, priority: int | None = None
 ) -> ChangeRequest:
     """Leave a request for `limits` (`timeout_s`, `stall_s` [s]) or a `priority`; raises as `read_request` does."""
-    body: dict[str, Any] = {"kind": "amend", "session": session}
+    body: Fields = {"kind": "amend", "session": session}
     body |= {"limits": dict(limits)} if limits else {}
     body |= {"priority": priority} if priority is not None else {}
     inbox, data = Workspace.open(root).inbox, yaml.safe_dump(body, sort_keys=False).encode()

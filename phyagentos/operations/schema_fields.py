@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import iter_nested
 
 _PLAIN = {
@@ -14,7 +15,7 @@ _PLAIN = {
 }
 
 
-def list_fields(structure: dict[str, Any], definitions: dict[str, Any]) -> dict[str, tuple[str, str, str]]:
+def list_fields(structure: Fields, definitions: Fields) -> dict[str, tuple[str, str, str]]:
     """The fields of one structure: name -> what it is, default, meaning."""
     needed = structure.get("required", ())
     return {
@@ -23,10 +24,10 @@ def list_fields(structure: dict[str, Any], definitions: dict[str, Any]) -> dict[
     }
 
 
-def iter_structures(schema: dict[str, Any], definitions: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+def iter_structures(schema: Fields, definitions: Fields) -> Iterator[tuple[str, Fields]]:
     """The schema itself and every structure that it refers to, in the order of mention."""
     yield schema.get("title", ""), schema
-    seen: dict[str, dict[str, Any]] = {}
+    seen: dict[str, Fields] = {}
     waiting = [schema]
     for current in waiting:
         for each in iter_nested(current.get("properties", current)):
@@ -38,7 +39,7 @@ def iter_structures(schema: dict[str, Any], definitions: dict[str, Any]) -> Iter
     yield from ((name, each) for name, each in seen.items() if "properties" in each)
 
 
-def _describe_type(schema: dict[str, Any], definitions: dict[str, Any]) -> str:
+def _describe_type(schema: Fields, definitions: Fields) -> str:
     if "$ref" in schema:
         name = schema["$ref"].rsplit("/", 1)[-1]
         named = definitions[name]
@@ -65,14 +66,14 @@ def _list_values(values: list[Any]) -> str:
     return ", ".join(f"`{value}`" for value in values)
 
 
-def _describe_default(schema: dict[str, Any], *, is_needed: bool) -> str:
+def _describe_default(schema: Fields, *, is_needed: bool) -> str:
     if is_needed:
         return "required"
     default = schema.get("default")
     return "" if default in (None, "", [], (), {}) or isinstance(default, dict) else f"`{default}`"
 
 
-def _describe(schema: dict[str, Any]) -> str:
+def _describe(schema: Fields) -> str:
     bounds = [
         f"{word} {schema[key]}"
         for key, word in (("minimum", "at least"), ("maximum", "at most"), ("exclusiveMinimum", "above"))

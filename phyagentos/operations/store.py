@@ -1,12 +1,12 @@
 """The journal of a workspace: checked, repaired and compacted."""
 
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.compaction import Compaction, compact_partition
@@ -56,7 +56,7 @@ class JournalRepair(msgspec.Struct, frozen=True, kw_only=True):
     is_only_torn: bool
     lost: int
     is_exact: bool
-    cuts: tuple[dict[str, Any], ...]
+    cuts: tuple[Fields, ...]
     concerns: tuple[str, ...]
     written: tuple[str, ...]
     aside: tuple[str, ...]

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -17,6 +16,7 @@ from PIL import Image, ImageDraw
 from phyagentos.errors import DefinitionError
 from phyagentos.pictures.outlines import iter_outlines
 from phyagentos.pictures.playback import Array, Playback
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.world.environment import Environment
 
 Picture = NDArray[np.uint8]
@@ -109,7 +109,7 @@ def iter_film(playback: Playback, look: Look, *, fps: int, speed: float = 1.0) -
 def write_film(pictures: Iterator[Picture], to: Path, fps: int) -> None:
     """An animated WebP, or a GIF, by the suffix of the file."""
     first, *rest = (Image.fromarray(each) for each in pictures)
-    form: dict[str, Any] = {"quality": 60, "method": 4} if to.suffix == ".webp" else {"optimize": True}
+    form: Fields = {"quality": 60, "method": 4} if to.suffix == ".webp" else {"optimize": True}
     first.save(to, save_all=True, append_images=rest, duration=round(1000 / fps), loop=0, **form)
 
 

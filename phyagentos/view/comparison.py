@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.evidence import TRAJECTORY
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.protocol.workspace.array_files import decode_arrays
@@ -18,7 +19,7 @@ _WIDTH, _HEIGHT, _POINTS = 360, 70, 120  # of a chart [px], and most points of a
 _OF_COURSE = frozenset({"id", "attempt", "parent", "advice", "advised_by", "goal_left_s"})
 
 
-def compare_sessions(documents: Documents, first: str, second: str) -> dict[str, Any]:
+def compare_sessions(documents: Documents, first: str, second: str) -> Fields:
     """Values of the template `compare`; raises DefinitionError `UNKNOWN_NAME`."""
     both = [_get(documents, id) for id in (first, second)]
     contracts = [flatten(msgspec.to_builtins(each.contract)) for each in both]
@@ -39,9 +40,9 @@ def compare_sessions(documents: Documents, first: str, second: str) -> dict[str,
     }
 
 
-def flatten(value: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+def flatten(value: Mapping[str, Any], above: str = "") -> Fields:
     """Nested mappings as one, with paths as keys; lists in words."""
-    flat: dict[str, Any] = {}
+    flat: Fields = {}
     for name, each in value.items():
         key = f"{above}.{name}" if above else str(name)
         if isinstance(each, Mapping):
@@ -62,7 +63,7 @@ def _find_criterion(status: SessionStatus, text: str) -> Any:
     return next((each for each in (status.decision.criteria if status.decision else ()) if each.text == text), None)
 
 
-def _read_course(documents: Documents, status: SessionStatus) -> dict[str, Any]:
+def _read_course(documents: Documents, status: SessionStatus) -> Fields:
     path = documents.workspace.evidence_of(status.contract.id) / TRAJECTORY
     return decode_arrays(path.read_bytes()) if path.is_file() else {}
 
@@ -79,7 +80,7 @@ def _measure(course: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _draw_charts(courses: list[dict[str, Any]]) -> list[tuple[str, str]]:
+def _draw_charts(courses: list[Fields]) -> list[tuple[str, str]]:
     """Name and SVG of each joint and the gripper, both sessions from their start on one scale."""
     if not all(len(course.get("time_s", ())) > 1 for course in courses):
         return []
@@ -129,7 +130,7 @@ def _list_moved(documents: Documents, status: SessionStatus) -> list[str]:
     return lines
 
 
-def compare_runs(folders: Mapping[str, Path], first: str, second: str) -> dict[str, Any]:
+def compare_runs(folders: Mapping[str, Path], first: str, second: str) -> Fields:
     """Values of the template `runs`: the rows of two runs, and their pairs by seed.
 
     Raises:

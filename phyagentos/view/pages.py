@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.errors import DefinitionError, ExecutionError, needs_extra
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.view.documents import Documents
 from phyagentos.view.panels import Panel, Query
 
@@ -38,7 +39,7 @@ def render(template: str, **values: Any) -> str:
 class PanelRenderer:
     """Renders panels, each once for all viewers with the same choice, until what it follows changes."""
 
-    def __init__(self, documents: Documents, extras: Callable[[], dict[str, Any]] = dict) -> None:
+    def __init__(self, documents: Documents, extras: Callable[[], Fields] = dict) -> None:
         self.documents, self._extras = documents, extras
         self._known: dict[tuple[Any, ...], str] = {}
 

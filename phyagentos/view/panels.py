@@ -4,7 +4,6 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 from urllib.parse import urlencode
 
 from phyagentos.errors import DefinitionError
@@ -13,6 +12,7 @@ from phyagentos.pictures.statechart import draw_statechart
 from phyagentos.pictures.trees import draw_tree, tick
 from phyagentos.protocol.capabilities.trees import read_tree
 from phyagentos.protocol.documents.document import read_document
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.regular_files import REQUEST_MAX, read_regular
 from phyagentos.protocol.sessions.estop import read_latch
 from phyagentos.protocol.sessions.evidence import BEFORE
@@ -63,12 +63,12 @@ class Panel:
     title: str
     file: str
     command: str
-    read: Callable[[Documents, Query, Session], dict[str, Any]]
+    read: Callable[[Documents, Query, Session], Fields]
     follows: tuple[str, ...] = ("journal",)
     is_right: bool = False
 
 
-def _read_goal(documents: Documents, query: Query, _: Session) -> dict[str, Any]:
+def _read_goal(documents: Documents, query: Query, _: Session) -> Fields:
     goal = documents.find_goal(query.goal)
     if goal is None:
         return {"goal": None, "goals": []}
@@ -78,7 +78,7 @@ def _read_goal(documents: Documents, query: Query, _: Session) -> dict[str, Any]
     return {"goal": goal, "goals": list(documents.ledger.goals)[-20:], "svg": svg, "replans": replans}
 
 
-def _read_sessions(documents: Documents, query: Query, _: Session) -> dict[str, Any]:
+def _read_sessions(documents: Documents, query: Query, _: Session) -> Fields:
     goal, wanted = documents.find_goal(query.goal), query.find.casefold()
     every = [each for each in documents.ledger.sessions.values() if goal is None or each.contract.goal == goal.id]
     words = ((each, f"{each.contract.id} {each.state} {each.contract.skill}".casefold()) for each in reversed(every))
@@ -86,12 +86,12 @@ def _read_sessions(documents: Documents, query: Query, _: Session) -> dict[str, 
     return {"sessions": found[:SESSIONS_SHOWN], "found": len(found), "all": len(every)}
 
 
-def _read_statechart(documents: Documents, _: Query, status: Session) -> dict[str, Any]:
+def _read_statechart(documents: Documents, _: Query, status: Session) -> Fields:
     visited = documents.visited[status.contract.id] if status is not None else []
     return {"status": status, "visited": visited, "svg": draw_statechart(visited)}
 
 
-def _read_tree(documents: Documents, _: Query, status: Session) -> dict[str, Any]:
+def _read_tree(documents: Documents, _: Query, status: Session) -> Fields:
     if status is None:
         return {"root": None, "loose": []}
     trace, beat = documents.read_trace(status), documents.find_beat(status)
@@ -105,7 +105,7 @@ def _read_tree(documents: Documents, _: Query, status: Session) -> dict[str, Any
     return {"root": tick(drawing, trace), "loose": [], "active": active, "beat": beat}
 
 
-def _read_verdict(documents: Documents, _: Query, status: Session) -> dict[str, Any]:
+def _read_verdict(documents: Documents, _: Query, status: Session) -> Fields:
     if status is None:
         return {"status": None}
     parent = documents.ledger.sessions.get(status.contract.parent) if status.contract.parent else None
@@ -113,7 +113,7 @@ def _read_verdict(documents: Documents, _: Query, status: Session) -> dict[str, 
     return {"status": status, "parent": parent, "children": children, "folder": f"evidence/{status.contract.id}"}
 
 
-def _read_world(documents: Documents, _: Query, status: Session) -> dict[str, Any]:
+def _read_world(documents: Documents, _: Query, status: Session) -> Fields:
     try:
         world = documents.read_world(status) or documents.read_world(None)
     except DefinitionError as error:
@@ -123,20 +123,20 @@ def _read_world(documents: Documents, _: Query, status: Session) -> dict[str, An
     return {"world": world, "entities": list(world.entities.values()) if world is not None else []}
 
 
-def _read_frames(documents: Documents, _: Query, status: Session) -> dict[str, Any]:
+def _read_frames(documents: Documents, _: Query, status: Session) -> Fields:
     return {"status": status, "frames": read_frames(documents.read_bundle(status))[:FRAMES_SHOWN] if status else []}
 
 
-def _read_scene(documents: Documents, _: Query, status: Session) -> dict[str, Any]:
+def _read_scene(documents: Documents, _: Query, status: Session) -> Fields:
     has_scene = status is not None and (documents.workspace.evidence_of(status.contract.id) / BEFORE).is_file()
     return {"status": status if has_scene else None}
 
 
-def _read_guard(documents: Documents, _: Query, status: Session) -> dict[str, Any]:
+def _read_guard(documents: Documents, _: Query, status: Session) -> Fields:
     return {"status": status, "events": documents.read_interventions(status) if status is not None else []}
 
 
-def _read_log(documents: Documents, _: Query, __: Session) -> dict[str, Any]:
+def _read_log(documents: Documents, _: Query, __: Session) -> Fields:
     path = documents.workspace.log
     events = [line for line in path.read_text().splitlines() if _EVENT.match(line)] if path.is_file() else []
     logs = {path.stem: _read_end(path) for path in sorted(documents.workspace.logs.glob("*.log"))}
@@ -150,21 +150,21 @@ def _read_end(path: Path) -> list[str]:
         return file.read().decode(errors="replace").splitlines()[-LINES_SHOWN:]
 
 
-def _read_memory(documents: Documents, _: Query, __: Session) -> dict[str, Any]:
+def _read_memory(documents: Documents, _: Query, __: Session) -> Fields:
     place = documents.workspace
     lessons = read_document(place.lessons.read_text(), LESSONS, place.lessons.name).blocks
     facts = read_document(place.knowledge.read_text(), KNOWLEDGE, place.knowledge.name).blocks
     return {"entries": [*lessons.values(), *facts.values()]}
 
 
-def _read_runtime(documents: Documents, _: Query, __: Session) -> dict[str, Any]:
+def _read_runtime(documents: Documents, _: Query, __: Session) -> Fields:
     place = documents.workspace
     is_running = documents.is_running()
     beats = documents.read_beats().values() if is_running else ()
     return {"is_running": is_running, "latch": read_latch(place.signals.parent), "beats": list(beats)}
 
 
-def _read_proposals(documents: Documents, _: Query, __: Session) -> dict[str, Any]:
+def _read_proposals(documents: Documents, _: Query, __: Session) -> Fields:
     new, decisions = documents.workspace.proposals / "new", documents.workspace.proposals / "decisions"
     waiting = [path for path in sorted(new.glob("*.yaml")) if not (decisions / path.name).exists()]
     return {"proposals": {path.stem: read_regular(path, REQUEST_MAX).decode(errors="replace") for path in waiting}}

@@ -4,13 +4,13 @@ import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import FileResponse, HTMLResponse, PlainTextResponse, RedirectResponse, StreamingResponse
 from fastapi.staticfiles import StaticFiles
 
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.looks import read_picture
 from phyagentos.view import actions, comparison, scenes
 from phyagentos.view.access import COOKIE, Access
@@ -171,7 +171,7 @@ def _add_pages(
 
 
 def _add_comparisons(app: FastAPI, documents: Documents, runs: dict[str, Path]) -> None:
-    def answer(template: str, read: Callable[[], dict[str, Any]]) -> Response:
+    def answer(template: str, read: Callable[[], Fields]) -> Response:
         try:
             return HTMLResponse(render(template, **read()))
         except (DefinitionError, ExecutionError, OSError) as error:
@@ -231,7 +231,7 @@ def _add_actions(app: FastAPI, documents: Documents, access: Access) -> None:
     async def act(name: str, request: Request) -> Response:
         if not access.permits_action(request.headers):
             return PlainTextResponse("refused: not from a form of this page\n", 403)
-        form: dict[str, Any] = {key: str(value) for key, value in (await request.form()).items()}
+        form: Fields = {key: str(value) for key, value in (await request.form()).items()}
         try:
             if name == actions.STOP:  # waits for no thread
                 done = actions.perform(documents.workspace, name, form)

@@ -24,7 +24,7 @@ def of_two_drivers(tmp_path):
     return project
 
 
-FOUND = "WORLD_NOT_SHARED: found driver 'remote' of 'right_arm' in the shared world 'table'"
+FOUND = "WORLD_CONFLICT: found driver 'remote' of 'right_arm' in the shared world 'table'"
 
 
 @pytest.mark.slow
@@ -44,6 +44,6 @@ def test_without_a_goal_that_names_the_world_preflight_and_the_start_refuse_and_
     done = paos("run", graph, "--workspace", tmp_path / "w", "--no-pictures")
 
     assert (checked.code, done.code) == (3, 3), checked.err + done.err
-    assert checked.out.count("WORLD_NOT_SHARED") == 2  # of either arm
-    assert "WORLD_NOT_SHARED" in done.out + done.err
+    assert checked.out.count("WORLD_CONFLICT") == 2  # of either arm
+    assert "WORLD_CONFLICT" in done.out + done.err
     assert not [*(tmp_path / "w" / "logs").glob("world-*.log"), *(tmp_path / "w" / "logs").glob("receive-*.jsonl")]

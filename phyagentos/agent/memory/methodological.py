@@ -126,10 +126,10 @@ class Correction(Entry, frozen=True, kw_only=True, omit_defaults=True):
     def describe(self, seq: int, baseline: Count) -> Lesson:
         """Its entry of LESSONS.md at record `seq` of memory; `baseline` counts first attempts without it."""
         where, advice = self.where, self.advice
-        what_helped = join_ways(advice or self.tried_way, self.means)
+        what = f"a child {join_ways(advice or self.tried_way, self.means)}"
         verb = "helps" if self.is_active(seq) else "was tried"
         return Lesson(
-            statement=f"When {where.skill} of {name_objects(where)} ends with {self.cause}, a child {what_helped} {verb}.",
+            statement=f"When {where.skill} of {name_objects(where)} ends with {self.cause}, {what} {verb}.",
             **self.describe_common(seq),
             objective=self.objective,
             cause=self.cause,

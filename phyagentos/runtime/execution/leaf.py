@@ -19,6 +19,7 @@ from py_trees.ports_utils import is_instance_of_type
 
 from phyagentos.errors import PhyAgentOSError
 from phyagentos.geometry import Vector
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.execution.context import SkillContext
@@ -96,13 +97,13 @@ class Leaf(Behaviour):
         self.path = path or name
         self.code = ""
         self.message = ""
-        self.numbers: dict[str, Any] = {}
+        self.numbers: Fields = {}
         self.activations = 0
         self._active = False
-        self._values: dict[str, Any] = {}
+        self._values: Fields = {}
         self._keys: Mapping[str, str] = {}
 
-    def wire(self, values: dict[str, Any], keys: Mapping[str, str]) -> None:
+    def wire(self, values: Fields, keys: Mapping[str, str]) -> None:
         """Connect ports to the tree's values by `keys`, from port to key; defaults of outputs are written at once.
 
         An unconnected input has no value; values written to an unconnected output are dropped.

@@ -4,10 +4,10 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.runtime.actions.handle import CommandRefused, TargetSessionHandle
 from phyagentos.runtime.actions.set_points import SetPoints
@@ -204,7 +204,7 @@ class SessionLoop:
 
     def _describe_refusal(self, refusal: CommandRefused) -> Outcome:
         violation = refusal.violation
-        details: dict[str, Any] = {"by": refusal.by, "reaction": refusal.reaction, "message": str(refusal)}
+        details: Fields = {"by": refusal.by, "reaction": refusal.reaction, "message": str(refusal)}
         if violation is not None:
             details |= {"where": violation.where, "found": violation.found, "limit": violation.limit}
         self.context.note("intervention", refusal.code, **details)

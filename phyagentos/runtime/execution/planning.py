@@ -7,6 +7,7 @@ from msgspec import to_builtins
 
 from phyagentos.errors import format_names
 from phyagentos.geometry import to_child
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.world.environment import Entity, Pose
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
 from phyagentos.runtime.execution.loads import measure_payload
@@ -346,7 +347,7 @@ class MovingLeaf(PlanningLeaf[Motion]):
         """The wanted speed times the strategy's."""
         return speed * self.context.session.strategy.speed
 
-    def describe_motion(self, motion: Motion) -> dict[str, Any]:
+    def describe_motion(self, motion: Motion) -> Fields:
         """How the motion was found and followed, for the trace."""
         if self._player is None:
             return {}

@@ -5,8 +5,9 @@ A tick never blocks longer than one control period.
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import Protocol
 
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.runtime.actions.set_points import SetPoints
 
@@ -61,7 +62,7 @@ class SkillRuntime(Protocol):
     def halt(self) -> None:
         """Interrupt what runs; idempotent."""
 
-    def read_outputs(self) -> dict[str, Any]:
+    def read_outputs(self) -> Fields:
         """Values for later nodes, as plain data."""
 
     def find_failure(self) -> Failure | None:

@@ -15,6 +15,7 @@ from py_trees.decorators import Decorator, Inverter, Repeat, Retry
 
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, find_references
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.truth import Truth
@@ -84,7 +85,7 @@ class Cooldown(Decorator):
 class ForEach(Decorator):
     """Runs the child once for each element of the list under a key; succeeds at once when it is empty."""
 
-    def __init__(self, name: str, child: Behaviour, values: dict[str, Any], source: str, target: str) -> None:
+    def __init__(self, name: str, child: Behaviour, values: Fields, source: str, target: str) -> None:
         super().__init__(name=name, child=child)
         self._values, self._source, self._target = values, source, target
         self._left: list[Any] = []
@@ -159,7 +160,7 @@ class BuiltTree:
     root: Behaviour
     nodes: tuple[BuiltNode, ...]
     output_keys: Mapping[str, str]
-    values: dict[str, Any]
+    values: Fields
 
 
 def build_tree(
@@ -198,7 +199,7 @@ class _Scope(dict[str, str]):
 class _Builder:
     def __init__(self, context: SkillContext, trees: Mapping[str, Tree], registry: LeafRegistry) -> None:
         self.nodes: list[BuiltNode] = []
-        self.values: dict[str, Any] = {}
+        self.values: Fields = {}
         self._context = context
         self._trees = trees
         self._registry = registry

@@ -10,6 +10,7 @@ from py_trees.common import Status
 from py_trees.composites import Composite, Parallel, Selector, Sequence
 from py_trees.decorators import Decorator
 
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.execution.context import SkillContext
@@ -72,7 +73,7 @@ class TreeSkillRuntime:
         if not self._context.planner.is_free:
             self._context.planner.cancel()
 
-    def read_outputs(self) -> dict[str, Any]:
+    def read_outputs(self) -> Fields:
         """The outputs that were written, as plain data."""
         values = self._tree.values
         return {name: _export(values[key]) for name, key in self._tree.output_keys.items() if key in values}

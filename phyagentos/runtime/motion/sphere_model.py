@@ -6,13 +6,14 @@ calibrated over free postures; so the model may be wrong in both directions, and
 
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_inverse, compute_matrix
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.world.entity_geometry import compute_half_box
 from phyagentos.protocol.world.environment import Entity, Shape
 from phyagentos.runtime.motion.chain import Chain, compute_links
@@ -196,7 +197,7 @@ def iter_clusters(robot: RobotModel, chain: Chain) -> Iterator[tuple[int, int, A
             yield link, meets, np.vstack(parts)
 
 
-def _join_groups(groups: Sequence[Array]) -> dict[str, Any]:
+def _join_groups(groups: Sequence[Array]) -> Fields:
     return {
         "crowd": np.vstack([np.empty((0, 4)), *groups]),
         "crowd_first": np.cumsum([0, *map(len, groups)]),

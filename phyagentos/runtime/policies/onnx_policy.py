@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from phyagentos.errors import ExecutionError, format_install, format_names
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.openpi_codec import ACTIONS, PROMPT
 
@@ -55,7 +56,7 @@ class OnnxPolicy:
         return np.atleast_2d(rows), bool(np.any(given.get(DONE, False)))
 
 
-def _prepare(put: Any, shown: dict[str, Any]) -> Any:
+def _prepare(put: Any, shown: Fields) -> Any:
     if put.name not in shown:
         raise ValueError(f"the model takes {put.name!r}; it is shown {format_names(shown)}")
     kind = put.type.removeprefix("tensor(").removesuffix(")")

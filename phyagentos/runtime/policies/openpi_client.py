@@ -19,6 +19,7 @@ from websockets.sync.client import connect
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import Stream
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.runtime.policies import openpi_codec, wire
 from phyagentos.runtime.policies.model_inputs import arrange
 from phyagentos.runtime.policies.transport import CONNECT_S, REPLY_MAX_BYTES, PolicyService
@@ -55,7 +56,7 @@ class OpenpiService(PolicyService):
             self._start = request
             return wire.Started()
         self._refuse_unasked()
-        message: dict[str, Any] = {**arrange(request, self._streams).observations}
+        message: Fields = {**arrange(request, self._streams).observations}
         message[openpi_codec.PROMPT] = self._start.instruction
         if openpi_codec.EXTENSION in self._metadata:
             asked = msgspec.structs.asdict(self._start) | msgspec.structs.asdict(request)

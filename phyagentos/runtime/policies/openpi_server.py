@@ -9,7 +9,6 @@ import traceback
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from http import HTTPStatus
-from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -19,6 +18,7 @@ from websockets.sync.server import ServerConnection, serve
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.runtime.policies import openpi_codec, wire
 from phyagentos.runtime.policies.policy_server import Policy
 
@@ -83,13 +83,13 @@ class _Episode:
                 self._connection.close(INTERNAL_ERROR, "the policy has failed")
                 return
 
-    def _answer(self, frame: str | bytes) -> dict[str, Any]:
+    def _answer(self, frame: str | bytes) -> Fields:
         if isinstance(frame, str):
             raise ExecutionError("MALFORMED", "a text frame; observations are binary ones")
         observations = openpi_codec.decode(frame)
         told = observations.pop(openpi_codec.EXTENSION, None)
-        asked: dict[str, Any] = {"session": "openpi", "sequence": self._count, "rows_done": self._rows, "time_s": 0.0}
-        start: dict[str, Any] = {"parameters": {}, "seed": 0}
+        asked: Fields = {"session": "openpi", "sequence": self._count, "rows_done": self._rows, "time_s": 0.0}
+        start: Fields = {"parameters": {}, "seed": 0}
         if isinstance(told, dict):
             asked |= {name: told[name] for name in asked if name in told}
             start |= {name: told[name] for name in start if name in told}

@@ -20,6 +20,7 @@ from phyagentos.protocol.capabilities.action_spaces import describe_target_space
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.trace import Role, TraceEvent
 from phyagentos.protocol.settings.sensors import Sensors
@@ -131,7 +132,7 @@ class PolicySkillRuntime:
         self._drop()
         self._parts.client.close()
 
-    def read_outputs(self) -> dict[str, Any]:
+    def read_outputs(self) -> Fields:
         """How much was carried out, and where the thing was from the tool when it was nearest [m]."""
         self._approach()
         near = {"missed_m": self._missed_m.round(4).tolist()} if self._parts.sought_m is not None else {}

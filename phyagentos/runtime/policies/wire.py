@@ -4,14 +4,13 @@ Arrays are in C order with their shape (`runtime.codec`). Any language with msgp
 docs/policies.md has the fields. The version is `protocol.capabilities.policy_descriptors.POLICY_PROTOCOL`.
 """
 
-from typing import Any
-
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import POLICY_PROTOCOL
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.runtime.codec import Codec
 
 Array = NDArray[np.float64]
@@ -33,7 +32,7 @@ class Start(msgspec.Struct, frozen=True, tag=True):
 
     session: str
     instruction: str
-    parameters: dict[str, Any]
+    parameters: Fields
     seed: int
     beat_s: float = 0.0
 
@@ -55,7 +54,7 @@ class Infer(msgspec.Struct, frozen=True, tag=True):
 class Introduction(msgspec.Struct, frozen=True, tag=True):
     """The descriptor: the fields of a `PolicyDescriptor`; empty from a server that says nothing of itself."""
 
-    descriptor: dict[str, Any]
+    descriptor: Fields
 
 
 class Started(msgspec.Struct, frozen=True, tag=True):

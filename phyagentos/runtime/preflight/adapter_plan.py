@@ -1,13 +1,14 @@
 """The grant of preflight: a session's execution path and the operations of the target. Paper sections 3.4 and 4.2."""
 
 from collections.abc import Iterable, Iterator
-from typing import Any, Literal
+from typing import Literal
 
 import msgspec
 
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.settings.operations import Operation
 from phyagentos.runtime.targets.wire import Description
 
@@ -73,7 +74,7 @@ class Tool(msgspec.Struct, frozen=True, kw_only=True):
 
     name: str
     description: str
-    arguments: dict[str, Any]
+    arguments: Fields
 
 
 class TargetToolManifest(msgspec.Struct, frozen=True, kw_only=True):
@@ -141,7 +142,7 @@ def _describe_arguments(tool: Tool) -> Iterator[str]:
 
 def make_tools(granted: Iterable[Operation], profile: TargetProfile, live: Description) -> tuple[Tool, ...]:
     """One tool for each operation, in this order; shapes and ranges are those of the live target."""
-    schemas: dict[Operation, dict[str, Any]] = {
+    schemas: dict[Operation, Fields] = {
         "apply": _make_apply(profile, live),
         "halt": _make_object({"category": {"enum": [1, 2]}}, required=()),
         "settle": _make_object({"duration_s": {"type": "number", "exclusiveMinimum": 0}}),
@@ -161,9 +162,9 @@ def make_tools(granted: Iterable[Operation], profile: TargetProfile, live: Descr
 
 def describe_skill_tool(skill: SkillRuntime) -> Tool:
     """A skill as a tool of an agent."""
-    point: dict[str, Any] = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
-    text: dict[str, Any] = {"type": "string"}
-    shapes: dict[str, dict[str, Any]] = dict.fromkeys(("entity", "place", "posture", "string"), text)
+    point: Fields = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
+    text: Fields = {"type": "string"}
+    shapes: dict[str, Fields] = dict.fromkeys(("entity", "place", "posture", "string"), text)
     shapes |= {
         "point": point,
         "points": {"type": "array", "items": point},
@@ -176,7 +177,7 @@ def describe_skill_tool(skill: SkillRuntime) -> Tool:
     return Tool(name=skill.skill, description=skill.description, arguments=_make_object(properties, skill.needed))
 
 
-def _make_apply(profile: TargetProfile, live: Description) -> dict[str, Any]:
+def _make_apply(profile: TargetProfile, live: Description) -> Fields:
     rows = live.steps_per_command
     joints = [
         {"title": name, "type": "number", "minimum": low, "maximum": high}
@@ -193,14 +194,14 @@ def _make_apply(profile: TargetProfile, live: Description) -> dict[str, Any]:
     )
 
 
-def _make_tuple(items: list[dict[str, Any]]) -> dict[str, Any]:
+def _make_tuple(items: list[Fields]) -> Fields:
     return {"type": "array", "prefixItems": items, "minItems": len(items), "items": False}
 
 
-def _make_rows(count: int, each: dict[str, Any]) -> dict[str, Any]:
+def _make_rows(count: int, each: Fields) -> Fields:
     return {"type": "array", "items": each, "minItems": count, "maxItems": count}
 
 
-def _make_object(properties: dict[str, Any], required: Iterable[str] | None = None) -> dict[str, Any]:
+def _make_object(properties: Fields, required: Iterable[str] | None = None) -> Fields:
     needed = list(properties if required is None else required)
     return {"type": "object", "properties": properties, "required": needed, "additionalProperties": False}

@@ -7,12 +7,12 @@ import contextlib
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.errors import PhyAgentOSError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.statechart import Condition, Model, Row, Statechart, render_rows
 
 FAILURES = 6  # one more is the end: a minute has passed, and a full disk or a port in use would have been free again
@@ -88,7 +88,7 @@ class PhaseLog:
 
     def note(self, trigger: str, before: str, after: str, session: str) -> None:
         """Add one line; a full disk costs the line, never the supervision."""
-        line: dict[str, Any] = {"at": self._clock.wall_iso(), "ev": trigger, "from": before, "to": after}
+        line: Fields = {"at": self._clock.wall_iso(), "ev": trigger, "from": before, "to": after}
         data = msgspec.json.encode(line | ({"session": session} if session else {})) + b"\n"
         with contextlib.suppress(OSError), self._path.open("ab", buffering=0) as file:
             file.write(data)

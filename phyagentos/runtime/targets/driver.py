@@ -19,6 +19,7 @@ from typing_extensions import override
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.runtime.targets import wire
 
 SETTLE_MAX_S = 60.0
@@ -108,7 +109,7 @@ class TargetDriver(TargetPort):
     def describe_profile(self, **live: Any) -> wire.Description:
         """What its profile says of the body; `live` are the other fields, and those that the live model corrects."""
         profile = self.profile
-        stated: dict[str, Any] = {
+        stated: Fields = {
             "target": profile.target,
             "n_joints": len(profile.arm.joints),
             "steps_per_command": round(profile.control_period_s / profile.physics_step_s),

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from typing_extensions import get_original_bases
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.world.environment import Entity, Pose, Region, TargetState
 from phyagentos.protocol.world.idealisations import Idealisation
 from phyagentos.runtime.channel import Channel
@@ -179,7 +180,7 @@ class RecordedFault(msgspec.Struct, frozen=True):
 
     kind: str
     time_s: float
-    details: dict[str, Any]
+    details: Fields
 
 
 class KeepAlive(msgspec.Struct, frozen=True, tag="Beat"):
@@ -333,7 +334,7 @@ class InvokeTool(RequestFor[ToolResult], frozen=True, tag=True):
     """Use a tool of the description. A tool that moves the target needs session and epoch."""
 
     name: str
-    arguments: dict[str, Any] = {}
+    arguments: Fields = {}
     session: str = ""
     epoch: int = 0
 

@@ -15,6 +15,7 @@ from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.skill_runtimes import AgentCall, AgentLoop
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime as Skill
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Located, validate
 from phyagentos.protocol.predicates.predicate import Evaluation, parse_predicate, substitute
 from phyagentos.protocol.sessions.agent_calls import CallFiles, Turn
@@ -52,8 +53,8 @@ class AgentLoopRuntime:
     _commands: int = 0
     _begun: int = 0  # commands before the present tool
     _hold_until_s: float = 0.0
-    _result: dict[str, Any] = field(default_factory=dict)
-    _outputs: dict[str, Any] = field(default_factory=dict)
+    _result: Fields = field(default_factory=dict)
+    _outputs: Fields = field(default_factory=dict)
     _steps: Iterator[AgentCall] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -91,7 +92,7 @@ class AgentLoopRuntime:
             self._tool.halt()
             self._end_tool(self._tool)
 
-    def read_outputs(self) -> dict[str, Any]:
+    def read_outputs(self) -> Fields:
         """Outputs of the tools; the latest of each name."""
         return self._outputs
 
@@ -129,7 +130,7 @@ class AgentLoopRuntime:
                 return given
         return {"call": "finish", "reason": "the procedure is at its end"}
 
-    def _carry_out(self, given: Any) -> dict[str, Any]:
+    def _carry_out(self, given: Any) -> Fields:
         """Check a call and begin it; what it says at once, or why it is refused."""
         try:
             call = validate(AgentCall, Located(given, f"turn {self._turn}"))
@@ -140,7 +141,7 @@ class AgentLoopRuntime:
             self._note(Status.FAILURE, str(error), code=error.problems[0].code)
             return {"ended": "refused", "problems": msgspec.to_builtins(error.problems)}
 
-    def _begin(self, call: AgentCall) -> dict[str, Any]:
+    def _begin(self, call: AgentCall) -> Fields:
         match call.call:
             case "observe":
                 return {"ended": "done", "world": self._describe_world()}
@@ -189,7 +190,7 @@ class AgentLoopRuntime:
         view = self.context.session.make_view(self.context.world.observe(WORLD), self.context.initial)
         return parse_predicate(text).evaluate(view)
 
-    def _describe_world(self) -> dict[str, Any]:
+    def _describe_world(self) -> Fields:
         """The world as perceived: things with their positions [m], what is held, and what no look has shown."""
         now = self.context.world.observe(WORLD)
         things = {

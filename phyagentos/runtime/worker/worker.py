@@ -7,13 +7,13 @@ import contextlib
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.evidence import BEFORE
 from phyagentos.protocol.sessions.evidence_manifest import Sealer
 from phyagentos.protocol.sessions.looks import LookRole, read_looks
@@ -64,7 +64,7 @@ class WorkerLoop:
         self._unpublished: Scene | None = None  # scene of the latest session, while ENVIRONMENT.md does not show it
         self._published, self._published_at_s = "", -PUBLISH_PERIOD_S
         self._episode = ""
-        self._granted: dict[tuple[str, int], dict[str, Any]] = {}  # plan of what passed its check last, until it runs
+        self._granted: dict[tuple[str, int], Fields] = {}  # plan of what passed its check last, until it runs
         self._stop: EndRequest | None = None
         self._is_paused = False
         self._lease_until_s = float("inf")

@@ -21,6 +21,7 @@ from typing_extensions import override
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.runtime.drivers.devices.device_driver import Array, Bus, DeviceSettings, Reading
 
 STRUCTS = {
@@ -62,13 +63,13 @@ class Messages(NamedTuple):
 @cache
 def define_messages() -> Messages:
     """A class has one topic type in a process, so this is the same each time; it needs the package `cyclonedds`."""
-    known: dict[str, Any] = {}
+    known: Fields = {}
     for name, text in STRUCTS.items():
         known[name] = _define(name, text, known)
     return Messages(known["MotorCmd_"], known["LowCmd_"], known["LowState_"])
 
 
-def _define(name: str, text: str, known: dict[str, Any]) -> Any:
+def _define(name: str, text: str, known: Fields) -> Any:
     """A dataclass for a struct of the IDL."""
     from cyclonedds import idl
     from cyclonedds.idl import annotations

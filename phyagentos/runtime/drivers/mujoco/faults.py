@@ -7,11 +7,11 @@ everything needed to be active again at the same moment, so the evidence of a se
 import fnmatch
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import msgspec
 import numpy as np
 
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.world.faults import (
     Blackout,
     Draw,
@@ -274,7 +274,7 @@ def _release(physics: Physics, activation: FaultActivation) -> None:
 
 
 def _report(activation: FaultActivation) -> RecordedFault:
-    details: dict[str, Any] = msgspec.to_builtins(activation)
+    details: Fields = msgspec.to_builtins(activation)
     return RecordedFault(kind=activation.kind, time_s=activation.time_s, details=details)
 
 
