@@ -64,6 +64,10 @@ def pytest_collection_finish():
     gc.freeze()  # what was collected stays until the end
 
 
+def pytest_unconfigure():
+    gc.unfreeze()  # else OMPL's bindings report every type as leaked
+
+
 @pytest.fixture(scope="session")
 def node():
     """The Node that the development extra brings, else the system's."""
