@@ -7,7 +7,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.predicates.library import View, get_predicate_library
 from phyagentos.protocol.predicates.predicate import parse_predicate
-from phyagentos.protocol.predicates.project_predicates import load_predicates
+from phyagentos.protocol.predicates.project_predicates import forget_readings, load_predicates
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.testing import make_cube, make_world
 
@@ -47,7 +47,7 @@ def project(tmp_path, monkeypatch):
     monkeypatch.chdir(root)
     yield root
     get_predicate_library.cache_clear()
-    load_predicates([])
+    forget_readings()
 
 
 def has_run(project):

@@ -27,8 +27,13 @@ def load_predicates(files: Iterable[Path]) -> None:
         found = run_file(path, "BROKEN_PREDICATES").values()
         for definition in {each.name: each for each in found if isinstance(each, PredicateDefinition)}.values():
             get_predicate_library().admit(definition)
-        for cached in (*_OF_MEANING, predicate.has_metric, predicate.read_formula):
-            cached.cache_clear()
+        forget_readings()
+
+
+def forget_readings() -> None:
+    """Read every criterion anew: what its words mean has changed."""
+    for cached in (*_OF_MEANING, predicate.has_metric, predicate.read_formula):
+        cached.cache_clear()
 
 
 def read_predicate_names(path: Path) -> list[str]:
