@@ -10,7 +10,7 @@ import pytest
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations.init import Extension
 from phyagentos.protocol.predicates.library import get_predicate_library
-from phyagentos.protocol.predicates.project_predicates import load_predicates
+from phyagentos.protocol.predicates.project_predicates import forget_readings
 from tests.command_line import assert_refused
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -21,7 +21,7 @@ def own_predicates():
     """What a project brings is known to its test alone."""
     yield
     get_predicate_library.cache_clear()
-    load_predicates([])
+    forget_readings()
 
 
 def test_a_new_place_lints_clean_and_compiles(paos, tmp_path):

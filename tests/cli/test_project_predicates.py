@@ -45,6 +45,8 @@ def project(tmp_path, monkeypatch):
         (root / name).parent.mkdir(parents=True)
         (root / name).write_text(text)
     monkeypatch.chdir(root)
+    get_predicate_library.cache_clear()  # of what tests of scaffolds and examples leave
+    forget_readings()
     yield root
     get_predicate_library.cache_clear()
     forget_readings()

@@ -63,4 +63,4 @@ def test_a_skill_whose_leaves_all_succeed_and_move_nothing_ends_failed(plane):
     assert {each.ended for each in report.sessions} == {"completed"}
     assert report.verdict == "failure"
     assert report.sessions[-1].state == "failed"
-    assert "inside(red_cube, red_tray)" in report.sessions[-1].reason
+    assert "red_cube is not inside red_tray" in report.sessions[-1].reason

@@ -30,4 +30,4 @@ def test_a_hemmed_in_cube_and_a_carton_too_wide_are_had_by_clearing_and_by_pushi
     assert is_in_tray(ends[0], "red_cube", "red_tray")
     assert is_so(ends[1], "inside(carton, zone)", zone=((0.5, -0.32, 0.15), (0.08, 0.08, 0.15)))
     assert "flowchart TD" in (document := (workspace.root / "TASK.md").read_text())
-    assert "-- clears -->" in document
+    assert '-- "clears" -->' in document

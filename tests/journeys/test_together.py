@@ -93,7 +93,7 @@ def test_where_one_arm_is_disabled_in_the_middle_of_a_goal_the_other_one_finishe
     assert report.verdict == "success", report
     assert [body["target"] for body in red] == ["left_arm", "left_arm", "right_arm"]
     children = [record.body for record in records if record.ev == "child_of"]
-    assert "another target (chance" in children[-1]["reason"].partition("rather than")[0], children
+    assert "on right_arm instead of left_arm" in children[-1]["reason"].partition("rather than")[0], children
     assert [each.cause for each in report.sessions if each.node == "red"] == ["STALLED", "STALLED", ""]
     assert not [event for event in list_events(workspace, report) if event["kind"] == "robot_contact"]
 
