@@ -126,8 +126,8 @@ class _Stream(httpcore.NetworkStream):
     def start_tls(
         self, ssl_context: ssl.SSLContext, server_hostname: str | None = None, timeout: float | None = None
     ) -> "_Stream":
-        self._wait_at_most_what_is_left()
         try:
+            self._wait_at_most_what_is_left()
             return _Stream(ssl_context.wrap_socket(self._socket, server_hostname=server_hostname), self._backend)
         except OSError:
             self.close()

@@ -1,6 +1,7 @@
 """Posts to servers that hold on to their clients: each ends within its limit, in time and in memory."""
 
 import socket
+import ssl
 import threading
 import tracemalloc
 
@@ -9,7 +10,7 @@ import pytest
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.network.deadline import Deadline, connect
-from phyagentos.network.http import Codes, HttpClient
+from phyagentos.network.http import Codes, HttpClient, _Backend, _Stream
 from tests.hostile_server import WHEREVER, HostileServer
 
 CODES = Codes(late="LATE", lost="LOST", refused="REFUSED", malformed="MALFORMED")
@@ -69,6 +70,13 @@ def test_whatever_a_server_does_the_exchange_ends_in_time_and_in_little_memory(s
 def test_a_server_that_says_nothing_of_tls_is_given_up(serve):
     with pytest.raises(ExecutionError, match="LATE"):
         post(serve("silence").url.replace("http:", "https:"))
+
+
+def test_a_connection_whose_time_is_over_before_tls_begins_is_closed():
+    ours, theirs = socket.socketpair()
+    with theirs, pytest.raises(TimeoutError):
+        _Stream(ours, _Backend()).start_tls(ssl.create_default_context())
+    assert ours.fileno() == -1
 
 
 def test_answers_come_over_one_connection_and_over_a_new_one_when_that_is_gone(serve):
