@@ -6,6 +6,7 @@ collision limit makes the programs fail more often.
 """
 
 from dataclasses import dataclass
+from math import hypot
 from typing import NamedTuple
 
 import daqp
@@ -13,7 +14,7 @@ import mink
 import numpy as np
 
 from phyagentos.runtime.motion.calls import Solver, count_call
-from phyagentos.runtime.motion.chain import LIMIT_MARGIN_RAD, Chain
+from phyagentos.runtime.motion.chain import Chain
 from phyagentos.runtime.motion.poses import interpolate_poses
 from phyagentos.runtime.motion.requests import Array, Differential
 from phyagentos.runtime.motion.robot_model import RobotModel
@@ -23,7 +24,6 @@ LINE_STEP_RAD = 0.1
 PROGRAMS = 20  # at most, for a posture; from a proposal one or two
 POSE_JOINTS = 6  # fewer reach a pose only as exactly as the axes of a model are parallel
 DAMPING = 1e-6  # among the postures of a redundant arm the nearest is taken
-_UNBOUNDED = 1e30  # daqp's
 _STEP_S = 1.0  # cancels out: programs bound positions, not velocities
 
 
@@ -55,8 +55,8 @@ class Kinematics:
         self._tool = mink.FrameTask(
             robot.profile.tcp, "site", position_cost=1.0, orientation_cost=0.5, lm_damping=DAMPING
         )
-        self._limits = [mink.ConfigurationLimit(robot.model, 0.95, LIMIT_MARGIN_RAD)]
         self._configuration = mink.Configuration(robot.model)
+        self._no_rows = np.empty((0, len(chain.q_min_rad)))
 
     def solve(self, world_T_tcp: Array, start_rad: Array, tolerance: Tolerance = REACHED) -> Solution | None:
         """The first posture within tolerance, from a posture near it by one program or more, or None.
@@ -72,7 +72,7 @@ class Kinematics:
                 return None
             configuration.integrate_inplace(change, _STEP_S)
             error = tool.compute_error(configuration)
-            off_m, off_rad = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
+            off_m, off_rad = hypot(*error[:3].tolist()), hypot(*error[3:].tolist())
             if off_m < tolerance.position_m and off_rad < tolerance.rotation_rad:
                 return Solution(np.array(configuration.q), Differential(iteration, _round(off_m), _round(off_rad)))
         return None
@@ -94,12 +94,21 @@ class Kinematics:
         return Solution(rows, solved)
 
     def _solve_program(self) -> Array | None:
-        """The change of posture (n_joints,) at the least of a program; by daqp itself, `mink.solve_ik` adds a third."""
+        """The change of posture (n_joints,) at the least of a program; by daqp itself, `mink.solve_ik` adds a third.
+
+        daqp takes the limits of joints as bounds, which costs half of their rows in a `mink.ConfigurationLimit`.
+        """
         count_call(Solver.MINK)
-        program = mink.build_ik(self._configuration, [self._tool], _STEP_S, DAMPING, self._limits)
-        most = program.h
+        configuration, chain = self._configuration, self.chain
+        program = mink.build_ik(configuration, [self._tool], _STEP_S, DAMPING, limits=[])
+        q_rad = configuration.q
         change, _, status, _ = daqp.solve(
-            program.P, program.q, program.G, most, np.full(len(most), -_UNBOUNDED), np.zeros(len(most), np.int32)
+            program.P,
+            program.q,
+            self._no_rows,
+            chain.q_max_rad - q_rad,
+            chain.q_min_rad - q_rad,
+            np.zeros(len(q_rad), np.int32),
         )
         return change if status > 0 else None
 

@@ -2,8 +2,9 @@
 
 Kuffner and LaValle, RRT-Connect, ICRA 2000. An edge costs one call from OMPL into Python, which costs less than the
 check: `SphereChecker` looks at sixteen postures at a time, `PlanningScene` asks MuJoCo. The budget is a number of
-iterations, so that the same seed gives the same path. The shorter of two cheap searches is kept: asymptotically optimal
-planners took 50 to 300 ms.
+iterations, so that the same seed gives the same path. A search that takes long seldom ends: it is begun anew. The first
+ones stay near the start and the nearest goals, where paths are short. The shortest of three is kept: asymptotically
+optimal planners took 50 to 300 ms.
 """
 
 from collections.abc import Callable
@@ -20,14 +21,24 @@ from phyagentos.runtime.motion.planning_scene import PlanningScene
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
 
-RANGE_RAD = 1.5
-ITERATIONS = 4_000
+RANGE_RAD = 0.8
+SEARCHES = (
+    (60, 1, 1.0),
+    (60, 2, 1.0),
+    (200, None, 1.0),
+    (200, None, 1.0),
+    (800, None, 1.0),
+    (1_400, None, 1.0),
+    (1_400, None, np.inf),
+)
+"""Iterations, to so many of the nearest goals, and how far joints turn beyond the start and these [rad]."""
+ITERATIONS = sum(iterations for iterations, _, _ in SEARCHES)
 ITERATIONS_CROWDED = 2_000  # where another robot is near: the leaf waits, and asks again
-STARTS = 2  # searches, of which the shorter path is kept
+PATHS = 3  # that are found at most, of which the shortest is kept
 NEAR = 1.1  # times the way to the nearest goal: no other search is worth its time
 SPACING_RAD = 0.12
 ROUNDING_PASSES = 3
-COARSE_SHORTCUTS, SHORTCUTS = 20, 80  # of every search's path, and of the shorter one
+COARSE_SHORTCUTS, SHORTCUTS = (15, 8), (80, 30)  # of every path, of the shortest; so many in vain end it
 
 Checker = SphereChecker | PlanningScene
 
@@ -78,41 +89,52 @@ class _EdgeValidator(ob.MotionValidator):  # type: ignore[misc]
 
 
 def find_path(query: Query, checker: Checker, seed: int, should_cancel: Callable[[], bool]) -> Path | None:
-    """The direct way to the nearest goal that has one, else the shorter of two paths by OMPL, else None."""
+    """The direct way to the nearest goal that has one, else the shortest of a few paths by OMPL, else None."""
     order = np.argsort(query.away_rad, kind="stable")
     for goal in order.tolist():
         if checker.edge_is_free(query.start_rad, query.goals_rad[goal]):
             return Path(np.array((query.start_rad, query.goals_rad[goal])), goal)
     ou.RNG.setSeed(1 + seed % (2**31 - 2))
-    information = _describe(query, checker)
-    simplifier, found = og.PathSimplifier(information), list[tuple[float, og.PathGeometric, int]]()
-    for first in range(max(STARTS, len(order))):  # the tree of a goal that is hemmed in keeps the others from growing
-        goals = query.goals_rad[np.roll(order, -first)]
-        connected = _connect(information, query.start_rad, goals, query.iterations // len(order), should_cancel)
-        if connected is None:
-            continue
-        simplifier.partialShortcutPath(connected[0], COARSE_SHORTCUTS, COARSE_SHORTCUTS, 1.0)
-        found.append((connected[0].length(), *connected))
-        if len(found) == STARTS or found[-1][0] < NEAR * query.away_rad[order[0]]:
+    found = list[tuple[float, og.PathGeometric, int, og.PathSimplifier]]()
+    left = query.iterations
+    for iterations, count, beyond_rad in SEARCHES:
+        ends = np.vstack((query.start_rad, query.goals_rad[order[:count]]))
+        information = _describe(ends, query, beyond_rad, checker)
+        connected = _connect(information, ends, min(iterations, left), should_cancel)
+        left -= iterations
+        if connected is not None:
+            simplifier = og.PathSimplifier(information)
+            simplifier.partialShortcutPath(connected[0], *COARSE_SHORTCUTS, 1.0)
+            found.append((connected[0].length(), *connected, simplifier))
+        is_enough = found and (
+            connected is None or len(found) == PATHS or found[-1][0] < NEAR * query.away_rad[order[0]]
+        )
+        if is_enough or left <= 0 or should_cancel():
             break
     if not found:
         return None
-    _, path, iterations = min(found, key=itemgetter(0))
-    simplifier.partialShortcutPath(path, SHORTCUTS, SHORTCUTS, 1.0)
-    rows = np.array([state[0 : len(query.start_rad)] for state in path.getStates()])
+    _, path, iterations, simplifier = min(found, key=itemgetter(0))
+    simplifier.partialShortcutPath(path, *SHORTCUTS, 1.0)
+    rows = np.array([state[0 : len(query.start_rad)] for state in path.getStates()])[::-1]
     return Path(rows, query.find_goal(rows[-1]), iterations, "OMPL RRT-Connect")
 
 
-def _describe(query: Query, checker: Checker) -> ob.SpaceInformation:
-    """The joint space of a query, and what is free in it.
+def _describe(ends_rad: Array, query: Query, beyond_rad: float, checker: Checker) -> ob.SpaceInformation:
+    """The joint space about the ends (m, n_joints) of a path, and what is free in it.
 
     OMPL's objects are not seen by the collector of garbage: what they call must not refer to their owner.
     """
     n = len(query.start_rad)
     space, bounds = ob.RealVectorStateSpace(n), ob.RealVectorBounds(n)
-    for joint in range(n):
-        bounds.setLow(joint, float(query.q_min_rad[joint]))
-        bounds.setHigh(joint, float(query.q_max_rad[joint]))
+    for joint, (low_rad, high_rad) in enumerate(
+        zip(
+            np.maximum(query.q_min_rad, ends_rad.min(axis=0) - beyond_rad).tolist(),
+            np.minimum(query.q_max_rad, ends_rad.max(axis=0) + beyond_rad).tolist(),
+            strict=True,
+        )
+    ):
+        bounds.setLow(joint, low_rad)
+        bounds.setHigh(joint, high_rad)
     space.setBounds(bounds)
     information = ob.SpaceInformation(space)
     information.setStateValidityChecker(lambda _: True)  # an edge is checked from end to end
@@ -122,21 +144,17 @@ def _describe(query: Query, checker: Checker) -> ob.SpaceInformation:
 
 
 def _connect(
-    information: ob.SpaceInformation,
-    start_rad: Array,
-    goals_rad: Array,
-    iterations: int,
-    should_cancel: Callable[[], bool],
+    information: ob.SpaceInformation, ends_rad: Array, iterations: int, should_cancel: Callable[[], bool]
 ) -> tuple[og.PathGeometric, int] | None:
-    """A path to one of the goals (m, n_joints), and the iterations that it took; None without one.
+    """A path to the first of `ends_rad` (m, n_joints) from one of the others, and its iterations; None without one.
 
-    OMPL adds a further goal as a root only once the tree of the first ones has grown.
+    OMPL grows from all starts at once, but adds a further goal only once the tree of the first ones has grown.
     """
-    problem, goals = ob.ProblemDefinition(information), ob.GoalStates(information)
-    problem.addStartState(_allocate(information, start_rad))
-    for goal in goals_rad:
-        goals.addState(_allocate(information, goal))
-    problem.setGoal(goals)
+    problem, goal = ob.ProblemDefinition(information), ob.GoalState(information)
+    goal.setState(_make_state(information, ends_rad[0]))
+    problem.setGoal(goal)
+    for end in ends_rad[1:]:
+        problem.addStartState(_make_state(information, end))
     planner = og.RRTConnect(information)
     planner.setRange(RANGE_RAD)
     planner.setProblemDefinition(problem)
@@ -153,7 +171,8 @@ def _connect(
     return (problem.getSolutionPath(), spent) if problem.hasExactSolution() else None
 
 
-def _allocate(information: ob.SpaceInformation, q_rad: Array) -> ob.State:
+def _make_state(information: ob.SpaceInformation, q_rad: Array) -> ob.State:
+    """A state, which lives as long as it is referred to: the binding owns what it allocates, so nothing frees it."""
     state = information.allocState()
     state[0 : len(q_rad)] = q_rad.tolist()
     return state
