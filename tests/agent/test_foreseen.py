@@ -130,24 +130,6 @@ def test_before_anything_was_seen_a_look_comes_first(make_stage, write_graph):
     ]
 
 
-def test_an_agent_that_died_while_a_way_was_cleared_goes_on_with_the_attempt(make_stage, two):
-    stage = make_stage({"red": move_away}, world=crowd(make_table_world()))
-
-    class Killed(Exception):
-        pass
-
-    class Killer:
-        def on_change(self, goal, ledger):
-            if any(status.contract.purpose for status in ledger.sessions.values()):
-                raise Killed
-
-    with pytest.raises(Killed):
-        stage.make_mission(advisor=Told(Means(prepare=(CLEAR,))), observers=[stage.runtime, Killer()]).run(two, seed=7)
-    report = stage.make_mission(advisor=Told(Means(prepare=(CLEAR,)))).run(two, seed=7)
-    assert report.verdict == "success"
-    assert [s.skill for s in stage.runtime.ran if s.node == "red"] == ["set_aside", "pick_and_place"]
-
-
 def test_a_contract_by_other_means_keeps_conditions_and_limits(make_stage, write_graph):
     text = GRAPH.replace("BUDGET", 'constraints: ["height(bottle) < 0.5"]').replace(
         "max_replans", "timeout_s: 33, max_replans"

@@ -136,17 +136,6 @@ def stand(tmp_path):
     stand.close()
 
 
-def test_a_session_is_claimed_checked_run_and_left_for_the_verifier(stand):
-    stand.watch(worker := ScriptedWorker())
-    stand.submit(make_session())
-
-    stand.wait_for("g.a", "awaiting_verification")
-
-    assert stand.events("g.a") == ["submit", "claim", "check", "start", "halt", "finish"]
-    assert [type(order) for order in worker.orders] == [Check, Run]
-    assert stand.ledger.sessions["g.a"].execution.ended is Ended.COMPLETED
-
-
 @pytest.mark.parametrize(("is_running", "at_once"), [(False, False), (True, True)])
 def test_at_the_end_only_a_worker_that_may_command_is_not_waited_for(stand, is_running, at_once):
     on_run = (lambda order: None) if is_running else finish(Ended.COMPLETED)
