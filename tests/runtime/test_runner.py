@@ -304,14 +304,6 @@ def test_a_cancellation_halts_the_target_and_the_planner(build_bench, build_sess
     assert was_halted(bench.target)
 
 
-def test_the_contracts_time_limit_counts_simulated_time(build_bench, session, plant):
-    bench = build_bench(library=plant(["wait: {seconds: 100}"]))
-    execution = bench.run(msgspec.structs.replace(session, limits=Limits(timeout_s=0.5)))
-
-    assert (execution.ended, execution.leaf) == (Ended.TIMED_OUT, "planted/wait")
-    assert len(bench.target.commands()) == 25
-
-
 @pytest.mark.parametrize(
     ("timeout_s", "goal_left_s", "named"),
     [(0.5, 9.0, "the contract allows 0.5 s"), (60.0, 0.5, "BUDGET: the goal's budget leaves 0.5 s")],
