@@ -102,12 +102,6 @@ def test_means_that_cannot_be_had_leave_the_advice_without_them(make_stage, two,
     assert (attempt.skill, attempt.strategy, attempt.advised_by) == ("pick_and_place", SLOW, ("lesson-2",))
 
 
-def test_other_values_of_parameters_stand_in_the_contract(make_stage, two):
-    _, _, (attempt,) = pursue(make_stage, two, Means(parameters={"speed": 0.4, "of_no_skill": 1}))
-    assert attempt.parameters["speed"] == 0.4
-    assert "of_no_skill" not in attempt.parameters
-
-
 def test_nothing_is_prepared_beyond_the_budget_of_the_goal(make_stage, write_graph):
     graph = write_graph(GRAPH.replace("BUDGET", "budget: {sessions: 2}"))
     _, report, (attempt,) = pursue(make_stage, graph, Means(prepare=(CLEAR,)))

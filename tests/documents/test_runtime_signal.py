@@ -228,14 +228,6 @@ def test_a_request_that_nobody_can_read_is_rejected_with_the_reason(workspace, e
     assert "Nothing was done" in reason.read_text()
 
 
-def test_other_changes_are_lost_with_the_next_rendering_and_ask_for_nothing(workspace, edited):
-    path = workspace.runtime_signal
-    path.write_text(path.read_text().replace("runtime: running", "runtime: ended"))
-
-    assert edited() == []
-    assert "runtime: running" in path.read_text()
-
-
 def test_a_request_that_was_written_at_the_end_is_not_lost(workspace, clock):
     signal = RuntimeSignal(workspace, clock)
     signal.refresh()

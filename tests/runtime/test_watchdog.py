@@ -360,14 +360,5 @@ def test_a_limit_amended_while_the_session_is_checked_is_the_one_that_holds(stan
     assert [order.session.limits.timeout_s for order in worker.orders] == [60.0, 7.0]
 
 
-def test_a_worker_that_dies_while_it_checks_leaves_a_claim_and_its_loss(stand):
-    deaths = iter(["die"])
-    stand.watch(ScriptedWorker(on_check=lambda order: next(deaths, None) or grant(order)))
-    stand.submit(make_session())
-    stand.wait_for("g.a", "awaiting_verification")
-
-    assert stand.events("g.a") == ["submit", "claim", "check", "lose", "reconcile"]
-
-
 def grant(order):
     return Checked(session=order.session.id, plan=PLAN, tools=TOOLS)

@@ -6,6 +6,7 @@ import pytest
 
 from phyagentos.store import shared_file
 from phyagentos.store.shared_file import GRACE_S, MISSING_S, SharedFile
+from tests.protocol.test_regular_files import lay_sparse
 
 MARK = "<!-- end of view -->\n"
 
@@ -189,11 +190,6 @@ def test_a_file_system_without_leases_is_given_time(shelf, monkeypatch):
 
     assert shelf.take(2.0) == []
     assert shelf.take(5.0) == [("theirs\n" + MARK, True)]
-
-
-def lay_sparse(path):
-    with path.open("wb") as file:
-        file.truncate(10**9)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import pytest
 from phyagentos.protocol.sessions import stop_signals as mailbox
 from phyagentos.protocol.sessions.stop_signals import DONE_KEPT, Signal, SignalReader, drop_signal, take_signals
 from phyagentos.testing import ManualClock
+from tests.protocol.test_regular_files import lay_sparse
 
 
 def make_old(path):
@@ -61,11 +62,6 @@ def test_what_cannot_be_read_is_put_aside_with_the_reason(tmp_path, text, reason
     assert re.search(f"by-hand.yaml: .*{reason}", told, re.DOTALL)
     assert "cancel, pause, resume, estop" in told
     assert list((tmp_path / "new").iterdir()) == []
-
-
-def lay_sparse(path):
-    with path.open("wb") as file:
-        file.truncate(10**9)
 
 
 @pytest.mark.parametrize(
