@@ -26,9 +26,8 @@ from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.truth import Truth
 
-from .conftest import add_skills, make_world
+from .conftest import make_world
 from .test_diagnosis import COURSES, JUDGING, criterion, make_bundle, moved
-from .test_recovery_missions import MORE_SKILLS
 from .test_repair import HEMMED_IN, HOLDING, NEAR, ROOT, make_box, make_case, met
 from .test_repair import make_table_world as make_repair_world
 
@@ -162,8 +161,3 @@ def test_a_repair_is_the_same_whatever_the_messages_say(generator, cause, facts,
 def find_means(revision):
     choice = revision.choice
     return choice and (choice.skill, choice.target, choice.parameters)
-
-
-@pytest.fixture
-def library(library):
-    return add_skills(library, MORE_SKILLS)
