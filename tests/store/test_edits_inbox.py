@@ -6,6 +6,7 @@ import re
 import pytest
 
 from phyagentos.store.edits import edit_intake, inbox
+from tests.protocol.test_regular_files import lay_sparse
 
 CONTRACT = """kind: submit
 contract:
@@ -67,19 +68,19 @@ def test_a_request_that_stands_already_is_done(stand):
     [
         (
             "kind: submitt\n",
-            r"r.yaml:1:1: UNKNOWN_REQUEST: found 'submitt'; expected amend, cancel, submit. Did you mean",
+            r"r.yaml:1:1: UNKNOWN_NAME \(request\): found 'submitt'; expected amend, cancel, submit. Did you mean",
         ),
-        ("- kind\n", r"r.yaml.*UNKNOWN_REQUEST: found no 'kind'"),
+        ("- kind\n", r"r.yaml.*UNKNOWN_NAME \(request\): found no 'kind'"),
         ("kind: [\n", r"r.yaml.*YAML_SYNTAX"),
-        ("", r"UNKNOWN_REQUEST"),
+        ("", r"UNKNOWN_NAME \(request\)"),
         (b"\xff\xfe\x00", r"UNREADABLE_FILE"),
-        ("kind: cancel\nsesion: a\n", r"r.yaml:2:1: UNKNOWN_KEY: found 'sesion'.*Did you mean 'session'"),
+        ("kind: cancel\nsesion: a\n", r"r.yaml:2:1: UNKNOWN_NAME \(key\): found 'sesion'.*Did you mean 'session'"),
         ("kind: cancel\nsession: nobody\n", r"asked for 'cancel' in state 'unknown'"),
         ("kind: amend\nsession: a\nlimits: {timeout_s: -1}\n", r"r.yaml:3:10: INVALID_VALUE.*> 0"),
         ("kind: amend\nsession: a\nlimits: {timout_s: 1}\n", r"found 'timout_s'.*Did you mean 'timeout_s'"),
         (
             CONTRACT.replace("skill: wave", "skil: wave"),
-            r"r.yaml:4:3: UNKNOWN_KEY: found 'skil'.*MISSING_KEY: .*'skill'",
+            r"r.yaml:4:3: UNKNOWN_NAME \(key\): found 'skil'.*MISSING_KEY: .*'skill'",
         ),
         (CONTRACT.replace("  objective", "  goal: g\n  objective"), r"r.yaml:3:3: NOT_BY_HAND: found 'goal'"),
         (CONTRACT.replace("upright(bottle)", "upright("), r"r.yaml:6:\d+: PREDICATE_SYNTAX"),
@@ -125,11 +126,6 @@ def test_no_file_holds_up_who_reads_it(stand, text, reason):
 
     assert re.search(reason, (stand.workspace.inbox / "refused" / "r.yaml.reason.md").read_text())
     assert stand.sessions["a"].state == "cancelled"
-
-
-def lay_sparse(path):
-    with path.open("wb") as file:
-        file.truncate(10**9)
 
 
 @pytest.mark.parametrize(
