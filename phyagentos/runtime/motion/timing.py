@@ -23,6 +23,8 @@ ACCELERATION_SCALE = 0.7  # toppra exceeds its limit by some per cent between gr
 FINITE_DIFFERENCE_SCALE = 0.98  # the guard differentiates too, and refuses at 1
 DUPLICATE_RAD = 1e-4
 GRID_SHARE, GRID_MIN, GRID_MAX = 3, 24, 300  # points of the grid for a row, and in all
+REFINEMENTS = 1.0, 1.4, 2.0  # of the grid: toppra's linear programs fail at a rare point and stop the motion there
+STOP_SHARE = 1e-3  # of the greatest speed; a motion from rest to rest is faster at all points between
 
 logging.getLogger("toppra").setLevel(logging.ERROR)
 
@@ -180,14 +182,16 @@ def _creep(start_rad: Array, end_rad: Array, limits: JointLimits) -> Trajectory:
 def _run_toppra(rows: Array, limits: JointLimits) -> tuple[toppra.SplineInterpolator, algorithm.ParameterizationData]:
     along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1))))
     path = toppra.SplineInterpolator(along / along[-1], rows, bc_type="natural")
-    solver = algorithm.TOPPRA(
-        list(_constrain(tuple(limits.velocity_rad_s.tolist()), tuple(limits.acceleration_rad_s2.tolist()))),
-        path,
-        gridpoints=np.linspace(0.0, 1.0, int(np.clip(GRID_SHARE * len(rows), GRID_MIN, GRID_MAX))),
-        solver_wrapper="seidel",
-    )
-    count_call(Solver.TOPPRA)
-    solver.compute_parameterization(0.0, 0.0)
+    limited = list(_constrain(tuple(limits.velocity_rad_s.tolist()), tuple(limits.acceleration_rad_s2.tolist())))
+    points = np.clip(GRID_SHARE * len(rows), GRID_MIN, GRID_MAX)
+    for refinement in REFINEMENTS:
+        grid = np.linspace(0.0, 1.0, int(refinement * points))
+        solver = algorithm.TOPPRA(limited, path, gridpoints=grid, solver_wrapper="seidel")
+        count_call(Solver.TOPPRA)
+        solver.compute_parameterization(0.0, 0.0)
+        speeds = solver.problem_data.sd_vec
+        if speeds is None or speeds[1:-1].min() > STOP_SHARE * speeds.max():
+            break
     return path, solver.problem_data
 
 

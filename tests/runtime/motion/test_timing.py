@@ -15,6 +15,19 @@ from phyagentos.runtime.motion.transport import Care, time_carry
 
 pytestmark = pytest.mark.motion
 
+SHARP_END_RAD = (  # a straight motion with a corner just before its end, which toppra made last twelve minutes
+    (0.204, 0.234, -0.047, -2.121, -0.178, 2.575, 0.641),
+    (0.19, 0.213, -0.068, -2.203, -0.148, 2.602, 0.576),
+    (0.176, 0.192, -0.09, -2.284, -0.117, 2.63, 0.511),
+    (0.162, 0.171, -0.111, -2.366, -0.086, 2.658, 0.447),
+    (0.148, 0.15, -0.133, -2.448, -0.055, 2.686, 0.382),
+    (0.134, 0.129, -0.154, -2.53, -0.024, 2.714, 0.317),
+    (0.12, 0.108, -0.175, -2.612, 0.006, 2.741, 0.252),
+    (0.106, 0.087, -0.197, -2.694, 0.037, 2.769, 0.187),
+    (0.104, 0.085, -0.199, -2.702, 0.04, 2.772, 0.18),
+    (0.091, 0.08, -0.19, -2.707, 0.043, 2.786, 0.169),
+)
+
 
 @pytest.fixture
 def limits(planner):
@@ -38,6 +51,12 @@ def test_a_straight_motion_is_near_the_time_optimum(limits, home):
     bound_s = 1.0 / v + v / a
 
     assert bound_s <= len(trajectory.q_rad) * limits.step_s < 1.15 * bound_s
+
+
+def test_a_motion_does_not_stop_before_its_end(limits):
+    trajectory = time_path(np.array(SHARP_END_RAD), limits).trajectory
+
+    assert trajectory.duration_s < 1.5
 
 
 @pytest.mark.parametrize("distance", [0.0, 1e-9, 1e-5, 3e-4])
