@@ -20,7 +20,7 @@ from phyagentos.bench.report import Ask
 
 ROOT = Path(__file__).resolve().parents[1]
 BROKEN_PROMISES = ("lost", "torn_exposed", "vanished", "broken_batches", "readers_differ", "folds_differ", "accepted")
-TOLD = ("kills", "images", "faults", "damages", "acknowledged", "cut", "repairs", *BROKEN_PROMISES)
+TOLD = ("kills", "cuts", "images", "faults", "damages", "acknowledged", "cut", "repairs", *BROKEN_PROMISES)
 
 
 class Collector:
