@@ -64,7 +64,7 @@ class OpenAiEndpoint:
         `timeout_s` [s] is instead of that of the endpoint.
 
         Raises:
-            ExecutionError: `MODEL_UNREACHABLE` (also when it answers too late), `MODEL_REFUSED` (a status other than
+            ExecutionError: `MODEL_FAILED` (also when it answers too late), `MODEL_FAILED` (a status other than
                 200) or `MODEL_MALFORMED`.
         """
         from phyagentos.network.http import Codes, HttpClient  # late: only who asks needs it
@@ -76,8 +76,8 @@ class OpenAiEndpoint:
             "max_tokens": max_tokens,
             "response_format": response_format,
         }
-        lost, within_s = "MODEL_UNREACHABLE", self.timeout_s if timeout_s is None else timeout_s
-        codes = Codes(late=lost, lost=lost, refused="MODEL_REFUSED", malformed="MODEL_MALFORMED")
+        lost, within_s = "MODEL_FAILED", self.timeout_s if timeout_s is None else timeout_s
+        codes = Codes(late=lost, lost=lost, refused="MODEL_FAILED", malformed="MODEL_MALFORMED")
         url = f"{self.url.rstrip('/')}/chat/completions"
         headers = [("Content-Type", "application/json")]
         if self.key:

@@ -173,7 +173,7 @@ def test_a_detector(open_stand):
     detector = open_stand(detect_by_colour(), change)
     sessions, next_report = detector.run_against((DRIP, BOMB), after=5)  # a camera after the other: in the last look
 
-    for session, code in zip(sessions, ("DETECTOR_TIMEOUT", "DETECTOR_MALFORMED"), strict=True):
+    for session, code in zip(sessions, ("DETECTOR_FAILED", "DETECTOR_MALFORMED"), strict=True):
         assert (session.ended, session.verdict, session.cause) == ("completed", "failure", "EVIDENCE_MISSING"), session
         after = json.loads((detector.workspace.evidence_of(session.id) / evidence.AFTER).read_bytes())
         found = {(each["status"], each["detail"].split(":")[0]) for each in after["sensors"].values()}
@@ -192,7 +192,7 @@ def test_a_judge_that_looks_at_pictures(open_stand):
     judge = open_stand(lambda _: reply, change)
     sessions, next_report = judge.run_against((DRIP, BOMB), after=1)  # there are two criteria
 
-    for session, code in zip(sessions, ("MODEL_UNREACHABLE", "MODEL_MALFORMED"), strict=True):
+    for session, code in zip(sessions, ("MODEL_FAILED", "MODEL_MALFORMED"), strict=True):
         assert (session.ended, session.verdict, session.cause) == ("completed", "failure", "JUDGE_FAILED"), session
         answers = [(str(each.truth), each.because.split(":")[0]) for each in session.criteria if each.kind == "vision"]
         assert answers == [("true", "it is there"), ("unknown", code)]

@@ -25,9 +25,7 @@ TIMEOUT_S = 5.0
 ANSWER_MAX_BYTES = 8 * 2**20  # hundreds of masks of a large picture
 DETECTIONS_MAX = 1000
 MASKS_MAX_PIXELS = 2**28  # of all masks of an answer together: about 290 of 1280 x 720
-CODES = Codes(
-    late="DETECTOR_TIMEOUT", lost="DETECTOR_UNREACHABLE", refused="DETECTOR_REFUSED", malformed="DETECTOR_MALFORMED"
-)
+CODES = Codes(late="DETECTOR_FAILED", lost="DETECTOR_FAILED", refused="DETECTOR_FAILED", malformed="DETECTOR_MALFORMED")
 _PNG = struct.Struct(">8s4x4sII")  # signature, length of the first chunk, its kind, width and height
 
 
@@ -66,7 +64,7 @@ class HttpDetector:
         """All matches of the labels, the best first.
 
         Raises:
-            ExecutionError: `DETECTOR_TIMEOUT`, `DETECTOR_UNREACHABLE`, `DETECTOR_REFUSED` (an HTTP status),
+            ExecutionError: `DETECTOR_FAILED` (an HTTP status),
                 `DETECTOR_MALFORMED`.
         """
         _, png = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
