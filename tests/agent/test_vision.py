@@ -161,11 +161,6 @@ def test_an_answer_of_another_form_than_the_one_asked_for_is_unknown(serve, bund
     assert len(model.asked) == 1  # nothing is followed, nothing is tried again
 
 
-def test_no_answer_in_time_is_unknown(serve, bundle):
-    (criterion,) = make_judge(serve(trickles=True).url, timeout_s=0.2).judge(bundle)
-    assert (criterion.truth, criterion.because.split(":")[0]) == (Truth.UNKNOWN, "MODEL_FAILED")
-
-
 @pytest.mark.parametrize(
     ("way", "code", "what"),
     [
@@ -265,12 +260,6 @@ def test_texts_of_others_reach_the_model_as_values_only(serve, bundle, hostile):
     assert [block.name for block in blocks] == ["question", "request", "attempts"]
     assert yaml.safe_load(blocks[1].yaml)["g.red"]["objective"] == hostile
     assert yaml.safe_load(blocks[2].yaml)["g.red.r2"]["reason"] == hostile
-
-
-def test_what_a_model_that_gave_no_answer_was_shown_is_kept_too(serve, bundle):
-    (criterion,) = make_judge(serve(content="no").url).judge(bundle)
-    assert criterion.truth is Truth.UNKNOWN
-    assert (bundle.folder / get_shown_name(criterion.shown)).is_file()
 
 
 def test_no_model_is_asked_what_cannot_be_kept_or_is_too_long(serve, bundle):

@@ -157,16 +157,19 @@ MAY_SPEAK = {
     "phyagentos/assembly/processes.py",  # the mains of workers, worlds and planners, likewise
     "phyagentos/view/scenes.py",  # keeps quiet what the server of the 3D scene prints
 }
-MAY_START = {
+MAY_START_PYTHON = {
     "phyagentos/assembly/planes.py": "planes",
+    "phyagentos/bench/episode.py": "episodes",
+    "phyagentos/runtime/channel.py": "planners",
+    "phyagentos/runtime/supervision/world_process.py": "worlds and workers",
+}
+MAY_START = {
+    "phyagentos/fork_server.py": "those",
     "phyagentos/assembly/runtime_plane.py": "the thinning of evidence, at the lowest priority beside control",
     "phyagentos/bench/availability.py": "environments of others, made and looked at",
-    "phyagentos/bench/episode.py": "episodes",
     "phyagentos/bench/sweep.py": "policies of a suite",
     "phyagentos/operations/doctor.py": "a picture, tried without a screen",
-    "phyagentos/runtime/channel.py": "planners",
     "phyagentos/runtime/drivers/gymnasium.py": "environments of others",
-    "phyagentos/runtime/supervision/world_process.py": "worlds and workers",
 }
 
 
@@ -194,3 +197,4 @@ def test_only_the_command_line_prints_prompts_and_exits():
 @pytest.mark.slow
 def test_child_processes_are_planes_planners_worlds_episodes_and_environments_of_others():
     assert set(find_callers(lambda each: each.startswith(STARTS))) == set(MAY_START)
+    assert set(find_callers(lambda each: each == "start_python")) == set(MAY_START_PYTHON)

@@ -22,14 +22,6 @@ def spoil(path, seq):
     return start
 
 
-def test_a_whole_journal_is_said_to_be_whole(paos, replanned):
-    done = paos("store", "check", replanned.workspace.root)
-
-    assert (done.code, done.out) == (0, "")
-    assert "1 segments, 20 records, whole" in done.err
-    assert paos("store", "repair", replanned.workspace.root).out == "nothing to repair\n"
-
-
 @pytest.mark.slow
 def test_every_problem_is_told_with_its_place_and_the_exit_code_is_1(paos, replanned):
     path = segment_of(replanned)

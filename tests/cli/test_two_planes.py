@@ -1,4 +1,4 @@
-"""Both planes by hand, in either order, and what Ctrl-C does to a run."""
+"""Both planes by hand, and what Ctrl-C does to a run."""
 
 import json
 import os
@@ -22,7 +22,7 @@ GRAPH = ROOT / "examples/projects/01_yaml_skill/goal_graphs/show.yaml"
 COUNT = ROOT / "benchmarks/library/goal_graphs/count.yaml"
 LIMIT_S = 300
 
-pytestmark = pytest.mark.journey
+pytestmark = [pytest.mark.journey, pytest.mark.usefixtures("starts_interpreters")]
 
 
 def start(*arguments: object, cwd: Path = GRAPH.parents[1]) -> subprocess.Popen[str]:
@@ -48,19 +48,15 @@ def begin():
         process.communicate()
 
 
-@pytest.mark.parametrize("first", ["agent", "watch"])
-def test_the_planes_meet_in_the_workspace_in_either_order(begin, tmp_path, first):
+def test_an_agent_that_was_there_first_waits_for_its_watch(begin, tmp_path):
     place, here = ("--workspace", tmp_path / "w"), COUNT.parents[1]
-    commands = {"agent": ("agent", COUNT, *place), "watch": ("watch", *place, "--no-pictures", "--once-idle")}
-    second = "watch" if first == "agent" else "agent"
-    processes = {first: begin(*commands[first], cwd=here)}
+    agent = begin("agent", COUNT, *place, cwd=here)
     while not (tmp_path / "w" / "workspace.yaml").exists():
-        assert processes[first].poll() is None, processes[first].communicate()
-    processes[second] = begin(*commands[second], cwd=here)
-    ended = {name: process.communicate(timeout=LIMIT_S) for name, process in processes.items()}
-    assert processes["agent"].returncode == ExitCode.GOAL_MET, ended
-    assert processes["watch"].returncode == ExitCode.GOAL_MET, ended
-    assert "goal count-0: success" in ended["agent"][0]
+        assert agent.poll() is None, agent.communicate()
+    watch = begin("watch", *place, "--no-pictures", "--once-idle", cwd=here)
+    ended = [process.communicate(timeout=LIMIT_S) for process in (agent, watch)]
+    assert (agent.returncode, watch.returncode) == (ExitCode.GOAL_MET, ExitCode.GOAL_MET), ended
+    assert "goal count-0: success" in ended[0][0]
 
 
 def wait_for(process: subprocess.Popen[str], line: str) -> None:

@@ -33,13 +33,6 @@ JUMPS_S = {
 QUEUE = Path("/proc/sys/fs/inotify/max_queued_events")
 
 
-class LeapSecondClock(ManualClock):
-    """A wall clock that tells a leap second, as some systems do."""
-
-    def wall_iso(self):
-        return "2016-12-31T23:59:60.500000Z" if self.now_s() < NOON_S + 1 else "2017-01-01T00:00:00.000000Z"
-
-
 def open_two(root, clock):
     options = {"partition": LANE, "clock": clock, "durable": False}
     agent = Journal(root, side=Side.AGENT, by="agent", **options)
@@ -80,16 +73,6 @@ def test_nothing_that_decides_reads_a_wall_time_back():
             assert not re.search(r"fromisoformat|strptime|\.timestamp\(", text), (
                 f"{path}: leases and limits are monotonic"
             )
-
-
-def test_a_leap_second_is_a_time_like_any_other(memory):
-    clock = LeapSecondClock(NOON_S)
-    agent, runtime = open_two(memory, clock)
-    told = agent.commit([make_submit("a")])
-    clock.advance(2.0)
-    told += runtime.commit([Entry("a", "claim")])
-    assert [path.stem for path in second_reader.find_segments(memory, LANE)] == ["2016-12-31.001", "2017-01-01.001"]
-    check_order(memory, [identify(record) for record in told])
 
 
 def test_a_day_of_more_than_999_segments_keeps_its_order(memory):

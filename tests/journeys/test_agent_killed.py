@@ -26,7 +26,7 @@ from phyagentos.store.watch import Watch
 
 HERE = Path(__file__).parent
 BENCH = HERE.parents[1] / "benchmarks" / "library"
-COUNT, CUBE = HERE / "count.yaml", HERE / "goal.yaml"
+COUNT = HERE / "count.yaml"
 
 pytestmark = pytest.mark.journey
 
@@ -34,11 +34,11 @@ pytestmark = pytest.mark.journey
 class Planes:
     """A watched workspace, in which agents are started and killed. Each goal has a seed of its own."""
 
-    def __init__(self, root: Path, project: Path, graph: Path, faults: Path | None = None) -> None:
+    def __init__(self, root: Path, project: Path, graph: Path) -> None:
         self.workspace = Workspace.create(root, Library.open(project))
         self.graph = graph
         command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(root), "--no-pictures"]
-        command += ["--trust-python", *(["--faults", str(faults)] if faults else [])]
+        command += ["--trust-python"]
         self._log = (self.workspace.logs / "planes.log").open("wb")
         self._watch = subprocess.Popen(command, stdout=self._log, stderr=self._log)
         while not list(self.workspace.sessions.iterdir()):
@@ -187,38 +187,3 @@ def test_an_agent_killed_after_any_record_of_either_plane_comes_to_the_same_end(
         assert counter.read_story(1000 + n_records) == expected, f"killed after {n_records} records"
 
     assert killed > count // 12
-
-
-def test_an_agent_killed_again_and_again_comes_to_the_same_end(counter):
-    expected = counter.read_story(1)
-    deaths = 0
-    while counter.run_agent(50, 2, "after" if deaths % 2 else "middle") == -signal.SIGKILL:
-        deaths += 1
-        assert deaths < 50
-
-    assert counter.read_story(50) == expected
-    assert deaths > 5
-
-
-def test_an_agent_killed_while_a_grasp_slips_comes_to_the_same_end(cube_planes):
-    killed = cube_planes.kill_agent_after(seed := 6, n_records=6)
-    cube_planes.finish(seed)
-    goal, sessions, records = cube_planes.read_goal(seed)
-
-    assert killed
-    assert (goal.verdict, goal.replans) == ("success", 1)
-    assert [criterion.truth for criterion in goal.criteria] == ["true"] * 2  # and the constraint
-    assert [status.state for status in sessions] == ["replanned", "succeeded"]
-    assert max(Counter((record.id, record.ev) for record in records if record.ev == "submit").values()) == 1
-
-
-@pytest.fixture(scope="module")
-def cube_planes(tmp_path_factory):
-    root = tmp_path_factory.mktemp("killed-cube")
-    faults = root / "faults.yaml"
-    faults.write_text(
-        'version: 1\nfaults:\n  - {kind: slip, object: red_cube, when: {session: "*.red", lifted_m: 0.12}}\n'
-    )
-    planes = Planes(root / "w", HERE / "library", CUBE, faults)
-    yield planes
-    planes.stop()

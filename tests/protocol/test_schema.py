@@ -64,10 +64,6 @@ def test_a_misspelt_key_stands_in_for_the_one_that_is_needed():
     assert [problem.label for problem in problems].count("UNKNOWN_NAME (key)") == 2
 
 
-def test_a_sound_file_has_no_problem():
-    assert salvage(Outer, parse_yaml("name: x", "f.yaml")) == (Outer(name="x"), [])
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [

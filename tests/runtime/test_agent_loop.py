@@ -14,7 +14,6 @@ from phyagentos.protocol.sessions.agent_calls import CallFiles, Turn
 from phyagentos.protocol.sessions.evidence import TRACE
 from phyagentos.protocol.sessions.session import Ended, Limits
 from phyagentos.runtime.execution.loop import EndRequest
-from phyagentos.runtime.preflight.adapter_plan import describe_skill_tool
 
 PUT = {"call": "invoke_tool", "tool": "pick_and_place"}
 RIGHT = {"object": "red_cube", "destination": "red_tray"}
@@ -172,10 +171,3 @@ def test_a_link_is_no_answer(files, tmp_path):
     (tmp_path / "elsewhere.json").write_text('{"call": "finish"}')
     (tmp_path / "loops" / "s" / "answer-0001.json").symlink_to(tmp_path / "elsewhere.json")
     assert shown.find_answer(1) == {}
-
-
-def test_a_skill_as_a_tool_declares_what_it_takes(library):
-    tool = describe_skill_tool(read_skill(library.get_skill("pick_and_place"))[0])
-    assert tool.arguments["required"] == ["object", "destination"]
-    assert tool.arguments["properties"]["near"]["maxItems"] == 3
-    assert tool.arguments["additionalProperties"] is False

@@ -76,15 +76,6 @@ def test_a_section_that_is_added_submits_a_session(stand, place):
     assert stand.rejected == ""
 
 
-def test_saving_the_same_buffer_again_changes_nothing_more(stand):
-    text = stand.text.replace("priority: 0", "priority: 3", 1) + NEW
-    for _ in range(3):
-        save(stand, text)
-
-    assert len(events(stand)) == 2
-    assert stand.rejected == ""
-
-
 def test_what_is_deleted_or_copied_asks_for_nothing_and_comes_back(stand):
     text = stand.text
     save(stand, text.replace(section(text, "a"), ""))
@@ -154,13 +145,6 @@ def test_a_new_section_that_is_no_contract_is_refused_with_its_place(stand, old,
     assert events(stand) == []
     assert re.search(reason, stand.rejected, re.DOTALL), stand.rejected
     assert NEW.replace(old, new) in stand.rejected
-
-
-def test_words_around_a_new_section_are_kept_in_the_refused_file(stand):
-    save(stand, stand.text + NEW.replace("```yaml", "Please be gentle.\n\n```yaml") + "And slow.\n")
-
-    assert events(stand) == [("by-hand", "submit", "operator")]
-    assert "Please be gentle.\nAnd slow.\n" in stand.rejected
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import re
 import pytest
 
 from phyagentos.store.edits import edit_intake, inbox
+from tests.protocol.test_regular_files import lay_sparse
 
 CONTRACT = """kind: submit
 contract:
@@ -125,11 +126,6 @@ def test_no_file_holds_up_who_reads_it(stand, text, reason):
 
     assert re.search(reason, (stand.workspace.inbox / "refused" / "r.yaml.reason.md").read_text())
     assert stand.sessions["a"].state == "cancelled"
-
-
-def lay_sparse(path):
-    with path.open("wb") as file:
-        file.truncate(10**9)
 
 
 @pytest.mark.parametrize(

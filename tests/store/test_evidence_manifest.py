@@ -45,16 +45,6 @@ def test_an_object_lies_under_the_hash_of_its_bytes(store):
     assert store.check() == []
 
 
-def test_the_manifest_names_every_file_with_its_hash(store):
-    folder = store.run("g.a")
-    manifest = read_manifest(folder)
-
-    assert set(manifest.files) | {MANIFEST} == names_in(folder)
-    for name, record in manifest.files.items():
-        data = (folder / name).read_bytes()
-        assert (record.sha256, record.bytes) == (hashlib.sha256(data).hexdigest(), len(data))
-
-
 def test_a_damaged_object_is_not_handed_to_the_next_bundle(store):
     first = store.run("g.a")
     shared = first / evidence.SCENE_MODEL

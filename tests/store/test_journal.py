@@ -57,19 +57,6 @@ def test_a_follower_gets_its_own_records_and_others_exactly_once(open_journal, s
     assert [record.by for record in open_journal().read_new()] == ["two", "one"] * 3
 
 
-def test_who_does_not_look_gets_what_the_last_commit_found_and_added(open_journal, submit):
-    one, two = open_journal(by="one"), open_journal(by="two")
-    one.read_new()
-
-    two.commit([submit("s1")])
-    one.commit([submit("s2")])
-    two.commit([submit("s3")])
-
-    assert [record.id for record in one.read_new(looks=False)] == ["s1", "s2"]
-    assert one.read_new(looks=False) == []
-    assert [record.id for record in one.read_new()] == ["s3"]
-
-
 def test_a_follower_sees_the_same_record_as_its_writer(open_journal, submit):
     writer, reader = open_journal(), open_journal()
 

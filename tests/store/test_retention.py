@@ -3,7 +3,6 @@
 import hashlib
 import json
 import os
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -286,33 +285,6 @@ def test_a_clean_up_that_dies_at_any_call_leaves_no_bundle_that_lacks_a_file_wit
             break
         at += 1
     assert at > 10
-
-
-def test_the_disk_has_the_new_manifest_before_anything_is_deleted(store, monkeypatch):
-    folder = store.run("g.a")
-    calls = []
-
-    def watch(name):
-        real = getattr(os, name)
-
-        def call(*arguments, **options):
-            where = arguments[0]
-            target = str(Path(f"/proc/self/fd/{where}").readlink() if isinstance(where, int) else where)
-            calls.append((name, target))
-            return real(*arguments, **options)
-
-        monkeypatch.setattr(os, name, call)
-
-    for name in ("fsync", "replace", "unlink"):
-        watch(name)
-    store.prune()
-    monkeypatch.undo()
-
-    in_bundle = [(name, Path(target)) for name, target in calls if str(folder) in target]
-    assert [name for name, _ in in_bundle] == ["fsync", "replace", "fsync", *["unlink"] * len(HEAVY)]
-    assert in_bundle[0][1] == in_bundle[1][1]  # the temporary manifest
-    assert in_bundle[2][1] == folder
-    assert {path.name for name, path in in_bundle if name == "unlink"} == HEAVY
 
 
 def test_sessions_whose_journal_is_archived_are_thinned_all_the_same(store):

@@ -47,17 +47,6 @@ def ask(server, request=REQUEST, vocabulary=None, *, key="", answers=None, **lim
     return understander.understand(request, vocabulary or get_vocabulary(), answers or {})
 
 
-def test_a_right_answer_becomes_the_goal(serve):
-    server = serve(RIGHT)
-    found = ask(server)
-
-    assert found.goal.accept == ("inside(red_cube, red_tray)",)
-    assert found.goal.constraints == ("upright(bottle)",)
-    assert (found.goal.objective, found.goal.scene) == (REQUEST, "tabletop/cubes_and_trays")
-    assert server.data["question"]["request"] == REQUEST
-    assert server.asked[0]["response_format"]["type"] == "json_schema"
-
-
 def test_prose_around_the_answer_is_no_part_of_it(serve):
     prose = f"Sure! Here it is:\n```json\n{json.dumps(RIGHT)}\n```\nAnything else?"
 
