@@ -30,7 +30,6 @@ JUMPS_S = {
     "back by a month, then on": (0.0, -31 * DAY_S, 32 * DAY_S),
     "into a leap day and out": (LEAP_DAY_S - NOON_S, DAY_S, -DAY_S),
 }
-QUEUE = Path("/proc/sys/fs/inotify/max_queued_events")
 
 
 def open_two(root, clock):
