@@ -79,7 +79,7 @@ def apply_retention(
 ) -> RetentionReport:
     """Thin what the policy allows, finish an interrupted clean-up, and drop large files that no bundle needs.
 
-    Raises ExecutionError: `EVIDENCE_BUSY` while another clean-up runs; `EVIDENCE_UNWRITABLE`, after which every bundle
+    Raises ExecutionError: `BUSY` while another clean-up runs; `EVIDENCE_UNWRITABLE`, after which every bundle
     still names its files and the next clean-up goes on.
     """
     if dry_run:
@@ -88,7 +88,7 @@ def apply_retention(
         with FileLock(workspace.evidence / _LOCK, timeout=0):
             return _Cleaning(workspace, policy, clock).run(dry_run=False)
     except Timeout as error:
-        raise ExecutionError("EVIDENCE_BUSY", f"another clean-up of {workspace.evidence} is under way") from error
+        raise ExecutionError("BUSY", f"another clean-up of {workspace.evidence} is under way") from error
     except OSError as error:
         raise ExecutionError("EVIDENCE_UNWRITABLE", f"{error}; run it again when that is mended") from error
 

@@ -188,7 +188,7 @@ def test_what_a_predicate_names_is_not_among_what_fits_it(make_stage, write_grap
         ("after: [first]\n        foreach", "foreach", "NOTHING_SEEN", 12),
         ("inside(${thing}, red_tray)", "inside(*, red_tray)", "INVALID_VALUE", 13),
         ("inside(${thing}, red_tray)", "inside(${thing}, tub)", "UNKNOWN_NAME (object)", 13),
-        ("inside(${thing}, red_tray)", "inside(${thing}", "PREDICATE_SYNTAX", 13),
+        ("inside(${thing}, red_tray)", "inside(${thing}", "SYNTAX", 13),
     ],
 )
 def test_a_fan_out_over_what_is_seen_is_checked_before_anything_runs(catalogue, write_graph, old, new, code, line):

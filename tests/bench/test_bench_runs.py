@@ -96,7 +96,7 @@ def test_a_run_that_is_killed_goes_on_without_repeating_or_losing_an_episode(tmp
     is_busy = False
     while not 2 <= len(list(run.glob("episodes/*/workspace/workspace.yaml"))) == len(read_lines(run)) + 1:
         assert process.poll() is None
-        is_busy = is_busy or ((run / "episodes").exists() and "RUN_BUSY" in call(folder, "resume", "r", code=4).stderr)
+        is_busy = is_busy or ((run / "episodes").exists() and "BUSY" in call(folder, "resume", "r", code=4).stderr)
         assert time.monotonic() < deadline_s, "no second episode began"  # noqa: TID251
         time.sleep(0.01)  # noqa: TID251
     process.kill()

@@ -92,7 +92,7 @@ def test_a_manifest_names_no_file_outside_of_its_bundle(store, tmp_path, key):
 
     assert victim.read_text() == "precious"
     assert report.damaged == ("g.a",)
-    assert "MANIFEST_DAMAGED" in str(check_bundle(folder))
+    assert "EVIDENCE_DAMAGED" in str(check_bundle(folder))
 
 
 def test_failed_and_replanned_sessions_stay_whole(store):
@@ -226,7 +226,7 @@ def test_a_bundle_that_no_session_belongs_to_is_left_alone(store):
 
 
 def test_two_clean_ups_at_once_are_refused(store):
-    with FileLock(store.workspace.evidence / ".retention.lock"), pytest.raises(ExecutionError, match="EVIDENCE_BUSY"):
+    with FileLock(store.workspace.evidence / ".retention.lock"), pytest.raises(ExecutionError, match="BUSY"):
         store.prune()
 
 
@@ -273,7 +273,7 @@ def test_a_clean_up_that_dies_at_any_call_leaves_no_bundle_that_lacks_a_file_wit
                 if not path.exists():
                     assert known[path.name].sha256 == contents[path], f"{path} is gone and unnamed at call {at}"
                     assert path.name in manifest.gone
-            assert [problem for problem in check_bundle(folder) if problem.code != "UNSEALED"] == []
+            assert [problem for problem in check_bundle(folder) if problem.code != "EVIDENCE_DAMAGED"] == []
         store.prune()
         assert store.check() == []
         assert not list(store.workspace.evidence.rglob("*.tmp"))
