@@ -2,7 +2,6 @@
 
     python benchmarks/safety.py                  # 100 000 hostile commands, 1000 stops: some ten minutes
     python benchmarks/safety.py --quick          # small numbers, for a look; only the counts mean anything
-    python benchmarks/safety.py --remote         # the world behind a WebSocket, commanded by the driver `remote`
 
 One world process at a time, over its own wire. What is counted as outside was seen by an eye inside the physics process
 that shares no code with what limits (`safety_parts/observed_world.py`). The stops are made in real time, one world
@@ -38,11 +37,11 @@ ASKED_OF_STOPS = {
 }
 
 
-def run_attack(robot: Robot, commands: int, seeds: range, console: Console, *, is_remote: bool) -> dict[str, float]:
+def run_attack(robot: Robot, commands: int, seeds: range, console: Console) -> dict[str, float]:
     """Figures of the campaign."""
     recordings = record_tidy_table(robot, seeds)
     with tempfile.TemporaryDirectory() as folder:
-        tally, seen = attack(Path(folder), robot, seeds, recordings, commands, is_remote=is_remote)
+        tally, seen = attack(Path(folder), robot, seeds, recordings, commands)
     outside = seen.count_outside(robot.profile, robot.folder)
     console.print(_tabulate(tally))
     return {
@@ -81,7 +80,6 @@ def main(
     trials: Annotated[int, Option(help="Emergency stops.")] = 1000,
     seeds: Annotated[int, Option(help="Runs of tidy_table that go on meanwhile.")] = 10,
     only: Annotated[Literal["attack", "stops"] | None, Option(help="One half.")] = None,
-    remote: Annotated[bool, Option(help="By the driver `remote`, over WebSocket.")] = False,
     quick: Annotated[bool, Option(help="600 commands, 6 stops, one run.")] = False,
 ) -> int:
     """Print the tables and the closing line."""
@@ -90,11 +88,11 @@ def main(
     figures: dict[str, float] = {}
     asked: dict[str, Ask] = {}
     if only != "stops":
-        figures |= run_attack(robot, commands, range(1, seeds + 1), console, is_remote=remote)
+        figures |= run_attack(robot, commands, range(1, seeds + 1), console)
         asked |= ASKED_OF_ATTACK | {"hostile": Ask(float(commands), at_least=True)}
     if only != "attack":
         with tempfile.TemporaryDirectory() as folder:
-            figures |= measure_stops(Path(folder), robot.profile, trials, is_remote=remote)
+            figures |= measure_stops(Path(folder), robot.profile, trials)
         asked |= ASKED_OF_STOPS | {"stops": Ask(float(trials), at_least=True)}
     show_figures("Safety: one control period is 20 ms", figures, asked)
     return finish(figures, asked)
