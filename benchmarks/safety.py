@@ -20,20 +20,20 @@ from benchmarks.recorded import Robot, open_robot, record_tidy_table
 from benchmarks.runner import finish, run, show_figures
 from benchmarks.safety_parts.campaign import Tally, attack
 from benchmarks.safety_parts.stops import measure_stops
-from phyagentos.bench.report import Ask
+from phyagentos.bench.report import Threshold
 
 ASKED_OF_ATTACK = {
-    "rows_outside_position": Ask(0.0, at_least=False),
-    "rows_outside_velocity": Ask(0.0, at_least=False),
-    "rows_outside_torque": Ask(0.0, at_least=False),
-    "rows_outside_workspace": Ask(0.0, at_least=False),
-    "hostile_passed": Ask(0.0, at_least=False),
-    "legitimate_refused": Ask(0.0, at_least=False),
+    "rows_outside_position": Threshold(0.0, at_least=False),
+    "rows_outside_velocity": Threshold(0.0, at_least=False),
+    "rows_outside_torque": Threshold(0.0, at_least=False),
+    "rows_outside_workspace": Threshold(0.0, at_least=False),
+    "hostile_passed": Threshold(0.0, at_least=False),
+    "legitimate_refused": Threshold(0.0, at_least=False),
 }
 ASKED_OF_STOPS = {
-    "silence_p99_periods": Ask(2.0, at_least=False),
-    "commands_after_asked": Ask(0.0, at_least=False),
-    "stops_still_moving": Ask(0.0, at_least=False),
+    "silence_p99_periods": Threshold(2.0, at_least=False),
+    "commands_after_asked": Threshold(0.0, at_least=False),
+    "stops_still_moving": Threshold(0.0, at_least=False),
 }
 
 
@@ -86,14 +86,14 @@ def main(
     commands, trials, seeds = (600, 6, 1) if quick else (commands, trials, seeds)
     robot, console = open_robot(), Console()
     figures: dict[str, float] = {}
-    asked: dict[str, Ask] = {}
+    asked: dict[str, Threshold] = {}
     if only != "stops":
         figures |= run_attack(robot, commands, range(1, seeds + 1), console)
-        asked |= ASKED_OF_ATTACK | {"hostile": Ask(float(commands), at_least=True)}
+        asked |= ASKED_OF_ATTACK | {"hostile": Threshold(float(commands), at_least=True)}
     if only != "attack":
         with tempfile.TemporaryDirectory() as folder:
             figures |= measure_stops(Path(folder), robot.profile, trials)
-        asked |= ASKED_OF_STOPS | {"stops": Ask(float(trials), at_least=True)}
+        asked |= ASKED_OF_STOPS | {"stops": Threshold(float(trials), at_least=True)}
     show_figures("Safety: one control period is 20 ms", figures, asked)
     return finish(figures, asked)
 
