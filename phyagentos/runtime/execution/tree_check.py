@@ -82,7 +82,7 @@ def _iter_tree_problems(
     yield from check_loaded_tree(tree, library, registry)
     below = (node.type for node in iter_nodes(tree.root) if node.kind is NodeKind.SUBTREE)
     for subtree in dict.fromkeys(below):
-        if subtree not in (*above, name) and subtree in library.names_of_trees():
+        if subtree not in (*above, name) and library.has_tree(subtree):
             yield from _iter_tree_problems(subtree, library, registry, (*above, name))
 
 
@@ -131,7 +131,7 @@ def _find_way(start: str, goal: str, library: Library, above: tuple[str, ...] = 
     """Names of trees from one to another, along subtrees; empty where none leads there."""
     if start == goal:
         return (goal,)
-    if start in above or start not in library.names_of_trees():
+    if start in above or not library.has_tree(start):
         return ()
     tree, _ = load_tree(library.get_tree(start))
     below = [node.type for node in iter_nodes(tree.root) if node.kind is NodeKind.SUBTREE] if tree is not None else []
