@@ -166,7 +166,7 @@ def lint(*paths: str | Path, run_python: bool = False) -> "LintReport":
 def why(subject: str = "", *, workspace: str | Path | None = None) -> "Explanation":
     """Explain the verdict on a session, node or goal, the latest one without, of a workspace, the newest without.
 
-    Raises `NOT_A_WORKSPACE`, `UNKNOWN_SESSION`, `EVIDENCE_UNREADABLE`.
+    Raises `NOT_A_WORKSPACE`, `UNKNOWN_NAME`, `EVIDENCE_UNREADABLE`.
     """
     from phyagentos.operations import why as explaining
     from phyagentos.operations.workspaces import get_newest
@@ -233,7 +233,7 @@ class SessionView:
 
     @property
     def tree(self) -> Figure:
-        """The behaviour tree of its skill, as HTML with how each node ended; raises `UNKNOWN_TREE` without one."""
+        """The behaviour tree of its skill, as HTML with how each node ended; raises `UNKNOWN_NAME` without one."""
         from phyagentos.pictures.trees import draw_tree, render_svg, tick
         from phyagentos.protocol.capabilities.skill_runtimes import read_skill
         from phyagentos.protocol.capabilities.trees import read_tree
@@ -285,11 +285,11 @@ class WorkspaceView:
         return iter(self.sessions.values())
 
     def __getitem__(self, session: str) -> SessionView:
-        """The session; the part of its id after the goal is enough. Raises DefinitionError `UNKNOWN_SESSION`."""
+        """The session; the part of its id after the goal is enough. Raises DefinitionError `UNKNOWN_NAME`."""
         return self.sessions[get_session(session, self.sessions)]
 
     def why(self, subject: str = "") -> str:
-        """What `paos why` prints of a session, node or goal, or of the latest goal; raises `UNKNOWN_SESSION`."""
+        """What `paos why` prints of a session, node or goal, or of the latest goal; raises `UNKNOWN_NAME`."""
         from phyagentos.operations.why import explain_subject
 
         return "\n".join(explain_subject(Workspace(self.root), self._ledger, subject).explanation)
@@ -313,7 +313,7 @@ def _choose(name: str, value: str | None, options: type[OptionT]) -> OptionT | N
     try:
         return options(value) if value is not None else None
     except ValueError:
-        raise DefinitionError(Problem.unknown("INVALID_VALUE", name, str(value), options)) from None
+        raise DefinitionError(Problem.unknown(name, name, str(value), options)) from None
 
 
 def _show_verdict(title: str, verdict: str, reason: str, criteria: tuple[Criterion, ...]) -> str:

@@ -20,7 +20,6 @@ INVALID_CONTRACT     A session's contract lacks something or holds a value of th
 INVALID_ID           A request names an id with characters that no id may have.
 INVALID_LINE         A line of LOG.md is no event.
 INVALID_NAME         A name holds signs that names may not have, or too many.
-INVALID_OVERRIDE     `--set` names a role or a parameter that is not in the file.
 INVALID_PARAMETER    An argument is of the wrong type or out of range.
 INVALID_VALUE        A value is of the wrong type or out of range.
 LEADS_OUT            A workspace, or the model of a target, names a file outside.
@@ -46,37 +45,14 @@ OVERLAP              Two bodies of a scene begin inside of each other, or one in
 PREDICATE_SYNTAX     A predicate cannot be parsed.
 UNCLOSED_FENCE       Nothing closes a fenced block of a document.
 UNSUPPORTED          A movable body of a scene begins in the air, with nothing below it to stand on.
-UNKNOWN_FORECASTER   An unknown forecaster.
-UNKNOWN_JUDGE        An unknown judge.
-UNKNOWN_BLOCK        A document holds a block that it should not.
-UNKNOWN_KEY          No key of this name in the format.
-UNKNOWN_KIND         No authored file is recognised by this name and content.
-UNKNOWN_LEAF         No leaf of this name.
-UNKNOWN_NAME         Nothing of this kind has such a name.
-UNKNOWN_NOISE_LEVEL  No noise level of this name in sensors.yaml.
-UNKNOWN_NODE         No node of this name in the goal graph.
-UNKNOWN_OUTPUT       The skill has no output of this name.
-UNKNOWN_PARAMETER    The skill has no parameter of this name.
-UNKNOWN_PLUGIN       No plug-in of this name.
-UNKNOWN_PORT         The leaf or subtree has no port of this name.
-UNKNOWN_POSTURE      The target's profile names no posture so.
-UNKNOWN_PREDICATE    No predicate of this name.
-UNKNOWN_REPAIR       No repair policy of this name.
-UNKNOWN_REFERENCE    A `$reference` that nothing defines.
-UNKNOWN_SCENE        No scene of this name.
-UNKNOWN_SCORER       No scorer of this name.
-UNKNOWN_SENSOR       No sensor of this name in sensors.yaml.
-UNKNOWN_SKILL        No skill of this name.
-UNKNOWN_TARGET       No target of this name.
-UNKNOWN_TREE         No tree of this name.
-UNKNOWN_WORD         A description holds a word that is neither a colour nor a form.
+UNKNOWN_NAME         Nothing of the kind that stands in brackets has such a name there.
 UNREADABLE_FILE      A file cannot be read, is no regular file, has more than 16 MiB, or is no text.
 UNSOURCED_LIMIT      A limit of safety.yaml names no source of its number.
 OLD_REFERENCE        A tree refers to a key as `$name`; `${name}` is the present form (a warning).
 WRONG_ARGUMENT       An argument of a predicate is of the wrong kind.
 WRONG_ARGUMENTS      A predicate has too many or too few arguments.
 WRONG_DOCUMENT       The front matter names another document.
-WRONG_KIND           A file is of another kind than a command takes.
+WRONG_KIND           A file is of another kind than a command takes, or of none that is known.
 WRONG_LENGTH         A list has not one value per joint.
 WRONG_TYPE           A mapping, list or text stands where another kind belongs.
 WRONG_UNIT           A limit is given in another unit than its check uses.
@@ -106,14 +82,6 @@ RUN_DIFFERS          A run has changed since it began, cannot be read, or has no
 SETUP_FAILED      An environment could not be made.
 SOCKETS_UNSAFE    The folder of the sockets can be used by others.
 TURN_OVER         An agent answers a turn that does not await an answer.
-UNKNOWN_CODE      No error code of this name.
-UNKNOWN_ENTRY     Memory holds no lesson or fact of this name.
-UNKNOWN_FILE      No file of this name.
-UNKNOWN_FOLDER    No folder of this name.
-UNKNOWN_GOAL      The workspace knows no goal of this name.
-UNKNOWN_REQUEST   No request of this kind can be dropped into the inbox.
-UNKNOWN_SCHEMA    No schema of this name.
-UNKNOWN_SESSION   The workspace knows no session of this name, or several.
 UNTRUSTED_PYTHON  A workspace holds Python that is not known from here.
 WATCHED_ALREADY   Another watchdog supervises the workspace.
 WOULD_OVERWRITE   A file stands where one was to be written.
@@ -124,9 +92,6 @@ PROPOSAL_CHANGED     A proposal is not the one that was decided on, could still 
 TOOL_NOT_OFFERED  The server was started with a level that does not include the tool.
 TOO_LARGE         A proposal, or the arguments of a tool, have too many bytes.
 TOO_MANY_PROPOSALS So many proposals wait for a decision that no other is taken.
-UNKNOWN_PROPOSAL  No proposal of this name.
-UNKNOWN_RESOURCE  No resource of this name may be read.
-UNKNOWN_TOOL      No tool of this name.
 """
 
 STORE = """
@@ -166,23 +131,19 @@ UNSEALED             A bundle has no manifest.
 
 PREFLIGHT = """
 ACTION_SPACE_INVALID     A description of an action space contradicts itself.
-ACTION_UNAVAILABLE       The target does not take an action that the skill needs.
-CAPABILITY_UNAVAILABLE   The target lacks a capability that the skill needs.
+NOT_OFFERED              The target does not offer an observation, action, capability or operation that is needed.
 CHUNK_LENGTH             A chunk is longer or shorter than the target takes.
 CLAMP_UNBOUNDED          A projection into range is asked for without a range.
 CONTRACT_MISMATCH        runtime_contract.yaml counts on another period, step, rate or mode than the target.
 ENDPOINT_INVALID         The endpoint of a policy is no address.
-ENTITY_UNKNOWN           An argument names a thing that is not in the world.
-FRAME_UNKNOWN            A frame is not known, or no transform leads from it to the target's.
+NOT_OBSERVED             An argument or a condition names what no observation has shown.
 GRIPPER_MISMATCH         One side commands a gripper that the other does not have.
 HOLD_BROKEN              A hold condition, or a constraint of the goal, is false already in the world as observed.
 JOINT_MISSING            The target has a joint for which the source gives no value.
-JOINT_UNKNOWN            The source names a joint that the target does not have.
 LIMIT_EMPTY              The least value of a limit is not below its greatest.
 LIMIT_TOO_NARROW         A limit of safety.yaml leaves no session room to do anything.
 LIMIT_UNENFORCEABLE      The live target does not declare what a limit of safety.yaml is compared with, or falsely.
 LIMIT_WIDER              A limit of safety.yaml is wider than the target's own.
-NEVER_SEEN               An argument names a thing of the scene that no look has shown.
 NO_TOKEN                 The key of a target that is served elsewhere is missing, or others can read it.
 NOT_ENCRYPTED            A target would be served to, or reached on, another machine without TLS.
 NOT_TRUSTED              The certificate of a target that is served elsewhere is not of those that this side trusts.
@@ -194,21 +155,16 @@ OBSERVATION_FRAME        A policy takes an observation in another frame than the
 OBSERVATION_MODALITY     A policy takes another modality than the sensor measures.
 OBSERVATION_RATE         A policy needs an observation more often than the sensor measures.
 OBSERVATION_SHAPE        A policy takes an array of another shape than the sensor gives, or its form is not declared.
-OBSERVATION_UNAVAILABLE  The target does not give an observation that the skill needs.
 OBSERVATION_UNIT         A policy takes another unit than the sensor gives.
 OPERATION_FORBIDDEN      runtime_contract.yaml does not permit an operation that the skill needs.
-OPERATION_UNAVAILABLE    The target does not offer an operation that the skill needs.
 OUT_OF_REACH             The session's object is beyond the arm's reach, for every grasp.
 OUTSIDE_WORKSPACE        Every way to do it would bring the tool beyond the workspace of safety.yaml.
 PARAMETER_INVALID        An argument of the contract is of the wrong type or out of range.
-PARAMETER_MISSING        The contract lacks an argument.
-PARAMETER_UNKNOWN        The contract holds an argument that the skill does not know.
 POLICY_MISMATCH      A policy, or its server, is not as SKILL.md describes it, or is too slow for its chunks.
 POLICY_UNREACHABLE       No policy server answers.
 PRECONDITION_UNMET       A precondition is false or unknown in the world as observed.
 RATE_UNBRIDGED           No resampling leads from the source's rate to the target's.
 REPRESENTATION_UNBRIDGED No bridge leads from the source's representation to the target's.
-RESOURCE_UNDECLARED      The contract names a resource that runtime_contract.yaml does not.
 SENSOR_MISSING           No sensor of sensors.yaml provides an observation that is needed.
 SENSOR_MODALITY          A sensor cannot measure what it is declared to provide.
 SENSOR_RATE              A sensor measures too seldom for fresh facts, or oftener than the world changes.
@@ -217,12 +173,10 @@ SKILL_KIND_UNSUPPORTED   This runtime cannot run skills of this kind.
 START_OUTSIDE            The tool stands outside the workspace, or in a keep-out volume, before anything has moved.
 TARGET_MISMATCH          The live target differs from TARGETS.md.
 TARGET_UNAVAILABLE       The target's worker cannot be started.
-TARGET_UNKNOWN           No worker serves a target of this name.
 TOO_HEAVY                What the session takes hold of may weigh more than the arm carries.
 TOO_SLIPPERY             What the session takes hold of weighs more than friction can bear between its fingers.
 TREE_INVALID             The skill's tree cannot be built.
 VERSION_MISMATCH         Skill, policy, target and this software are not of versions that go together.
-UNKNOWN_DETECTOR         perception.yaml names a detector that is not registered.
 """
 
 SUPERVISION = """
@@ -263,6 +217,7 @@ LEAF_ERROR              A leaf failed by an error of its own.
 MOTION_CONFLICT         Another robot stood in the way of a motion for too long.
 NOT_AT_START            A motion does not begin where the arm stands.
 NOT_VISIBLE             The object is believed, but was not seen.
+OBSERVATION_UNAVAILABLE A policy's observation is missing, old, dark, or of another form than declared.
 NO_PROGRESS             No control period passed for longer than allowed, or the tree neither commands nor plans.
 OUT_OF_TIME             A timeout of the tree ran out, in simulated time.
 POLICY_FAULT            The policy server reported a fault, or its answer cannot be read.
@@ -382,11 +337,23 @@ BROKEN_TREE: TWO_ACTIONS UNWRITTEN_KEY UNWRITTEN_OUTPUT
 CYCLE: RECURSION
 DUPLICATE_NAME: DUPLICATE_BLOCK DUPLICATE_KEY DUPLICATE_LEAF DUPLICATE_PLUGIN DUPLICATE_VALUE
 EXTRA_MISSING: MODULE_MISSING RAY_MISSING ENVIRONMENT_MISSING VISION_NOT_CONFIGURED
+INVALID_VALUE: INVALID_OVERRIDE
+MISSING_PARAMETER: PARAMETER_MISSING
 MODEL_INVALID: MODEL_UNREADABLE NO_SERIAL_CHAIN WRONG_AXIS WRONG_OPENING
 NOT_EXECUTED: NO_SNAPSHOT NOTHING_TO_EXPORT
+NOT_OBSERVED: NEVER_SEEN ENTITY_UNKNOWN
+NOT_OFFERED: CAPABILITY_UNAVAILABLE OPERATION_UNAVAILABLE ACTION_UNAVAILABLE
 POLICY_MISMATCH: POLICY_TOO_SLOW POLICY_UNDECLARED
 PROPOSAL_CHANGED: PROPOSAL_OPEN PROPOSAL_DECIDED
 RUN_DIFFERS: RUN_DAMAGED NOT_PAIRED
 SCENE_INVALID: SCENE_OVERFULL WRONG_SCALE NOT_ALIKE
+UNKNOWN_NAME: UNKNOWN_FORECASTER UNKNOWN_JUDGE UNKNOWN_BLOCK UNKNOWN_KEY UNKNOWN_LEAF UNKNOWN_NOISE_LEVEL UNKNOWN_NODE
+UNKNOWN_NAME: UNKNOWN_OUTPUT UNKNOWN_PARAMETER UNKNOWN_PLUGIN UNKNOWN_PORT UNKNOWN_POSTURE UNKNOWN_PREDICATE
+UNKNOWN_NAME: UNKNOWN_REPAIR UNKNOWN_REFERENCE UNKNOWN_SCENE UNKNOWN_SCORER UNKNOWN_SENSOR UNKNOWN_SKILL
+UNKNOWN_NAME: UNKNOWN_TARGET UNKNOWN_TREE UNKNOWN_WORD UNKNOWN_CODE UNKNOWN_ENTRY UNKNOWN_FILE UNKNOWN_FOLDER
+UNKNOWN_NAME: UNKNOWN_GOAL UNKNOWN_REQUEST UNKNOWN_SCHEMA UNKNOWN_SESSION UNKNOWN_PROPOSAL UNKNOWN_RESOURCE
+UNKNOWN_NAME: UNKNOWN_DETECTOR FRAME_UNKNOWN JOINT_UNKNOWN PARAMETER_UNKNOWN RESOURCE_UNDECLARED TARGET_UNKNOWN
+UNKNOWN_NAME: UNKNOWN_MATERIAL UNKNOWN_AREA UNKNOWN_BODY UNKNOWN_JOINT UNKNOWN_SITE UNKNOWN_GEOM
 WORLD_CONFLICT: WORLD_DIFFERS WORLD_NOT_SHARED WORLD_SHARED PERIODS_DIFFER TARGET_IN_TWO_WORLDS
+WRONG_KIND: UNKNOWN_KIND
 """

@@ -96,6 +96,11 @@ ALIASES: Mapping[str, str] = {
 """Codes of earlier releases -> what they are called now."""
 
 
+def get_present_name(name: str) -> str:
+    """What a code is called now, which a document of an earlier release may hold."""
+    return ALIASES.get(name, name)
+
+
 def find_code(name: str) -> Code | None:
     """The row of a code, also of one by which an earlier release called it; None where there is none."""
-    return CODES.get(ALIASES.get(name, name))
+    return CODES.get(get_present_name(name))

@@ -16,13 +16,14 @@ class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
     """One finding about one place of one authored file or contract.
 
     Attributes:
-        code: Stable name of the kind of problem, upper case (`UNKNOWN_KEY`, `JOINT_LIMIT`).
+        code: Stable name of the kind of problem, upper case (`UNKNOWN_NAME`, `JOINT_POSITION`).
         address: Where: `file:line:column`, or the dotted path inside a contract.
         found: The offending value, as a person wrote it.
         expected: What would have been possible.
         hint: What to do next; often the nearest valid name.
         triggered_by: What requires the missing thing (a skill, a policy, a settings file), unless the address shows it.
         subject: The predicate or name that the finding is about, for programs; the other texts are for people.
+        kind: What an unknown name should be the name of, for programs as for people: `skill`, `noise level`.
     """
 
     code: str
@@ -32,22 +33,28 @@ class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
     hint: str = ""
     triggered_by: str = ""
     subject: str = ""
+    kind: str = ""
 
     @classmethod
     def unknown(
-        cls, code: str, address: str, name: str, possible: Iterable[str], found: str = "", by: str = "", fix: str = ""
+        cls, kind: str, address: str, name: str, possible: Iterable[str], found: str = "", by: str = "", fix: str = ""
     ) -> "Problem":
-        """A name that is not among the possible ones, with the nearest of them, else `fix`.
+        """`UNKNOWN_NAME`: none of this kind is called so; with the nearest of the possible names, else `fix`.
 
         `found` is what was written, where that is more than the name; `by` is what requires it.
         """
         possible = tuple(possible)
         hint = format_hint(name, possible) or fix
-        return cls(code, address, found or repr(name), format_names(possible), hint, triggered_by=by)
+        return cls("UNKNOWN_NAME", address, found or repr(name), format_names(possible), hint, by, name, kind)
+
+    @property
+    def label(self) -> str:
+        """The code and, in brackets, the kind of name."""
+        return f"{self.code} ({self.kind})" if self.kind else self.code
 
     def __str__(self) -> str:
         """One line: where, which, found, possible, next."""
-        parts = [f"{self.address}: {self.code}"]
+        parts = [f"{self.address}: {self.label}"]
         if self.found:
             parts.append(f"found {self.found}")
         if self.expected:
@@ -75,14 +82,16 @@ class DefinitionError(PhyAgentOSError):
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
     @classmethod
-    def of(cls, code: str, address: str, found: str = "", expected: str = "", hint: str = "") -> "DefinitionError":
+    def of(
+        cls, code: str, address: str, found: str = "", expected: str = "", hint: str = "", kind: str = ""
+    ) -> "DefinitionError":
         """The error of one `Problem`."""
-        return cls(Problem(code, address, found, expected, hint))
+        return cls(Problem(code, address, found, expected, hint, kind=kind))
 
     @classmethod
-    def unknown(cls, code: str, address: str, name: str, possible: Iterable[str]) -> "DefinitionError":
+    def unknown(cls, kind: str, address: str, name: str, possible: Iterable[str]) -> "DefinitionError":
         """The error of one `Problem.unknown`."""
-        return cls(Problem.unknown(code, address, name, possible))
+        return cls(Problem.unknown(kind, address, name, possible))
 
 
 class ExecutionError(PhyAgentOSError):

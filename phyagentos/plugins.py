@@ -32,13 +32,13 @@ class Plugins(Generic[T]):
         group: `phyagentos.judges`.
         shipped: What this package brings, by name; a text `module:object` is imported when it is loaded.
         kind: What each must be an instance of; None for any object.
-        unknown: Code of the problem where a name is not among them.
+        noun: What one of them is called where a name is unknown.
     """
 
     group: str
     shipped: Mapping[str, T | str] = field(default_factory=dict)
     kind: type[T] | None = None
-    unknown: str = "UNKNOWN_PLUGIN"
+    noun: str = "plug-in"
 
     def names(self) -> list[str]:
         """Every name, sorted; nothing is imported. Raises DefinitionError `DUPLICATE_NAME`."""
@@ -48,14 +48,14 @@ class Plugins(Generic[T]):
         """The plug-in of a name; what a package or a text names is not imported. Raises as `load`."""
         points = self._find_points()
         if name not in points:
-            raise DefinitionError.unknown(self.unknown, address or self.group, name, points)
+            raise DefinitionError.unknown(self.noun, address or self.group, name, points)
         return points[name]
 
     def load(self, name: str, address: str = "") -> T:
         """The plug-in of a name.
 
         Raises:
-            DefinitionError: The code `unknown` at `address`, with the nearest name; `DUPLICATE_NAME`;
+            DefinitionError: `UNKNOWN_NAME` at `address`, with the nearest name; `DUPLICATE_NAME`;
                 `BROKEN_PLUGIN` with the package and what it raised.
         """
         point = self.find(name, address)
@@ -97,13 +97,13 @@ class Plugins(Generic[T]):
         return DefinitionError.of("BROKEN_PLUGIN", self.group, text, expected, "Repair or uninstall the package.")
 
 
-def import_object(reference: str, code: str, address: str) -> object:
-    """The object that a text `module:object` names; raises DefinitionError with the given code."""
+def import_object(reference: str, noun: str, address: str) -> object:
+    """The object that a text `module:object` names; raises DefinitionError `UNKNOWN_NAME` for one of this kind."""
     try:
         return EntryPoint(reference, reference, "").load()
     except (ImportError, AttributeError) as error:
         expected = "an object that can be imported from the working folder"
-        raise DefinitionError.of(code, address, f"{reference!r}: {error}", expected) from error
+        raise DefinitionError.of("UNKNOWN_NAME", address, f"{reference!r}: {error}", expected, kind=noun) from error
 
 
 def run_file(path: Path, code: str) -> dict[str, Any]:

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from phyagentos.assembly.planes import LIBRARIES
+from phyagentos.fork_server import ADDRESS, fork_server
 from tests.command_line import paos  # noqa: F401 - a fixture
 from tests.monitors.hook import silence_is_proved  # noqa: F401 - a fixture for every journey
 
@@ -66,6 +68,22 @@ def pytest_collection_finish():
 
 def pytest_unconfigure():
     gc.unfreeze()  # else OMPL's bindings report every type as leaked
+
+
+@pytest.fixture(scope="session", autouse=True)
+def planes_are_forked(request):
+    """Journeys start hundreds of processes; those of cli/test_two_planes.py and lost_processes are new interpreters."""
+    if all(item.get_closest_marker("journey") is None for item in request.session.items):
+        yield
+        return
+    with fork_server(LIBRARIES):
+        yield
+
+
+@pytest.fixture
+def starts_interpreters(monkeypatch):
+    """Processes begin as they do without a fork server."""
+    monkeypatch.delenv(ADDRESS, raising=False)
 
 
 @pytest.fixture(scope="session")

@@ -40,9 +40,11 @@ def test_a_plug_in_is_imported_when_it_is_loaded(announce):
     assert list(plugins.load_all()) == ["join", "own", "zeal"]
 
 
-def test_an_unknown_name_gets_the_nearest_one_and_the_code_of_its_group():
-    with pytest.raises(DefinitionError, match=r"here: UNKNOWN_JUDGE: found 'zeel'; expected zeal\. Did you mean"):
-        Plugins(GROUP, {"zeal": 1}, unknown="UNKNOWN_JUDGE").load("zeel", "here")
+def test_an_unknown_name_gets_the_nearest_one_and_the_noun_of_its_group():
+    with pytest.raises(
+        DefinitionError, match=r"here: UNKNOWN_NAME \(judge\): found 'zeel'; expected zeal\. Did you mean"
+    ):
+        Plugins(GROUP, {"zeal": 1}, noun="judge").load("zeel", "here")
 
 
 def test_a_name_of_two_packages_is_refused_with_both(announce):
@@ -84,7 +86,7 @@ def test_a_plug_in_that_has_a_name_is_announced_under_it(announce):
         Plugins(GROUP).load("zeal")
 
 
-def test_an_object_named_by_module_is_imported_or_refused_with_the_callers_code():
-    assert import_object("posixpath:join", "UNKNOWN_SCORER", "scorer") is __import__("posixpath").join
-    with pytest.raises(DefinitionError, match="scorer: UNKNOWN_SCORER: found 'posixpath:none'"):
-        import_object("posixpath:none", "UNKNOWN_SCORER", "scorer")
+def test_an_object_named_by_module_is_imported_or_refused_with_the_callers_noun():
+    assert import_object("posixpath:join", "scorer", "scorer") is __import__("posixpath").join
+    with pytest.raises(DefinitionError, match=r"scorer: UNKNOWN_NAME \(scorer\): found 'posixpath:none'"):
+        import_object("posixpath:none", "scorer", "scorer")

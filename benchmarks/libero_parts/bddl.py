@@ -46,7 +46,7 @@ class Inventory:
     regions: Mapping[str, float] = field(default_factory=dict)
 
     def find_place(self, name: str) -> str:
-        """The entity or region in which, or on which, things are put; raises `UNKNOWN_ENTITY`."""
+        """The entity or region in which, or on which, things are put; raises `UNKNOWN_NAME`."""
         if name in self.regions or name in self.entities:
             return name
         if name in self.rooms:
@@ -187,7 +187,7 @@ _MEANINGS: dict[str, Meaning] = _PUTS | {"open": _open, "close": _close, "turnon
 
 
 def translate(text: str, inventory: Inventory) -> list[Effect]:
-    """The wanted effects of a problem, in its order; raises `PREDICATE_SYNTAX` and `UNKNOWN_ENTITY`."""
+    """The wanted effects of a problem, in its order; raises `PREDICATE_SYNTAX` and `UNKNOWN_NAME`."""
     return [_MEANINGS[head](inventory, *terms) for head, *terms in read_goal(text)]
 
 
@@ -239,4 +239,4 @@ def _comes_before(first: Effect, then: Effect) -> bool:
 
 
 def _explain(name: str, known: Sequence[str]) -> DefinitionError:
-    return DefinitionError.of("UNKNOWN_ENTITY", "goal", repr(name), f"one of {format_names(known)}")
+    return DefinitionError.unknown("object", "goal", name, known)

@@ -16,7 +16,7 @@ def describe_names(names: Iterable[str]) -> dict[str, str]:
     """Each name's description: `the black thing` for `black_pot_1`.
 
     Raises:
-        DefinitionError: `UNKNOWN_WORD` for each name that has neither a colour nor a form.
+        DefinitionError: `UNKNOWN_NAME` for each name that has neither a colour nor a form.
     """
     described, problems = dict[str, str](), list[Problem]()
     for name in dict.fromkeys(names):
@@ -24,7 +24,7 @@ def describe_names(names: Iterable[str]) -> dict[str, str]:
         described[name] = " ".join(filter(None, ("the", color, form or "thing")))
         if not color and not form:
             expected = f"a colour, or a form: {format_names([*COLORS, *FORMS])}"
-            problems.append(Problem("UNKNOWN_WORD", "goal", repr(name), expected))
+            problems.append(Problem("UNKNOWN_NAME", "goal", repr(name), expected, kind="word"))
     if problems:
         raise DefinitionError(problems)
     return described
@@ -34,7 +34,7 @@ def generate_from_words(name: str, objective: str, scene: str, goal: str, target
     """The goal graph of a goal in BDDL whose things are given by description.
 
     Raises:
-        DefinitionError: `UNKNOWN_WORD`; `UNKNOWN_ENTITY` for what opens: no word tells of a joint.
+        DefinitionError: `UNKNOWN_NAME`, also for what opens: no word tells of a joint.
     """
     described = describe_names(term for _, *terms in read_goal(goal) for term in terms)
     things = {each: Entity(name=each, kind=UNNAMED, pose=Pose()) for each in described}

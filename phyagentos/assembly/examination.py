@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.assembly.runtime_plane import open_worker
-from phyagentos.errors import ExecutionError, Problem, format_names, relocate
+from phyagentos.errors import ExecutionError, Problem, relocate
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.sessions.session import Session
@@ -39,8 +39,7 @@ def examine(library: Library, source: Workspace | None, sessions: Sequence[Sessi
                 found |= _examine_on(workspace, target, wanted)
                 continue
             for each in wanted:
-                address, expected = f"{each.id}: target", format_names(known)
-                problem = Problem("TARGET_UNKNOWN", address, repr(target), expected, triggered_by="the session")
+                problem = Problem.unknown("target", f"{each.id}: target", target, known, by="the session")
                 found[each.id] = Checked(session=each.id, plan=None, tools=None, problems=(problem,))
     return found
 

@@ -32,6 +32,11 @@ class _Listener(event.Listener):  # type: ignore[misc]
         """The next one is told of."""
 
 
+def load_kernels() -> None:
+    """Load, or compile, each kernel into this process."""
+    _use_kernels(Library.open())
+
+
 def compile_kernels(library: Library, tell: Callable[[str], None]) -> str:
     """Compile each kernel that is not kept yet; `tell` is called with its name as that begins.
 

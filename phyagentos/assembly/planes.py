@@ -7,16 +7,29 @@ not share memory, and Ctrl-C in the terminal must reach only the parent).
 import contextlib
 import os
 import signal
-import subprocess
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from phyagentos.clock import Clock
+from phyagentos.fork_server import start_python
 from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.workspace.workspace import Workspace
 
 STOP_S = 20.0  # a plane that is well ends within this
+LIBRARIES = (  # for a fork server: what the processes of a run import, and their compiled kernels
+    "phyagentos.assembly.drivers:choose_graphics",
+    "phyagentos.cli.app",
+    "phyagentos.cli.running",
+    "phyagentos.assembly.agent_plane",
+    "phyagentos.assembly.runtime_plane",
+    "phyagentos.assembly.processes",
+    "phyagentos.assembly.worker_process",
+    "phyagentos.runtime.motion.process",
+    "phyagentos.runtime.drivers.mujoco.shared_target",
+    "phyagentos.runtime.targets.server",
+    "phyagentos.runtime.targets.served_target",
+    "phyagentos.assembly.kernels:load_kernels",
+)
 
 
 class Plane:
@@ -31,13 +44,7 @@ class Plane:
         self.log = logs / f"{name}.log"
         with self.log.open("ab") as output:
             self._begin = output.tell()  # what an earlier run printed is not ours
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "phyagentos", name, *arguments, *bound],
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=output,
-                start_new_session=True,
-            )
+            self._process = start_python(["-m", "phyagentos", name, *arguments, *bound], output)
 
     def find_exit_code(self) -> int | None:
         """The exit code, or None while it runs."""

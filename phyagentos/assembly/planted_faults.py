@@ -28,14 +28,14 @@ def iter_misses(
     for index, fault in enumerate(file.faults):
         place = ("faults", index)
         if fault.object and fault.object not in bodies:
-            yield located.unknown("UNKNOWN_ENTITY", (*place, "object"), fault.object, bodies)
+            yield located.unknown("object", (*place, "object"), fault.object, bodies)
         if isinstance(fault, Stall | Push) and fault.joint not in joints:
-            yield located.unknown("JOINT_UNKNOWN", (*place, "joint"), fault.joint, joints)
+            yield located.unknown("joint", (*place, "joint"), fault.joint, joints)
         if isinstance(fault, CameraFault) and cameras is not None and not fnmatch.filter(cameras, fault.camera):
-            yield located.unknown("UNKNOWN_SENSOR", (*place, "camera"), fault.camera, cameras)
+            yield located.unknown("sensor", (*place, "camera"), fault.camera, cameras)
     for index, name in enumerate(file.draw.objects if file.draw is not None else ()):
         if name not in bodies:
-            yield located.unknown("UNKNOWN_ENTITY", ("draw", "objects", index), name, bodies)
+            yield located.unknown("object", ("draw", "objects", index), name, bodies)
 
 
 def find_unstruck(workspace: Path) -> tuple[str, ...]:

@@ -12,6 +12,8 @@ import gc
 import os
 import signal
 
+from phyagentos.fork_server import FORKED_FOR, end_with_asker
+
 YOUNG = 50_000  # allocations; what a session makes is let go by reference counts
 PRECEDENCE = -10  # the nice value of what keeps real time: nine times the share of an ordinary process
 PR_SET_PDEATHSIG = 1  # Linux: the signal that a process gets when its parent ends
@@ -47,6 +49,8 @@ def collect_rarely() -> None:
 
 
 def end_with(parent: int) -> bool:
-    """Let the kernel end this process when its parent ends; False where that is another one by now."""
+    """Let this process end when its parent ends; False where that is another one by now, or gone."""
+    if os.environ.get(FORKED_FOR) == str(parent):
+        return end_with_asker(parent)
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     return os.getppid() == parent

@@ -197,7 +197,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         else:
             from phyagentos.assembly.worker_process import run_worker
 
-            rehearsal = [sys.executable, *make_command("rehearsal", given.workspace.resolve(), given.target)]
+            rehearsal = make_command("rehearsal", given.workspace.resolve(), given.target)
             pictures = not given.no_pictures
             run_worker(
                 given.workspace, given.target, given.socket, given.control, pictures=pictures, rehearsal=rehearsal

@@ -40,7 +40,7 @@ def get_file(argument: Path, folder: str) -> Path:
     known = sorted({path.stem for root in roots for path in (root / folder).glob("*.yaml")})
     hint = format_hint(argument.stem, known)
     expected = f"a path or a name in {folder}/" if hint else f"a path, or one of: {format_names(known)}"
-    raise DefinitionError.of("UNKNOWN_FILE", str(argument), "no such file", expected, hint)
+    raise DefinitionError.of("UNKNOWN_NAME", str(argument), "no such file", expected, hint, "file")
 
 
 def get_settings(name: str, library: Library, workspace: Path | None) -> Path | None:
@@ -50,11 +50,11 @@ def get_settings(name: str, library: Library, workspace: Path | None) -> Path | 
 
 
 def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:
-    """`cube=red` as `{"parameters.cube.default": "red"}`, `targets.arm=ur5e` as it is; raises `INVALID_OVERRIDE`."""
+    """`cube=red` as `{"parameters.cube.default": "red"}`, `targets.arm=ur5e` as it is; raises `INVALID_VALUE`."""
     pairs = [text.partition("=") for text in texts or ()]
     wrong = [key for key, _, value in pairs if "." in key.removeprefix(PREFIX) or not key or not value]
     if wrong:
-        raise DefinitionError.of("INVALID_OVERRIDE", "--set", wrong[0], f"PARAMETER=VALUE or {PREFIX}ROLE=NAME")
+        raise DefinitionError.of("INVALID_VALUE", "--set", wrong[0], f"PARAMETER=VALUE or {PREFIX}ROLE=NAME")
     return {key if key.startswith(PREFIX) else f"parameters.{key}.default": value for key, _, value in pairs}
 
 

@@ -35,24 +35,24 @@ def _check_predicates(skill: SkillRuntime, located: Located) -> Iterator[Problem
             for name in predicate.variables:
                 if name not in known:
                     found = f"'${{{name}}}' in {text!r}"
-                    yield located.unknown("UNKNOWN_PARAMETER", address, name, known, found)
+                    yield located.unknown("parameter", address, name, known, found)
 
 
 def _check_tree(skill: SkillRuntime, located: Located, library: Library) -> Iterator[Problem]:
     if skill.policy is not None:
         how, at = skill.policy.execution, ("policy", "execution")
         if how.begins_after and how.begins_after not in (known := library.names_of_skills()):
-            yield located.unknown("UNKNOWN_SKILL", (*at, "begins_after"), how.begins_after, known)
+            yield located.unknown("skill", (*at, "begins_after"), how.begins_after, known)
         if how.aim and how.aim not in skill.parameters:
-            yield located.unknown("UNKNOWN_PARAMETER", (*at, "aim"), how.aim, skill.parameters)
+            yield located.unknown("parameter", (*at, "aim"), how.aim, skill.parameters)
     for index, name in enumerate(skill.loop.tools if skill.loop is not None else ()):
         if name not in (known := library.names_of_skills()):
-            yield located.unknown("UNKNOWN_SKILL", ("loop", "tools", index), name, known)
+            yield located.unknown("skill", ("loop", "tools", index), name, known)
     if skill.kind != "builtin":
         return
     names = library.names_of_trees()
     if skill.tree not in names:
-        yield located.unknown("UNKNOWN_TREE", ("tree",), skill.tree, names)
+        yield located.unknown("tree", ("tree",), skill.tree, names)
         return
     try:
         tree = read_tree(library.get_tree(skill.tree))
@@ -71,4 +71,4 @@ def _check_ports(skill: SkillRuntime, located: Located, tree: Tree) -> Iterator[
     for name in skill.outputs:
         if name not in tree.header.outputs:
             found = f"{name!r}, which the tree {skill.tree!r} does not make"
-            yield located.unknown("UNKNOWN_OUTPUT", ("outputs", name), name, tree.header.outputs, found)
+            yield located.unknown("output", ("outputs", name), name, tree.header.outputs, found)

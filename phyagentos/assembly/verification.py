@@ -32,7 +32,7 @@ def build_verifier(
     `mode` and `judges` (named as by `--with`) replace those of the settings.
 
     Raises:
-        DefinitionError: With every problem of the file; `UNKNOWN_JUDGE`, `EXTRA_MISSING`, `API_KEY_MISSING`.
+        DefinitionError: With every problem of the file; `UNKNOWN_NAME`, `EXTRA_MISSING`, `API_KEY_MISSING`.
     """
     file = workspace.runtime_contract
     settings = read_runtime_contract(file).verification if file.exists() else Verification()
@@ -98,6 +98,6 @@ JUDGES = Plugins[JudgeDefinition](
         )
     },
     kind=JudgeDefinition,
-    unknown="UNKNOWN_JUDGE",
+    noun="judge",
 )
 """What ships, and what installed packages announce."""

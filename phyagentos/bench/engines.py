@@ -8,13 +8,16 @@ import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from enum import StrEnum
 
 import msgspec
 
+from phyagentos.assembly.planes import LIBRARIES
 from phyagentos.bench.episode import POLL_S, Job, carry_out
 from phyagentos.bench.records import EpisodeRecord
 from phyagentos.errors import DefinitionError, format_install
+from phyagentos.fork_server import fork_server
 
 PASSED_ON = ("PHYAGENTOS_MODELS", "PHYAGENTOS_ENVIRONMENTS", "MENAGERIE_ROOT", "PYTHONPATH", "MUJOCO_GL")
 CarryOut = Callable[[Job, Callable[[], bool]], EpisodeRecord | None]
@@ -30,10 +33,12 @@ class EngineName(StrEnum):
 
 
 class Engine:
-    """Carries jobs out, so many at a time; a thread waits for each."""
+    """Carries jobs out, so many at a time; a thread waits for each. `around` is entered now and left at the end."""
 
-    def __init__(self, jobs: int, carry: CarryOut) -> None:
+    def __init__(self, jobs: int, carry: CarryOut, around: AbstractContextManager[None] | None = None) -> None:
         self.jobs = jobs
+        self._around = ExitStack()
+        self._around.enter_context(around or nullcontext())
         self._pool = ThreadPoolExecutor(jobs, thread_name_prefix="episode")
         self._running: set[Future[EpisodeRecord | None]] = set()
         self._ends, self._carry = threading.Event(), carry
@@ -51,11 +56,14 @@ class Engine:
         """End what still runs; it leaves no record."""
         self._ends.set()
         self._pool.shutdown(cancel_futures=True)
+        self._around.close()
 
 
 def open_engine(name: EngineName, jobs: int) -> Engine:
     """The engine of this name; raises DefinitionError `EXTRA_MISSING`."""
-    return Engine(jobs, carry_out if name is EngineName.LOCAL else _join_cluster())
+    if name is EngineName.LOCAL:
+        return Engine(jobs, carry_out, fork_server(LIBRARIES))
+    return Engine(jobs, _join_cluster())
 
 
 def _join_cluster() -> CarryOut:

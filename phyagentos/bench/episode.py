@@ -35,6 +35,7 @@ from phyagentos.bench.scoring import Taxon, record_sessions, score
 from phyagentos.bench.suite import open_bench
 from phyagentos.bench.suite_file import MemoryUse, Variant
 from phyagentos.clock import Clock, SystemClock
+from phyagentos.fork_server import start_python
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.documents.plain_data import Fields
@@ -81,12 +82,10 @@ def carry_out(job: Job, is_ended: Callable[[], bool] = lambda: False) -> Episode
     folder, clock = choose_folder(Path(job.run) / "episodes", job.order.id), SystemClock()
     folder.mkdir(parents=True)  # one for each attempt: what an earlier one has left stays as it is
     (folder / ORDER).write_bytes(msgspec.json.encode(job))
-    command = [sys.executable, "-m", "phyagentos.bench.episode", str(folder), str(os.getpid())]
+    command = ["-m", "phyagentos.bench.episode", str(folder), str(os.getpid())]
     begin_s, at, limit_s = clock.now_s(), clock.wall_iso(), job.order.wall_s + START_S
     with (folder / LOG).open("wb") as log:
-        process = subprocess.Popen(
-            command, cwd=job.project, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
-        )
+        process = start_python(command, log, folder=job.project)
     while process.poll() is None and not is_ended() and clock.now_s() - begin_s < limit_s:
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(POLL_S)

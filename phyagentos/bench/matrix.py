@@ -53,10 +53,10 @@ def list_suites() -> dict[str, Path]:
 
 
 def find_suite(name: Path) -> Path:
-    """The file of a suite: a path, or a name; raises `UNKNOWN_FILE`."""
+    """The file of a suite: a path, or a name; raises `UNKNOWN_NAME`."""
     known = {} if name.is_file() else list_suites()
     if not name.is_file() and name.stem not in known:
-        raise DefinitionError.unknown("UNKNOWN_FILE", str(name), name.stem, known)
+        raise DefinitionError.unknown("file", str(name), name.stem, known)
     return known.get(name.stem, name)
 
 
@@ -66,7 +66,7 @@ def find_environments(name: str) -> dict[str, EnvironmentSpec]:
         return read_suite(find_suite(Path(name)))[0].environments
     declared = {key: spec for path in known.values() for key, spec in read_suite(path)[0].environments.items()}
     if name not in declared:
-        raise DefinitionError.unknown("UNKNOWN_NAME", "paos bench setup", name, {*declared, *known})
+        raise DefinitionError.unknown("environment", "paos bench setup", name, {*declared, *known})
     return {name: declared[name]}
 
 

@@ -10,23 +10,21 @@ from phyagentos.bench.scorers.simulator import SIMULATOR
 from phyagentos.plugins import Plugins, import_object
 
 T = TypeVar("T")
-SCORERS = Plugins[Scorer](
-    "phyagentos.scorers", {each.name: each for each in (OUTCOMES, SIMULATOR)}, unknown="UNKNOWN_SCORER"
-)
+SCORERS = Plugins[Scorer]("phyagentos.scorers", {each.name: each for each in (OUTCOMES, SIMULATOR)}, noun="scorer")
 REPAIR_POLICIES = Plugins[Callable[[], RepairPolicy]](
-    "phyagentos.repair_policies", {GraphRepair.name: GraphRepair}, unknown="UNKNOWN_REPAIR"
+    "phyagentos.repair_policies", {GraphRepair.name: GraphRepair}, noun="repair policy"
 )
-DRAWN = Plugins[Callable[[int, Path], str | Path]]("phyagentos.drawn_goals", unknown="UNKNOWN_FILE")
+DRAWN = Plugins[Callable[[int, Path], str | Path]]("phyagentos.drawn_goals", noun="file")
 FAULTS = "faults.yaml"  # of a drawn project
 
 
 def load_scorer(name: str, address: str = "scorer") -> Scorer:
-    """A scorer: one that ships, one that is announced, or `module:object`; raises `UNKNOWN_SCORER`."""
+    """A scorer: one that ships, one that is announced, or `module:object`; raises `UNKNOWN_NAME`."""
     return _load(SCORERS, name, address)
 
 
 def load_repair(name: str | None, address: str = "repair") -> RepairPolicy:
-    """A new repair policy: `repair`, one that is announced, or `module:class`; raises `UNKNOWN_REPAIR`."""
+    """A new repair policy: `repair`, one that is announced, or `module:class`; raises `UNKNOWN_NAME`."""
     return _load(REPAIR_POLICIES, name or GraphRepair.name, address)()
 
 
@@ -34,7 +32,7 @@ def draw(name: str, seed: int, folder: Path, address: str = "graph") -> Path:
     """The goal graph of a seed: a `module:function` of seed and empty folder writes a project, and returns the path.
 
     The project holds what its goal needs, what its scorer goes by, and a `faults.yaml` where something shall go wrong.
-    Raises DefinitionError `UNKNOWN_FILE`.
+    Raises DefinitionError `UNKNOWN_NAME`.
     """
     function = _load(DRAWN, name, address)
     folder.mkdir(parents=True, exist_ok=True)
@@ -42,4 +40,4 @@ def draw(name: str, seed: int, folder: Path, address: str = "graph") -> Path:
 
 
 def _load(plugins: Plugins[T], name: str, address: str) -> T:
-    return cast("T", import_object(name, plugins.unknown, address)) if ":" in name else plugins.load(name, address)
+    return cast("T", import_object(name, plugins.noun, address)) if ":" in name else plugins.load(name, address)

@@ -148,5 +148,5 @@ def _read_chosen(text: str) -> list[EpisodeRecord]:
     where = dict(pair.partition("=")[::2] for pair in chosen.split(",") if pair)
     for axis in where:
         if axis not in BY_NAME:
-            raise DefinitionError.unknown("UNKNOWN_NAME", text, axis, BY_NAME)
+            raise DefinitionError.unknown("axis", text, axis, BY_NAME)
     return select(read_records(Path(folder)), where)

@@ -16,7 +16,7 @@ from phyagentos.agent.mission.goal_facts import is_forecast_refusal
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.bench.plug_ins import load_scorer
 from phyagentos.bench.records import Order, SessionRecord
-from phyagentos.codes import Phase, find_code
+from phyagentos.codes import Phase, find_code, get_present_name
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.registries import read_skill_registry
 from phyagentos.protocol.sessions.evidence import EVENTS
@@ -125,7 +125,7 @@ _OF_PHASE = {
     Phase.TARGET: Taxon.EXECUTION,
 }
 _OF_CODE = {  # of preflight, which otherwise finds that contract and target do not fit
-    Taxon.PERCEPTION: ("ENTITY_UNKNOWN", "NEVER_SEEN", "PRECONDITION_UNMET"),
+    Taxon.PERCEPTION: ("NOT_OBSERVED", "PRECONDITION_UNMET"),
     Taxon.PLANNING: ("OUT_OF_REACH", "OUTSIDE_WORKSPACE", "HOLD_BROKEN"),
     Taxon.TIMEOUT: ("PREFLIGHT_TIMED_OUT", "QUEUE_TIMED_OUT"),
 }
@@ -154,7 +154,7 @@ def classify_problems(problems: Sequence[Problem]) -> Taxon:
     """The kind of a refusal before motion, by its first problem."""
     if not problems:
         return Taxon.EXECUTION
-    code = problems[0].code
+    code = get_present_name(problems[0].code)
     if code in Cause.__members__:
         return classify_cause(code)
     if code in _BY_CODE:

@@ -84,11 +84,11 @@ class SuiteChecks:
             for key, where in (("where", asked.where), ("than", asked.than or {})):
                 for axis, value in where.items():
                     if axis not in axes:
-                        self._miss("UNKNOWN_NAME", ("asked", index, key, axis), axis, axes)
+                        self._miss("axis", ("asked", index, key, axis), axis, axes)
                     elif value not in axes[axis]:
-                        self._miss("UNKNOWN_NAME", ("asked", index, key, axis), value, axes[axis])
+                        self._miss(axis, ("asked", index, key, axis), value, axes[axis])
             if asked.part and asked.part not in parts and asked.figure is not Figure.STAGE_MS:
-                self._miss("UNKNOWN_NAME", ("asked", index, "part"), asked.part, parts)
+                self._miss("part", ("asked", index, "part"), asked.part, parts)
             if (asked.at_least is None) == (asked.at_most is None):
                 expected = "one of the keys at_least and at_most"
                 self.problems.append(self._located.problem("MISSING_KEY", ("asked", index), "none or both", expected))
@@ -98,10 +98,10 @@ class SuiteChecks:
             with self._noting():
                 load_repair(variant.repair, self._located.address_of((*place, "repair")))
         for name in variant.files.keys() - SETTINGS_FILES.keys():
-            self._miss("UNKNOWN_NAME", (*place, "files", name), name, SETTINGS_FILES)
+            self._miss("settings file", (*place, "files", name), name, SETTINGS_FILES)
         if variant.environment is not None and variant.environment not in self._suite.environments:
             place = (*place, "environment")
-            self._miss("UNKNOWN_NAME", place, variant.environment, self._suite.environments)
+            self._miss("environment", place, variant.environment, self._suite.environments)
 
     def _check_files(self, library: Library, layers: Mapping[Address, Variant]) -> None:
         """Whether settings files are sound with what the layers change in them."""
@@ -124,7 +124,7 @@ class SuiteChecks:
         places = (p for root in roots for p in (root / name, root / folder / name, root / folder / f"{name}.yaml"))
         found = next((path for path in (beside, *places) if path.is_file()), None)
         if found is None:
-            self._miss("UNKNOWN_FILE", place, name, {p.stem for root in roots for p in (root / folder).glob("*.yaml")})
+            self._miss("file", place, name, {p.stem for root in roots for p in (root / folder).glob("*.yaml")})
         return str((found or beside).resolve())
 
     @contextmanager
@@ -135,8 +135,8 @@ class SuiteChecks:
         except DefinitionError as error:
             self.problems += error.problems
 
-    def _miss(self, code: str, place: Address, name: str, possible: Iterable[str]) -> None:
-        self.problems.append(self._located.unknown(code, place, name, possible))
+    def _miss(self, kind: str, place: Address, name: str, possible: Iterable[str]) -> None:
+        self.problems.append(self._located.unknown(kind, place, name, possible))
 
 
 def _read_catalogue(graph: Path, *, runs_python: bool) -> tuple[Catalogue, Library]:

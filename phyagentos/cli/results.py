@@ -42,10 +42,10 @@ def iter_commands() -> Iterator[tuple[str, str]]:
 
 
 def list_types(command: str) -> list[Any]:
-    """The types of a command's result, which is one of them; raises DefinitionError `UNKNOWN_SCHEMA`."""
+    """The types of a command's result, which is one of them; raises DefinitionError `UNKNOWN_NAME`."""
     known = dict(iter_commands())
     if command not in known:
-        raise DefinitionError.unknown("UNKNOWN_SCHEMA", "paos schema", command, known)
+        raise DefinitionError.unknown("schema", "paos schema", command, known)
     if command in LATE:
         return [pkgutil.resolve_name(f"phyagentos.{place}") for place in LATE[command]]
     function = pkgutil.resolve_name(f"phyagentos.cli.{known[command]}")
@@ -54,7 +54,7 @@ def list_types(command: str) -> list[Any]:
 
 
 def build_result_schema(command: str) -> Fields:
-    """The JSON Schema of what `paos COMMAND --json` prints; raises DefinitionError `UNKNOWN_SCHEMA`."""
+    """The JSON Schema of what `paos COMMAND --json` prints; raises DefinitionError `UNKNOWN_NAME`."""
     types = list_types(command)
     schemas, definitions = msgspec.json.schema_components(types, schema_hook=_describe_path, ref_template=REFERENCE)
     own = schemas[0] if len(schemas) == 1 else {"anyOf": list(schemas)}

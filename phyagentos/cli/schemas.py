@@ -32,7 +32,7 @@ class ShownSchema(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def show(kind: str) -> ShownSchema:
-    """The schema of a kind, none without it; raises DefinitionError `UNKNOWN_SCHEMA`."""
+    """The schema of a kind, none without it; raises DefinitionError `UNKNOWN_NAME`."""
     kinds = (*names_of_schemas(), *names_of_results())
     return ShownSchema(kinds=kinds, schema=build_schema(kind) if kind else {})
 
@@ -58,7 +58,7 @@ def build_schema(kind: str) -> Fields:
         return build_result_schema(kind.removeprefix(RESULTS).replace("_", " "))
     builders = _builders()
     if kind not in builders:
-        raise DefinitionError.unknown("UNKNOWN_SCHEMA", "paos schema", kind, builders)
+        raise DefinitionError.unknown("schema", "paos schema", kind, builders)
     return builders[kind]()
 
 

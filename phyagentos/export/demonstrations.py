@@ -105,7 +105,7 @@ def read_demonstrations(workspaces: Sequence[Path], choice: Choice) -> Demonstra
     """The verified sessions of workspaces, in the order of their submission.
 
     Raises:
-        DefinitionError: `NOT_EXECUTED`, `MIXED_TARGETS`, `UNKNOWN_CAMERA`, `UNKNOWN_ENTITY`, `INVALID_RATE`; what
+        DefinitionError: `NOT_EXECUTED`, `MIXED_TARGETS`, `UNKNOWN_NAME`, `INVALID_RATE`; what
             `check_bundle` finds of a bundle that is not as it was recorded.
         ExecutionError: `JOURNAL_DAMAGED`, `EVIDENCE_UNREADABLE`.
     """
@@ -204,9 +204,7 @@ def _read_world(bundle: Path, entities: Collection[str]) -> Array:
         return np.zeros(0, np.float32)
     known = msgspec.json.decode((bundle / BEFORE).read_bytes(), type=Environment).entities
     if unknown := [name for name in entities if name not in known]:
-        raise DefinitionError(
-            [Problem.unknown("UNKNOWN_ENTITY", str(bundle / BEFORE), name, known) for name in unknown]
-        )
+        raise DefinitionError([Problem.unknown("object", str(bundle / BEFORE), name, known) for name in unknown])
     poses = [known[name].pose for name in entities]
     return np.array([(*pose.position_m, *pose.quaternion_wxyz) for pose in poses], np.float32).ravel()
 
@@ -224,9 +222,8 @@ def _read_pictures(
     if unknown := [name for name in cameras if name not in found]:
         expected = f"a camera that was recorded: {format_names(found)}"
         hint = "`record:` of runtime_contract.yaml says which cameras sessions record."
-        raise DefinitionError(
-            [Problem("UNKNOWN_CAMERA", str(bundle / RECORDING), name, expected, hint) for name in unknown]
-        )
+        where = str(bundle / RECORDING)
+        raise DefinitionError([Problem("UNKNOWN_NAME", where, name, expected, hint, kind="camera") for name in unknown])
     shown = {
         name: np.searchsorted([p.shown_s for p in found[name]], grid_s + _TOLERANCE_S, side="right") for name in cameras
     }

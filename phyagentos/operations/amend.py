@@ -70,7 +70,7 @@ def amend(
 ) -> Amendment:
     """Ask for the whole graph of a goal as it shall be, and wait for the agent's answer; a dry run asks for nothing.
 
-    Raises DefinitionError `UNKNOWN_GOAL`, `ALREADY_OVER`; what contradicts what has begun; every problem of the graph.
+    Raises DefinitionError `UNKNOWN_NAME`, `ALREADY_OVER`; what contradicts what has begun; every problem of the graph.
     """
     place, clock, id = Workspace.open(root), SystemClock(), GoalId(goal)
     catalogue = Catalogue.of_workspace(place)
@@ -92,7 +92,7 @@ def amend(
 def _get_open(id: GoalId, ledger: Ledger) -> GoalStatus:
     status = ledger.goals.get(id)
     if status is None:
-        raise DefinitionError.unknown("UNKNOWN_GOAL", "paos amend", id, ledger.goals)
+        raise DefinitionError.unknown("goal", "paos amend", id, ledger.goals)
     if status.verdict or status.is_cancelled:
         found = f"its verdict, {status.verdict}, which is final" if status.verdict else "a goal that is cancelled"
         raise DefinitionError.of("ALREADY_OVER", id, found, "", "Run the other graph as a goal of its own.")

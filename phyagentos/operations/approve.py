@@ -79,7 +79,7 @@ def list_proposals(root: Path) -> tuple[WaitingProposal, ...]:
 def read_proposal(root: Path, name: str) -> ProposedGoal:
     """A proposal that may be approved, compiled as it would run.
 
-    Raises DefinitionError `UNKNOWN_PROPOSAL`, `PROPOSAL_CHANGED`; `PROPOSAL_CHANGED` where it is
+    Raises DefinitionError `UNKNOWN_NAME`, `PROPOSAL_CHANGED`; `PROPOSAL_CHANGED` where it is
     denied; every problem of its graph.
     """
     place = Workspace.open(root)
@@ -121,7 +121,7 @@ def record_approval(root: Path, name: str, sha256: str, *, by: str, reason: str 
 
 
 def deny(root: Path, name: str, *, by: str, reason: str = "") -> Decided:
-    """Refuse a proposal; raises DefinitionError `UNKNOWN_PROPOSAL`, `PROPOSAL_CHANGED`."""
+    """Refuse a proposal; raises DefinitionError `UNKNOWN_NAME`, `PROPOSAL_CHANGED`."""
     proposals = Proposals(Workspace.open(root).proposals)
     proposals.decide(proposals.read(name), "denied", by=by, at=SystemClock().wall_iso(), reason=reason)
     return Decided(proposal=name, decision="denied", reason=reason)

@@ -144,7 +144,7 @@ def _read_vocabulary(
 ) -> Vocabulary:
     """Scene, robot and past goals; what is not named is that of the last goal, and of the scene's graphs."""
     if robot is not None and robot not in catalogue.targets:
-        raise DefinitionError.unknown("UNKNOWN_TARGET", "--robot", robot, catalogue.targets)
+        raise DefinitionError.unknown("target", "--robot", robot, catalogue.targets)
     scene = scene or (past[-1].scene if past else "")
     graphs = [path for root in library.roots for path in sorted((root / "goal_graphs").glob("*.yaml"))]
     return Vocabulary.read(catalogue, scene, past, robot or find_robot(catalogue, graphs, scene))

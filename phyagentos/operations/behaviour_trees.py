@@ -43,7 +43,7 @@ class ImportedTrees(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def draw(tree: str) -> DrawnTree:
-    """Draw a tree, by its name or its YAML file, from declared ports alone; raises DefinitionError `UNKNOWN_TREE`."""
+    """Draw a tree, by its name or its YAML file, from declared ports alone; raises DefinitionError `UNKNOWN_NAME`."""
     path = Path(tree)
     is_file = _is_file(tree)
     library = Library.open(find_project(path), Path.cwd()) if is_file else Library.open(Path.cwd())

@@ -47,11 +47,11 @@ def describe(kind: str, name: str = "") -> tuple[Described, ...]:
     Raises DefinitionError `UNKNOWN_NAME` for a kind or a name.
     """
     if kind not in KINDS:
-        raise DefinitionError.unknown("UNKNOWN_NAME", "paos describe", kind, KINDS)
+        raise DefinitionError.unknown("kind", "paos describe", kind, KINDS)
     every = list(KINDS[kind](open_library()))
     found = [each for each in every if name in {"", each.name, *(row.name for row in each.rows)}]
     if not found:
-        raise DefinitionError.unknown("UNKNOWN_NAME", f"paos describe {kind}", name, [each.name for each in every])
+        raise DefinitionError.unknown(kind, f"paos describe {kind}", name, [each.name for each in every])
     return tuple(found)
 
 

@@ -68,9 +68,9 @@ class MachineFinding(msgspec.Struct, frozen=True):
 
 
 def examine_machine(folder: Path) -> tuple[MachineFinding, ...]:
-    """Every check; scratch files are made and removed in `folder`. Raises DefinitionError `UNKNOWN_FOLDER`."""
+    """Every check; scratch files are made and removed in `folder`. Raises DefinitionError `UNKNOWN_NAME`."""
     if not folder.is_dir():
-        raise DefinitionError.of("UNKNOWN_FOLDER", str(folder), expected="a folder that exists")
+        raise DefinitionError.of("UNKNOWN_NAME", str(folder), expected="a folder that exists", kind="folder")
     return tuple(iter_findings(folder, SystemClock()))
 
 

@@ -120,7 +120,7 @@ def render_sessions(
 ) -> Written:
     """Draw a moment of the last session, its end without `at_s` [s], or a film of all, by the suffix of the file.
 
-    Raises DefinitionError `INVALID_VALUE`, `UNKNOWN_SESSION`; what its evidence lacks.
+    Raises DefinitionError `INVALID_VALUE`, `UNKNOWN_NAME`; what its evidence lacks.
     """
     from PIL import Image
 

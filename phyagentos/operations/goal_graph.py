@@ -23,7 +23,7 @@ class StandingGraph(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def show_graph(workspace: Path, goal: str = "") -> StandingGraph:
-    """Read the graph of a goal, which need not be named where there is one; raises `UNKNOWN_GOAL`."""
+    """Read the graph of a goal, which need not be named where there is one; raises `UNKNOWN_NAME`."""
     status = get_goal(goal, str(workspace), read_ledger(workspace).goals)
     return StandingGraph(
         goal=status.id,

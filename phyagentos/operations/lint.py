@@ -129,7 +129,7 @@ def lint_file(
             found = f"top-level keys {', '.join(keys) or '(none)'}"
             expected = f"one of the keys {known}, a SKILL.md, a protocol document or a settings file"
             hint = next((hint for key in keys if (hint := format_hint(key, _KEYS))), "")
-            return [Problem("UNKNOWN_KIND", f"{path}:1:1", found, expected, hint)]
+            return [Problem("WRONG_KIND", f"{path}:1:1", found, expected, hint)]
         if kind is FileKind.SUITE and check_suite is not None:
             check_suite(path)
         problems = _check(kind, path, library, runs_python=runs_python)

@@ -89,9 +89,9 @@ def show_lifecycle(*, of_target: bool = False) -> Statechart:
 
 
 def explain_codes(name: str = "") -> tuple[Code, ...]:
-    """One error code, also by its name of an earlier release, or every one; DefinitionError `UNKNOWN_CODE`."""
+    """One error code, also by its name of an earlier release, or every one; DefinitionError `UNKNOWN_NAME`."""
     if not name:
         return tuple(CODES.values())
     if (code := find_code(name.upper())) is None:
-        raise DefinitionError.unknown("UNKNOWN_CODE", "paos codes", name.upper(), CODES)
+        raise DefinitionError.unknown("error code", "paos codes", name.upper(), CODES)
     return (code,)

@@ -21,12 +21,12 @@ class LogLine(msgspec.Struct, frozen=True, kw_only=True):
 def iter_log_lines(workspace: Path, name: str = "", *, follows: bool = False) -> Iterator[LogLine]:
     """The whole lines of one log, or of all; with `follows`, without end, those that are written later.
 
-    Raises DefinitionError `UNKNOWN_FILE`, `NOT_A_WORKSPACE`.
+    Raises DefinitionError `UNKNOWN_NAME`, `NOT_A_WORKSPACE`.
     """
     folder = Workspace.open(workspace).logs
     known = sorted(path.stem for path in folder.glob("*.log"))
     if name and name not in known:
-        raise DefinitionError.unknown("UNKNOWN_FILE", str(folder), name, known)
+        raise DefinitionError.unknown("file", str(folder), name, known)
     read: dict[Path, int] = {}
     with Watch([folder]) as watch:
         yield from _read_lines(folder, name or "*", read)

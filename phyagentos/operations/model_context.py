@@ -10,7 +10,7 @@ from phyagentos.store.subjects import get_goal
 
 
 def read_context(workspace: Path, goal: str = "", *, purpose: str = "plan", budget_tokens: int = 8_000) -> Context:
-    """The context of a goal, the latest one without a name; raises `UNKNOWN_GOAL`, and for an unknown purpose."""
+    """The context of a goal, the latest one without a name; raises `UNKNOWN_NAME`, and for an unknown purpose."""
     ledger = read_ledger(workspace)
     known = ledger.goals if goal else dict(list(ledger.goals.items())[-1:])
     status = get_goal(goal, str(workspace), known) if known or goal else None

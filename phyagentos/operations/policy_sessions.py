@@ -23,7 +23,7 @@ def serve(skill: str, model: str, on_begun: Callable[[str], None], *, endpoint: 
     """Serve a policy until Ctrl-C, at the endpoint that its skill declares without another.
 
     `model` is FILE.onnx, or FILE.py:CLASS or MODULE:CLASS with `start` and `infer`. Raises DefinitionError
-    `UNKNOWN_SKILL`, `POLICY_MISMATCH`, `ENDPOINT_INVALID`, `UNKNOWN_FILE`.
+    `UNKNOWN_NAME`, `POLICY_MISMATCH`, `ENDPOINT_INVALID`.
     """
     path = Path(skill)
     path = path if path.is_file() else open_library().get_skill(skill)
@@ -58,5 +58,6 @@ def _load(model: str) -> "Policy":
         policy: Policy = known[name]()
     except (ImportError, KeyError, OSError) as error:
         expected = "FILE.onnx, FILE.py:CLASS or MODULE:CLASS"
-        raise DefinitionError.of("UNKNOWN_FILE", model, f"{type(error).__name__}: {error}", expected) from error
+        found = f"{type(error).__name__}: {error}"
+        raise DefinitionError.of("UNKNOWN_NAME", model, found, expected, kind="file") from error
     return policy

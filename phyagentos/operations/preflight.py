@@ -77,7 +77,7 @@ def check(subject: str, root: Path | None = None, *, seed: int = 0, overrides: S
     """Check the sessions of a goal graph, or one that the workspace at `root` knows, against their live targets.
 
     The workspace's documents and settings count, and the Python of its skills is run: see `admit_python` before.
-    Raises DefinitionError `UNKNOWN_FILE`, `UNKNOWN_SESSION`, every problem of the graph; ExecutionError `RUNNER_LOST`.
+    Raises DefinitionError `UNKNOWN_NAME`, every problem of the graph; ExecutionError `RUNNER_LOST`.
     """
     order = _find_session(subject, root) or _read_graph(Path(subject), root, seed, parse_overrides(overrides))
     found = examine(order.library, order.source, [_settle(each) for each in order.sessions])
@@ -126,7 +126,7 @@ def _report(session: Session, checked: Checked, order: _Order) -> SessionCheck:
     after = order.after[session.id]
     awaits = {name: str(value) for name, value in session.parameters.items() if OPEN in str(value)}
     missing = {f"{session.id}: parameters.{name}" for name in awaits}
-    found = [each for each in checked.problems if each.code != "PARAMETER_MISSING" or each.address not in missing]
+    found = [each for each in checked.problems if each.code != "MISSING_PARAMETER" or each.address not in missing]
     later = [each for each in found if after and each.code in OF_THE_MOMENT]
     forecast, unreadable = None, ""
     if order.source is not None:

@@ -44,7 +44,7 @@ def promote(root: Path, entry: str, project: Path, name: str, *, trials: int = 3
     workspace, each judged as any session. Nothing is written where one fails.
 
     Raises:
-        DefinitionError: `UNKNOWN_ENTRY`; `NOT_PROMOTED`; `WOULD_OVERWRITE`; every problem of the files.
+        DefinitionError: `UNKNOWN_NAME`; `NOT_PROMOTED`; `WOULD_OVERWRITE`; every problem of the files.
     """
     memory = open_memory(root)
     find_entry(memory, entry, root)

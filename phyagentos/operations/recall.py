@@ -64,7 +64,7 @@ def recall(root: Path, words: Sequence[str] = (), *, everything: bool = False) -
 
 
 def trace_entry(root: Path, entry: str) -> Provenance:
-    """Where an entry comes from; raises DefinitionError `UNKNOWN_ENTRY`."""
+    """Where an entry comes from; raises DefinitionError `UNKNOWN_NAME`."""
     memory = open_memory(root)
     found = find_entry(memory, entry, root)
     lesson, caution = memory.experience.corrections.get(entry), memory.experience.cautions.get(entry)
@@ -82,7 +82,7 @@ def trace_entry(root: Path, entry: str) -> Provenance:
 
 
 def forget(root: Path, entry: str, *, reason: str, by: str) -> Forgotten:
-    """Retract an entry: it is kept with the reason, and used no more. Raises DefinitionError `UNKNOWN_ENTRY`."""
+    """Retract an entry: it is kept with the reason, and used no more. Raises DefinitionError `UNKNOWN_NAME`."""
     memory = open_memory(root)
     find_entry(memory, entry, root)
     memory.record([Edit(entry=entry, retracts=True, reason=reason, by=by)])
@@ -100,10 +100,11 @@ def open_memory(root: Path) -> Memory:
 
 
 def find_entry(memory: Memory, entry: str, root: Path) -> MemoryEntry:
-    """The entry as it is recorded; raises DefinitionError `UNKNOWN_ENTRY`, about `root`."""
+    """The entry as it is recorded; raises DefinitionError `UNKNOWN_NAME`, about `root`."""
     experience = memory.experience
     if (found := experience.find(entry)) is not None:
         return found
     known = [*experience.corrections, *experience.cautions, *experience.patterns, *experience.facts]
     expected = format_names(known[:_NAMED_MAX]) if known else "nothing is remembered yet"
-    raise DefinitionError.of("UNKNOWN_ENTRY", str(root), repr(entry), expected, format_hint(entry, known))
+    hint = format_hint(entry, known)
+    raise DefinitionError.of("UNKNOWN_NAME", str(root), repr(entry), expected, hint, "memory entry")

@@ -43,8 +43,8 @@ def rerun(root: Path, name: str) -> Rerun:
     The Python of the workspace's skills is run: see `admit_python` before.
 
     Raises:
-        DefinitionError: `UNKNOWN_SESSION`; `NOT_EXECUTED`, also without a recorded start; `WORLD_CONFLICT` for a
-            session in a world of several targets; `TARGET_UNKNOWN` where its target is no more. Nothing was started.
+        DefinitionError: `UNKNOWN_NAME`; `NOT_EXECUTED`, also without a recorded start; `WORLD_CONFLICT` for a
+            session in a world of several targets; `UNKNOWN_NAME` where its target is no more. Nothing was started.
         ExecutionError: When the repetition cannot be carried out.
     """
     recorded, status = find_session(root, name)

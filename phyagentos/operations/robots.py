@@ -71,7 +71,7 @@ def list_robots() -> tuple[KnownRobot, ...]:
 
 
 def describe(robot: str) -> RobotDescription:
-    """What a robot's model says; raises DefinitionError `UNKNOWN_TARGET`, or of its model."""
+    """What a robot's model says; raises DefinitionError `UNKNOWN_NAME`, or of its model."""
     from phyagentos.runtime.models.robot import read_profile
     from phyagentos.runtime.motion.profile_checks import describe_robot
     from phyagentos.runtime.motion.robot_model import build_robot_model

@@ -55,7 +55,7 @@ def cancel(subject: str, root: Path | None = None, *, reason: str = "", by: str 
     """Ask for the end of a session, of a goal with every session of it, or of `all`.
 
     Without a workspace, this and the other stops reach every one that runs on this machine, of which at least one must
-    know the subject. Raises DefinitionError `NOT_RUNNING`, `UNKNOWN_SESSION`, `ALREADY_OVER`; ExecutionError.
+    know the subject. Raises DefinitionError `NOT_RUNNING`, `UNKNOWN_NAME`, `ALREADY_OVER`; ExecutionError.
     """
     return _reach(root, lambda each: _cancel(subject, each, reason, by))
 
@@ -100,8 +100,8 @@ def _reach(root: Path | None, act: Callable[[Path], tuple[StopRequest, ...]]) ->
 
 
 def _is_of_another(error: PhyAgentOSError) -> bool:
-    codes = {each.code for each in error.problems} if isinstance(error, DefinitionError) else set()
-    return bool(codes & {"UNKNOWN_SESSION", "ALREADY_OVER"})
+    problems = error.problems if isinstance(error, DefinitionError) else ()
+    return any(each.kind == "session" or each.code == "ALREADY_OVER" for each in problems)
 
 
 def _cancel(subject: str, root: Path, reason: str, by: str) -> tuple[StopRequest, ...]:

@@ -58,6 +58,6 @@ def read_ledger(root: Path, about: str = "", parts: Sequence[str] = ()) -> Ledge
 
 
 def find_session(root: Path, name: str) -> tuple[Workspace, SessionStatus]:
-    """A session of a workspace, by its id or the part after the goal; raises DefinitionError `UNKNOWN_SESSION`."""
+    """A session of a workspace, by its id or the part after the goal; raises DefinitionError `UNKNOWN_NAME`."""
     known = read_ledger(root, name).sessions
     return Workspace.open(root), known[get_session(name, known)]

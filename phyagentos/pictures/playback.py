@@ -67,7 +67,7 @@ def read_playback(workspace: Workspace, status: SessionStatus) -> Playback:
 
     Raises:
         ExecutionError: `EVIDENCE_UNREADABLE` where it left no scene model, was thinned, or is damaged.
-        DefinitionError: `TARGET_UNKNOWN`.
+        DefinitionError: `UNKNOWN_NAME`.
     """
     folder = workspace.evidence_of(status.contract.id)
     if status.execution is None or not (folder / evidence.SCENE_MODEL).is_file():

@@ -47,7 +47,7 @@ class SceneRenderer:
     """Draws moments of one session; a context manager.
 
     Raises:
-        DefinitionError: `UNKNOWN_CAMERA`; `NO_GRAPHICS` when this machine cannot draw.
+        DefinitionError: `UNKNOWN_NAME`; `NO_GRAPHICS` when this machine cannot draw.
     """
 
     def __init__(self, playback: Playback, look: Look) -> None:
@@ -55,7 +55,7 @@ class SceneRenderer:
         model = playback.model
         cameras = [model.camera(index).name for index in range(model.ncam)]
         if look.camera and look.camera not in cameras:
-            raise DefinitionError.unknown("UNKNOWN_CAMERA", "--camera", look.camera, cameras)
+            raise DefinitionError.unknown("camera", "--camera", look.camera, cameras)
         model.vis.global_.offwidth = max(model.vis.global_.offwidth, look.width)
         model.vis.global_.offheight = max(model.vis.global_.offheight, look.height)
         model.vis.quality.shadowsize = SHADOW_PX

@@ -15,6 +15,8 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
+from phyagentos.fork_server import start_python
+
 SPIN_S = 0.0015  # about twice what a world needs for a control period
 MESSAGE_MAX_BYTES = 2**27  # some frames of several cameras, or the compiled model of a humanoid: 80 MiB
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}  # a robot's matrices are small: further threads would only spin
@@ -94,7 +96,9 @@ class Child:
         ours, theirs = socket.socketpair()
         with theirs:
             command = [*command, "--descriptor", str(theirs.fileno())]
-            self._process = subprocess.Popen(command, pass_fds=(theirs.fileno(),), env=os.environ | ONE_THREAD)
+            self._process = start_python(
+                command, pass_fds=(theirs.fileno(),), environment=os.environ | ONE_THREAD, leads_group=False
+            )
         self.channel = Link(Connection(ours.detach()), spin_s=spin_s)
 
     @property

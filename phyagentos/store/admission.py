@@ -303,6 +303,4 @@ def _check_review(entry: Entry) -> None:
 def _check_amendment(entry: Entry) -> None:
     for name in _convert(entry, Amendment).limits:
         if name not in Limits.__struct_fields__:
-            raise DefinitionError.unknown(
-                "INVALID_CONTRACT", f"session {entry.id}: limits", name, Limits.__struct_fields__
-            )
+            raise DefinitionError.unknown("limit", f"session {entry.id}: limits", name, Limits.__struct_fields__)

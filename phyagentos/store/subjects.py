@@ -8,14 +8,14 @@ from phyagentos.protocol.sessions.tasks import GoalStatus
 
 
 def get_goal(text: str, where: str, known: Mapping[GoalId, GoalStatus]) -> GoalStatus:
-    """The goal that is called so, or the only one; raises `UNKNOWN_GOAL`, which names `where`."""
+    """The goal that is called so, or the only one; raises `UNKNOWN_NAME`, which names `where`."""
     if (goal := known.get(GoalId(text)) if text else None) is not None:
         return goal
     if not text and len(known) == 1:
         return next(iter(known.values()))
     found = repr(text) if text else f"{len(known)} goals"
     expected = format_names(known) if known else "a goal that was submitted there"
-    raise DefinitionError.of("UNKNOWN_GOAL", where, found, expected, format_hint(text, known))
+    raise DefinitionError.of("UNKNOWN_NAME", where, found, expected, format_hint(text, known), "goal")
 
 
 def find_node(text: str, goals: Mapping[GoalId, GoalStatus]) -> tuple[GoalStatus | None, str]:
@@ -28,11 +28,11 @@ def find_node(text: str, goals: Mapping[GoalId, GoalStatus]) -> tuple[GoalStatus
 
 
 def get_session(text: str, known: Iterable[SessionId]) -> SessionId:
-    """The id that a person means: this one, or the only one that ends with `.<text>`; raises `UNKNOWN_SESSION`."""
+    """The id that a person means: this one, or the only one that ends with `.<text>`; raises `UNKNOWN_NAME`."""
     ids = list(known)
     found = [id for id in ids if id == text or id.split(".", 1)[-1] == text]
     if len(found) == 1:
         return found[0]
     problem = "several sessions are called that" if found else "no such session"
     hint = format_hint(text, [*ids, *(id.split(".", 1)[-1] for id in ids)])
-    raise DefinitionError.of("UNKNOWN_SESSION", text, problem, format_names(found or ids), hint)
+    raise DefinitionError.of("UNKNOWN_NAME", text, problem, format_names(found or ids), hint, "session")

@@ -52,7 +52,7 @@ def perform(workspace: Workspace, name: str, form: Form) -> Done:
         ExecutionError: As its use case does.
     """
     if name not in ACTIONS:
-        raise DefinitionError.unknown("UNKNOWN_NAME", "actions", name, ACTIONS)
+        raise DefinitionError.unknown("action", "actions", name, ACTIONS)
     action = ACTIONS[name]
     if missing := [field for field in action.needs if not form.get(field, "").strip()]:
         raise DefinitionError.of("MISSING_PARAMETER", name, "nothing", ", ".join(missing))

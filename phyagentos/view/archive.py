@@ -46,12 +46,12 @@ def build_archive(documents: Documents, goal: GoalStatus) -> str:
 
 
 def write_archive(root: Path, goal: str, to: Path) -> Written:
-    """Write a goal of a workspace, the latest without a name, as one file; raises DefinitionError `UNKNOWN_GOAL`."""
+    """Write a goal of a workspace, the latest without a name, as one file; raises DefinitionError `UNKNOWN_NAME`."""
     documents = Documents(root)
     documents.refresh()
     status = documents.find_goal(goal)
     if status is None:
-        raise DefinitionError.unknown("UNKNOWN_GOAL", str(root), goal, documents.ledger.goals)
+        raise DefinitionError.unknown("goal", str(root), goal, documents.ledger.goals)
     to.write_text(build_archive(documents, status), encoding="utf-8")
     return Written(file=to)
 

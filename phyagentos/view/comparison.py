@@ -55,7 +55,7 @@ def flatten(value: Mapping[str, Any], above: str = "") -> Fields:
 def _get(documents: Documents, id: str) -> SessionStatus:
     found = documents.ledger.sessions.get(SessionId(id))
     if found is None:
-        raise DefinitionError.unknown("UNKNOWN_NAME", "compare", id, documents.ledger.sessions)
+        raise DefinitionError.unknown("session", "compare", id, documents.ledger.sessions)
     return found
 
 
@@ -142,7 +142,7 @@ def compare_runs(folders: Mapping[str, Path], first: str, second: str) -> Fields
     from phyagentos.bench.sweep import SUITE, read_manifest
 
     if unknown := next((each for each in (first, second) if each not in folders), ""):
-        raise DefinitionError.unknown("UNKNOWN_NAME", "compare", unknown, folders)
+        raise DefinitionError.unknown("run", "compare", unknown, folders)
     both = [folders[each] for each in (first, second)]
     records = [read_records(folder) for folder in both]
     rows: dict[tuple[str, ...], list[Any]] = {}

@@ -12,7 +12,7 @@ from phyagentos.store.views.tasks import render_graph, render_task
 
 from .test_mission import slip
 
-UNFIT = Problem(code="ACTION_UNAVAILABLE", address="joint_torque")
+UNFIT = Problem(code="NOT_OFFERED", address="joint_torque")
 GRAPH = """
     goal: branches
     objective: Red into its tray, else blue.
@@ -143,7 +143,7 @@ def test_documents_and_drawings_say_which_branch_is_not_taken(make_stage, write_
     ("old", "new", "told"),
     [
         ("on: failure", "on: fail", r"graph.yaml:15:26: INVALID_VALUE: found 'fail'; expected 'success' or 'failure'"),
-        ("{node: main, on", "{node: mian, on", r"graph.yaml:15:13: UNKNOWN_NODE: found 'mian'"),
+        ("{node: main, on", "{node: mian, on", r"graph.yaml:15:13: UNKNOWN_NAME \(node\): found 'mian'"),
         (
             "{node: main, on: failure}",
             "{node: main, on: failure}, main",

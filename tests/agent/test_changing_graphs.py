@@ -170,7 +170,7 @@ def test_alternatives_whose_condition_is_false_are_all_left_out_and_what_waits_g
 def test_a_mistake_in_an_alternative_is_reported_where_it_stands(catalogue, write_graph):
     text = (HEAD + EITHER).replace("speed: 0.2", "spede: 0.2")
     (problem,) = check_goal_graph(write_graph(text), catalogue)
-    assert problem.code == "UNKNOWN_PARAMETER"
+    assert problem.label == "UNKNOWN_NAME (parameter)"
     assert problem.address.endswith("graph.yaml:17:85")
 
 
@@ -201,8 +201,8 @@ def test_what_a_predicate_names_is_not_among_what_fits_it(make_stage, write_grap
     ("old", "new", "code", "line"),
     [
         ("after: [first]\n        foreach", "foreach", "NOTHING_SEEN", 12),
-        ("inside(${thing}, red_tray)", "inside(*, red_tray)", "UNKNOWN_REFERENCE", 13),
-        ("inside(${thing}, red_tray)", "inside(${thing}, tub)", "UNKNOWN_ENTITY", 13),
+        ("inside(${thing}, red_tray)", "inside(*, red_tray)", "INVALID_VALUE", 13),
+        ("inside(${thing}, red_tray)", "inside(${thing}, tub)", "UNKNOWN_NAME (object)", 13),
         ("inside(${thing}, red_tray)", "inside(${thing}", "PREDICATE_SYNTAX", 13),
     ],
 )
@@ -210,7 +210,7 @@ def test_a_fan_out_over_what_is_seen_is_checked_before_anything_runs(catalogue, 
     text = HEAD + EACH % 1
     assert old in text
     problems = check_goal_graph(write_graph(text.replace(old, new)), catalogue)
-    assert [(each.code, each.address.split(":")[-2]) for each in problems] == [(code, str(line))]
+    assert [(each.label, each.address.split(":")[-2]) for each in problems] == [(code, str(line))]
 
 
 WANTED = """
@@ -289,7 +289,7 @@ def test_an_amendment_that_cannot_run_is_refused_with_its_problems(amend):
         (HEAD + OTHER).replace("pick_and_place\n        with: {object: blue", "jump\n        with: {object: blue"),
     )
     assert report.verdict == "success"
-    assert "UNKNOWN_SKILL" in goal.changes[0] or "unknown" in goal.changes[0]
+    assert "UNKNOWN_NAME (skill)" in goal.changes[0] or "unknown" in goal.changes[0]
 
 
 def test_another_scene_is_another_goal(amend):

@@ -261,7 +261,7 @@ def test_an_absent_thing_is_gone_unless_it_had_been_taken_hold_of():
 @pytest.mark.parametrize(
     ("code", "kind"),
     [
-        ("ACTION_UNAVAILABLE", CauseClass.ADAPTER),
+        ("NOT_OFFERED", CauseClass.ADAPTER),
         ("SENSOR_RATE", CauseClass.PERCEPTION),
         ("TOO_WIDE", CauseClass.PLANNING),
     ],

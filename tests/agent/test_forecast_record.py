@@ -100,6 +100,6 @@ def test_a_result_that_was_written_before_there_were_others_is_one_of_rollouts(t
 def test_a_goal_that_names_an_unknown_forecaster_is_refused_at_its_place(stage, write_graph):
     text = GRAPH.replace("threshold: 0.0", "forecasters: [rollouts, lerned]")
     with pytest.raises(
-        DefinitionError, match=r"graph.yaml:5:.*UNKNOWN_FORECASTER: found 'lerned'; expected .*rollouts"
+        DefinitionError, match=r"graph.yaml:5:.*UNKNOWN_NAME \(forecaster\): found 'lerned'; expected .*rollouts"
     ):
         stage.pursue(write_graph(text))

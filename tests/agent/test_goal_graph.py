@@ -84,43 +84,49 @@ def test_a_graph_expands_fan_out_and_derives_edges_from_data(write_graph, catalo
 
 def test_every_problem_is_reported_with_file_line_and_column(write_graph, catalogue):
     problems = check_goal_graph(write_graph(BAD), catalogue)
-    found = {(problem.code, problem.address.rpartition("graph.yaml:")[2]) for problem in problems}
+    found = {(problem.label, problem.address.rpartition("graph.yaml:")[2]) for problem in problems}
     assert found == {
-        ("UNKNOWN_SCENE", "3:1"),
-        ("UNKNOWN_TARGET", "4:11"),
-        ("UNKNOWN_SKILL", "8:5"),
-        ("UNKNOWN_TARGET", "13:5"),
-        ("UNKNOWN_NODE", "16:13"),
-        ("UNKNOWN_PARAMETER", "18:12"),
+        ("UNKNOWN_NAME (scene)", "3:1"),
+        ("UNKNOWN_NAME (target)", "4:11"),
+        ("UNKNOWN_NAME (skill)", "8:5"),
+        ("UNKNOWN_NAME (target)", "13:5"),
+        ("UNKNOWN_NAME (node)", "16:13"),
+        ("UNKNOWN_NAME (parameter)", "18:12"),
         ("MISSING_PARAMETER", "18:5"),
         ("INVALID_PARAMETER", "18:30"),
         ("INVALID_PARAMETER", "18:51"),
-        ("UNKNOWN_PREDICATE", "19:14"),
+        ("UNKNOWN_NAME (predicate)", "19:14"),
         ("NOT_COMPARED", "19:43"),
-        ("UNKNOWN_OUTPUT", "22:52"),
-        ("UNKNOWN_NODE", "25:31"),
+        ("UNKNOWN_NAME (output)", "22:52"),
+        ("UNKNOWN_NAME (node)", "25:31"),
         ("NO_CANDIDATE", "28:5"),
-        ("UNKNOWN_REFERENCE", "29:16"),
+        ("UNKNOWN_NAME (reference)", "29:16"),
     }
 
 
 @pytest.mark.parametrize(
     ("code", "sentence"),
     [
-        ("UNKNOWN_SCENE", r"found 'tabel'; expected table. Did you mean 'table'\?"),
-        ("UNKNOWN_TARGET", r"found 'pandy'; expected any, panda. Did you mean 'panda'\?"),
-        ("UNKNOWN_TARGET", r"found 'nobody'; expected any, arm, panda"),
-        ("UNKNOWN_SKILL", r"found 'pick_and_plaze'; .* Did you mean 'pick_and_place'\?"),
-        ("UNKNOWN_NODE", r"found 'tow'; .* Did you mean 'two'\?"),
-        ("UNKNOWN_NODE", r"found 'red' in \$\{red.outputs.place_site\}"),
-        ("UNKNOWN_PARAMETER", r"found 'objekt'; .* Did you mean 'object'\?"),
+        ("UNKNOWN_NAME (scene)", r"found 'tabel'; expected table. Did you mean 'table'\?"),
+        ("UNKNOWN_NAME (target)", r"found 'pandy'; expected any, panda. Did you mean 'panda'\?"),
+        ("UNKNOWN_NAME (target)", r"found 'nobody'; expected any, arm, panda"),
+        ("UNKNOWN_NAME (skill)", r"found 'pick_and_plaze'; .* Did you mean 'pick_and_place'\?"),
+        ("UNKNOWN_NAME (node)", r"found 'tow'; .* Did you mean 'two'\?"),
+        ("UNKNOWN_NAME (node)", r"found 'red' in \$\{red.outputs.place_site\}"),
+        ("UNKNOWN_NAME (parameter)", r"found 'objekt'; .* Did you mean 'object'\?"),
         ("MISSING_PARAMETER", r"found no 'object' for skill 'pick_and_place'; expected entity"),
         ("INVALID_PARAMETER", r"found \[1, 2\]; expected a name"),
         ("INVALID_PARAMETER", r"found 7; expected at most 1.0"),
-        ("UNKNOWN_PREDICATE", r"found 'insid' at column 1 of 'insid\(red_cube, red_tray\)'.*Did you mean 'inside'\?"),
+        (
+            "UNKNOWN_NAME (predicate)",
+            r"found 'insid' at column 1 of 'insid\(red_cube, red_tray\)'.*Did you mean 'inside'\?",
+        ),
         ("NOT_COMPARED", r"found 'tilt' at column 1"),
-        ("UNKNOWN_OUTPUT", r"found 'place_sight' of node 'five' .*expected place_site. Did you mean 'place_site'\?"),
-        ("UNKNOWN_REFERENCE", r"found \$\{cub\}; .*Did you mean 'cube'\?"),
+        (
+            "UNKNOWN_NAME (output)",
+            r"found 'place_sight' of node 'five' .*expected place_site. Did you mean 'place_site'\?",
+        ),
+        ("UNKNOWN_NAME (reference)", r"found \$\{cub\}; .*Did you mean 'cube'\?"),
         (
             "NO_CANDIDATE",
             r"that guarantees 'open\(red_cube\)'.*; expected one of .*No skill guarantees .*; write one: docs/",
@@ -128,7 +134,7 @@ def test_every_problem_is_reported_with_file_line_and_column(write_graph, catalo
     ],
 )
 def test_each_problem_says_what_was_found_what_is_possible_and_what_is_near(write_graph, catalogue, code, sentence):
-    problems = [str(p) for p in check_goal_graph(write_graph(BAD), catalogue) if p.code == code]
+    problems = [str(p) for p in check_goal_graph(write_graph(BAD), catalogue) if p.label == code]
     assert any(re.search(sentence, problem) for problem in problems), problems
 
 
@@ -136,7 +142,7 @@ def test_an_unknown_entity_is_found_in_arguments_and_in_predicates(write_graph, 
     text = GOOD.replace("object: red_cube, destination: red_tray}", "object: rd_cube, destination: red_tray}")
     text = text.replace("inside(*, green_tray)", "inside(*, gren_tray)")
     problems = check_goal_graph(write_graph(text), catalogue)
-    assert [problem.code for problem in problems] == ["UNKNOWN_ENTITY", "UNKNOWN_ENTITY"]
+    assert [problem.label for problem in problems] == ["UNKNOWN_NAME (object)", "UNKNOWN_NAME (object)"]
     assert "'gren_tray' at column 17" in str(problems[0])
     assert "Did you mean 'red_cube'?" in str(problems[1])
 
@@ -151,7 +157,9 @@ def test_a_cycle_is_printed_as_the_cycle(write_graph, catalogue):
 
 def test_an_unknown_key_is_refused_with_the_nearest_one(write_graph, catalogue):
     text = GOOD.replace("after: [red]", "aftr: [red]")
-    with pytest.raises(DefinitionError, match=r"graph.yaml:\d+:5: UNKNOWN_KEY: found 'aftr'.*Did you mean 'after'\?"):
+    with pytest.raises(
+        DefinitionError, match=r"graph.yaml:\d+:5: UNKNOWN_NAME \(key\): found 'aftr'.*Did you mean 'after'\?"
+    ):
         read_goal_graph(write_graph(text), catalogue)
 
 
@@ -170,15 +178,15 @@ def test_a_reference_to_a_whole_fan_out_is_ambiguous(write_graph, catalogue):
 def test_overrides_replace_single_values_and_are_checked_like_the_file(write_graph, catalogue):
     graph = read_goal_graph(write_graph(GOOD), catalogue, {"defaults.max_replans": "5", "targets.arm": "panda"})
     assert graph.max_replans("red") == 5
-    with pytest.raises(DefinitionError, match="UNKNOWN_TARGET: found 'ur5'"):
+    with pytest.raises(DefinitionError, match=r"UNKNOWN_NAME \(target\): found 'ur5'"):
         read_goal_graph(write_graph(GOOD), catalogue, {"targets.arm": "ur5"})
 
 
 def test_an_override_of_a_role_that_the_graph_has_not_names_the_nearest(write_graph, catalogue):
-    told = r"targets.amr: INVALID_OVERRIDE: found 'amr'; expected arm, someone. Did you mean 'arm'\?"
+    told = r"targets.amr: UNKNOWN_NAME \(role\): found 'amr'; expected arm, someone. Did you mean 'arm'\?"
     with pytest.raises(DefinitionError, match=told):
         read_goal_graph(write_graph(GOOD), catalogue, {"targets.amr": "panda"})
-    with pytest.raises(DefinitionError, match="INVALID_OVERRIDE"):
+    with pytest.raises(DefinitionError, match="INVALID_VALUE"):
         read_goal_graph(write_graph(GOOD), catalogue, {"targets.arm.left": "panda"})
 
 
@@ -230,7 +238,7 @@ def test_an_override_that_is_no_yaml_is_told_with_its_place(write_graph, catalog
     ("worlds", "code", "sentence"),
     [
         ("{table: [arm, right]}", "", ""),
-        ("{table: [arm, righd]}", "UNKNOWN_TARGET", r"found 'righd'; expected .*right.* Did you mean 'right'\?"),
+        ("{table: [arm, righd]}", "UNKNOWN_NAME (target)", r"found 'righd'; expected .*right.* Did you mean 'right'\?"),
         ("{table: [arm, right], shelf: [panda]}", "WORLD_CONFLICT", "found 'panda' in 'table' and in 'shelf'"),
         ("{table: [arm, alone]}", "WORLD_CONFLICT", "found 'alone' in a world of its own; expected the world 'table'"),
         (
@@ -252,7 +260,7 @@ def test_a_goal_says_which_targets_stand_in_one_world(write_graph, catalogue, wo
 
     problems = check_goal_graph(write_graph(text), own)
 
-    assert [problem.code for problem in problems] == [code] * bool(code)
+    assert [problem.label for problem in problems] == [code] * bool(code)
     assert not code or re.search(sentence, str(problems[0]))
 
 
@@ -270,4 +278,4 @@ def test_a_posture_that_the_target_does_not_have_is_a_problem_with_the_nearest_n
         """
     assert check_goal_graph(write_graph(text % "fist"), catalogue) == []
     (problem,) = check_goal_graph(write_graph(text % "openhand"), catalogue)
-    assert (problem.code, problem.hint) == ("UNKNOWN_POSTURE", "Did you mean 'open_hand'?")
+    assert (problem.label, problem.hint) == ("UNKNOWN_NAME (posture)", "Did you mean 'open_hand'?")

@@ -19,7 +19,7 @@ from phyagentos.store.journal import Journal
 
 from .conftest import SKILLS, Play, add_skills, hold, make_world, put, remove, succeed
 
-UNFIT = Problem(code="ACTION_UNAVAILABLE", address="joint_torque")
+UNFIT = Problem(code="NOT_OFFERED", address="joint_torque")
 TIDY = """
     goal: tidy
     objective: Red and green into their trays.
@@ -120,7 +120,7 @@ def test_a_failed_execution_that_met_the_objective_succeeds(make_stage, tidy):
 def test_a_refused_first_session_blocks_its_node_and_the_exit_code_says_so(make_stage, tidy):
     report = make_stage(refuse={"red": UNFIT}).pursue(tidy)
     assert (report.verdict, report.exit_code) == ("failure", 3)
-    assert "ACTION_UNAVAILABLE" in report.reason
+    assert "NOT_OFFERED" in report.reason
     assert report.nodes == {"red": "blocked", "green": "done"}
 
 
@@ -427,5 +427,5 @@ def test_what_is_not_permitted_is_neither_compiled_nor_used_in_a_repair(make_sta
     assert {session.skill for session in stage.runtime.ran} == {"pick_and_place"}
 
     mission.restrict = lambda catalogue: replace(catalogue, skills={})
-    with pytest.raises(DefinitionError, match="UNKNOWN_SKILL"):
+    with pytest.raises(DefinitionError, match=r"UNKNOWN_NAME \(skill\)"):
         mission.run(tidy, seed=8)

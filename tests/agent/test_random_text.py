@@ -220,7 +220,7 @@ MISSIONS = {
     "cleared": {"script": {"red": be_blocked, "red.r1": move_away}, "world": make_table_world()},
     "refused, too wide": {"refuse": {"red": Problem(code="TOO_WIDE", address="dry run")}},
     "refused, no target": {"refuse": {"red": Problem(code="TARGET_UNAVAILABLE", address="panda")}},
-    "refused, on paper": {"refuse": {"red": Problem(code="ACTION_UNAVAILABLE", address="skill")}},
+    "refused, on paper": {"refuse": {"red": Problem(code="NOT_OFFERED", address="skill")}},
     "refused, foreseen": {"refuse": {"red": Problem(code="LOOKAHEAD_LOW", address="look-ahead")}},
     "refused, not seen": {"refuse": {"red": make_unmet("visible(red_cube)")}, "world": hide(make_world(), "red_cube")},
     "refused, not held": {"refuse": {"red": make_unmet("holding(target, red_cube)")}},

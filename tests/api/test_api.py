@@ -49,7 +49,7 @@ def demo(stored):
 def find_codes(call, *arguments, **named):
     with pytest.raises(DefinitionError) as refused:
         call(*arguments, **named)
-    return {problem.code for problem in refused.value.problems}
+    return {problem.label for problem in refused.value.problems}
 
 
 @pytest.mark.slow
@@ -141,7 +141,7 @@ def test_the_names_of_the_library_are_offered_before_it_is_loaded(tmp_path):
 
 
 def test_a_name_that_is_not_there_is_refused_with_what_there_is(demo, tmp_path):
-    assert find_codes(demo.__getitem__, "rad") == find_codes(demo.why, "rad") == {"UNKNOWN_SESSION"}
+    assert find_codes(demo.__getitem__, "rad") == find_codes(demo.why, "rad") == {"UNKNOWN_NAME (session)"}
     assert find_codes(library.open_workspace, tmp_path) == {"NOT_A_WORKSPACE"}
     with pytest.raises(DefinitionError, match="Did you mean 'red'"):
         demo.replay("rad")
@@ -179,7 +179,9 @@ def test_notebooks_show_a_tree_with_how_each_node_ended(demo):
     assert "SUCCESS" not in waiting.tree.html
 
 
-@pytest.mark.parametrize(("skill", "code"), [("pick", ""), ("echo", "UNKNOWN_TREE"), ("gone", "UNKNOWN_SKILL")])
+@pytest.mark.parametrize(
+    ("skill", "code"), [("pick", ""), ("echo", "UNKNOWN_NAME (tree)"), ("gone", "UNKNOWN_NAME (skill)")]
+)
 def test_a_skill_without_a_tree_is_refused(stored, tmp_path, skill, code):
     root = shutil.copytree(stored, tmp_path / "w", ignore=shutil.ignore_patterns("evidence"))
     (root / "library" / "skills" / "echo").mkdir()
@@ -285,11 +287,11 @@ def test_a_request_becomes_a_graph_in_a_workspace_that_a_run_takes(tmp_path, mon
 @pytest.mark.parametrize(
     ("options", "code"),
     [
-        ({"goal_graph": "tidy_tabel"}, "UNKNOWN_FILE"),
-        ({"faults": "slipp"}, "UNKNOWN_FILE"),
-        ({"overrides": {"cube.of": "red"}}, "INVALID_OVERRIDE"),
-        ({"overrides": {"cube": "red"}}, "INVALID_OVERRIDE"),
-        ({"sense": "truht"}, "INVALID_VALUE"),
+        ({"goal_graph": "tidy_tabel"}, "UNKNOWN_NAME (file)"),
+        ({"faults": "slipp"}, "UNKNOWN_NAME (file)"),
+        ({"overrides": {"cube.of": "red"}}, "INVALID_VALUE"),
+        ({"overrides": {"cube": "red"}}, "INVALID_VALUE"),
+        ({"sense": "truht"}, "UNKNOWN_NAME (sense)"),
     ],
 )
 def test_a_run_that_cannot_begin_is_refused_before_a_folder_is_made(tmp_path, monkeypatch, options, code):

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import phyagentos
-from phyagentos.codes import ALIASES, CODES, find_code
+from phyagentos.codes import ALIASES, CODES, find_code, get_present_name
 
 PACKAGE = Path(phyagentos.__file__).parent
 ROLLOUTS = PACKAGE.parent / "kits" / "rollouts"  # its codes are causes of the agent
@@ -83,6 +83,7 @@ def test_a_code_is_explained_and_a_misspelt_one_gets_the_nearest():
 
 def test_a_code_of_an_earlier_release_is_found_by_its_new_name():
     assert find_code("RECURSION") == find_code("CYCLE") == CODES["CYCLE"]
+    assert get_present_name("NEVER_SEEN") == get_present_name("NOT_OBSERVED") == "NOT_OBSERVED"
     assert set(ALIASES.values()) <= set(CODES)
     assert not set(ALIASES) & set(CODES)
     assert find_code("NEVER_A_CODE") is None

@@ -158,15 +158,18 @@ MAY_SPEAK = {
     "phyagentos/assembly/processes.py",  # the mains of workers, worlds and planners, likewise
     "phyagentos/view/scenes.py",  # keeps quiet what the server of the 3D scene prints
 }
-MAY_START = {  # outside of the command line, which starts the editor of a person alone
+MAY_START_PYTHON = {
     "phyagentos/assembly/planes.py": "planes",
-    "phyagentos/bench/availability.py": "environments of others, made and looked at",
     "phyagentos/bench/episode.py": "episodes",
+    "phyagentos/runtime/channel.py": "planners",
+    "phyagentos/runtime/supervision/world_process.py": "worlds and workers",
+}
+MAY_START = {  # outside of the command line, which starts the editor of a person alone
+    "phyagentos/fork_server.py": "those",
+    "phyagentos/bench/availability.py": "environments of others, made and looked at",
     "phyagentos/bench/sweep.py": "policies of a suite",
     "phyagentos/operations/doctor.py": "a picture: a graphics driver that crashes must not take the report with it",
-    "phyagentos/runtime/channel.py": "planners",
     "phyagentos/runtime/drivers/gymnasium.py": "environments of others",
-    "phyagentos/runtime/supervision/world_process.py": "worlds and workers",
 }
 
 
@@ -194,6 +197,7 @@ def test_only_the_command_line_prints_prompts_and_exits():
 @pytest.mark.slow
 def test_child_processes_are_planes_planners_worlds_episodes_and_environments_of_others():
     assert set(find_callers(lambda each: each.startswith(STARTS))) == set(MAY_START)
+    assert set(find_callers(lambda each: each == "start_python")) == set(MAY_START_PYTHON)
     commands = sorted((PACKAGE / "cli").rglob("*.py"))
     assert [path.name for path in commands if any(each.startswith(STARTS) for each in find_calls(path))] == [
         "editing.py"
@@ -208,5 +212,6 @@ def test_no_process_is_started_for_what_an_operation_does():
         "phyagentos/assembly/planes.py": ["phyagentos"],
         "phyagentos/assembly/processes.py": ["phyagentos.assembly.processes"],
         "phyagentos/bench/episode.py": ["phyagentos.bench.episode"],
+        "phyagentos/fork_server.py": ["phyagentos.fork_server"],
         "phyagentos/runtime/motion/process.py": ["phyagentos.runtime.motion.process"],
     }

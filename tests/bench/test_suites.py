@@ -75,21 +75,21 @@ def test_of_two_axes_that_say_the_same_the_later_one_is_heard():
 
 
 MISTAKES = {
-    "a graph": ({"tasks": {"tidy": {**TIDY, "graph": "tidy_tabel"}}}, "UNKNOWN_FILE", 5, "tidy_table"),
+    "a graph": ({"tasks": {"tidy": {**TIDY, "graph": "tidy_tabel"}}}, "UNKNOWN_NAME (file)", 5, "tidy_table"),
     "a condition": ({"tasks": {"tidy": {**TIDY, "score": {"red": {"in_trey": []}}}}}, "UNKNOWN_NAME", 8, "in_tray"),
     "its arguments": ({"tasks": {"tidy": {**TIDY, "score": {"red": {"in_tray": ["x"]}}}}}, "WRONG_ARGUMENTS", 8, ""),
-    "a scorer": ({"scorer": "simulater"}, "UNKNOWN_SCORER", 13, "simulator"),
-    "a repair": ({"common": {"repair": "repare"}}, "UNKNOWN_REPAIR", 15, "repair"),
-    "a module": ({"common": {"repair": "no_such_module:Repair"}}, "UNKNOWN_REPAIR", 15, ""),
-    "faults": ({"settings": {"x": {"faults": "one_randon"}}}, "UNKNOWN_FILE", 16, "one_random"),
+    "a scorer": ({"scorer": "simulater"}, "UNKNOWN_NAME (scorer)", 13, "simulator"),
+    "a repair": ({"common": {"repair": "repare"}}, "UNKNOWN_NAME (repair policy)", 15, "repair"),
+    "a module": ({"common": {"repair": "no_such_module:Repair"}}, "UNKNOWN_NAME (repair policy)", 15, ""),
+    "faults": ({"settings": {"x": {"faults": "one_randon"}}}, "UNKNOWN_NAME (file)", 16, "one_random"),
     "an axis": ({"asked": [{"figure": "final", "where": {"tusk": "tidy"}, "at_least": 1}]}, "UNKNOWN_NAME", 17, "task"),
     "a value": ({"asked": [{"figure": "final", "where": {"task": "tidi"}, "at_least": 1}]}, "UNKNOWN_NAME", 17, "tidy"),
     "no bound": ({"asked": [{"figure": "final"}]}, "MISSING_KEY", 15, ""),
-    "a key": ({"common": {"sens": "truth"}}, "UNKNOWN_KEY", 15, "sense"),
+    "a key": ({"common": {"sens": "truth"}}, "UNKNOWN_NAME (key)", 15, "sense"),
     "an environment": ({"common": {"environment": "libero"}}, "UNKNOWN_NAME", 15, ""),
     "a file": ({"common": {"files": {"safty.yaml": {}}}}, "UNKNOWN_NAME", 16, "safety.yaml"),
     "its value": ({"common": {"files": {"perception.yaml": {"sensing": "lies"}}}}, "INVALID_VALUE", 17, ""),
-    "an override": ({"common": {"set": {"targets.arn": "panda"}}}, "INVALID_OVERRIDE", 0, ""),
+    "an override": ({"common": {"set": {"targets.arn": "panda"}}}, "UNKNOWN_NAME (role)", 0, ""),
 }
 
 
@@ -98,7 +98,7 @@ def test_a_mistake_is_named_where_it_stands(mistake, read):
     changes, code, line, nearest = MISTAKES[mistake]
     with pytest.raises(DefinitionError) as error:
         read(**changes)
-    found = [problem for problem in error.value.problems if problem.code == code]
+    found = [problem for problem in error.value.problems if problem.label == code]
 
     assert found, error.value.problems
     assert not line or found[0].address.split(":")[1] == str(line), found[0]
@@ -113,7 +113,7 @@ def test_what_is_not_here_is_missing_and_says_why(read, monkeypatch, tmp_path):
         policies={"own": {}, "served": {"ready": "127.0.0.1:9"}, "begun": {"serve": ["no-such-program"]}},
         seeds=[0],
     )
-    codes = {id: [problem.code for problem in problems] for id, problems in plan.missing.items()}
+    codes = {id: [problem.label for problem in problems] for id, problems in plan.missing.items()}
 
     assert "tidy.own.here.0" not in codes
     assert codes["tidy.own.there.0"] == ["EXTRA_MISSING"]
@@ -235,7 +235,7 @@ def test_every_cause_of_a_verdict_has_a_kind_of_failure():
     assert kinds[Cause.OBJECT_HIDDEN] is Taxon.PERCEPTION
     assert kinds[Cause.GRASP_MISSED] is Taxon.EXECUTION
     assert classify_problems([Problem("NO_IK", "x")]) is Taxon.PLANNING
-    assert classify_problems([Problem("JOINT_UNKNOWN", "x")]) is Taxon.ADAPTER
+    assert classify_problems([Problem("JOINT_MISSING", "x")]) is Taxon.ADAPTER
     assert classify_problems([Problem("POLICY_MISMATCH", "x")]) is Taxon.POLICY
 
 

@@ -104,9 +104,9 @@ def test_only_the_goal_of_a_problem_is_read():
         ("(define (:init))", r"PREDICATE_SYNTAX: .*no \(:goal"),
         ("(:goal (Not (In gem crate_room)))", r"PREDICATE_SYNTAX: .*\(Not .*and, or"),
         ("(:goal (In gem))", r"PREDICATE_SYNTAX: .*In of 1 terms"),
-        ("(:goal (And (In pearl crate_room)))", r"UNKNOWN_ENTITY: .*'pearl'"),
-        ("(:goal (Open slab))", r"UNKNOWN_ENTITY: .*'slab'.*desk_drawer"),
-        ("(:goal (Open shutter))", r"UNKNOWN_ENTITY: .*'shutter'.*left_flap"),
+        ("(:goal (And (In pearl crate_room)))", r"UNKNOWN_NAME \(object\): .*'pearl'"),
+        ("(:goal (Open slab))", r"UNKNOWN_NAME \(object\): .*'slab'.*desk_drawer"),
+        ("(:goal (Open shutter))", r"UNKNOWN_NAME \(object\): .*'shutter'.*left_flap"),
     ],
 )
 def test_what_is_no_goal_is_explained(text, message):

@@ -25,14 +25,14 @@ def test_a_name_tells_its_colour_and_its_form():
 def test_every_name_without_a_word_that_can_be_seen_is_told():
     with pytest.raises(DefinitionError) as error:
         generate_from_words("g", "", "s", GOAL.format("saucer_1", "shelf_1"), "arm")
-    assert [(each.code, each.found) for each in error.value.problems] == [
-        ("UNKNOWN_WORD", "'saucer_1'"),
-        ("UNKNOWN_WORD", "'shelf_1'"),
+    assert [(each.label, each.found) for each in error.value.problems] == [
+        ("UNKNOWN_NAME (word)", "'saucer_1'"),
+        ("UNKNOWN_NAME (word)", "'shelf_1'"),
     ]
 
 
 def test_no_word_tells_of_a_joint():
-    with pytest.raises(DefinitionError, match="UNKNOWN_ENTITY"):
+    with pytest.raises(DefinitionError, match=r"UNKNOWN_NAME \(object\)"):
         generate_from_words("g", "", "s", "(define (:goal (And (Close white_box_1))))", "arm")
 
 

@@ -187,7 +187,7 @@ def test_another_graph_of_the_same_name_is_not_overwritten(paos):
 
 
 def test_a_robot_that_is_not_there_is_refused(paos):
-    assert "UNKNOWN_TARGET" in paos("ask", SHORT, *CUBES, "--robot", "hal").err
+    assert "UNKNOWN_NAME (target)" in paos("ask", SHORT, *CUBES, "--robot", "hal").err
     assert json.loads(paos("ask", SHORT, *CUBES, "--robot", "ur5e", "--json").out)["goal"]["targets"] == {
         "robot": "ur5e"
     }

@@ -28,7 +28,7 @@ def test_this_machine_keeps_every_promise_and_nothing_is_left_behind(tmp_path, p
 
 
 def test_a_folder_that_does_not_exist_is_a_mistake_of_the_caller(tmp_path, paos):
-    assert_refused(paos("doctor", tmp_path / "nowhere"), "UNKNOWN_FOLDER")
+    assert_refused(paos("doctor", tmp_path / "nowhere"), "UNKNOWN_NAME (folder)")
 
 
 def test_packages_that_are_missing_or_too_old_are_all_named(monkeypatch):

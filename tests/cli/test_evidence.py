@@ -183,7 +183,7 @@ def test_a_wrong_policy_is_refused_with_its_place(paos, run, bundles):
     run.workspace.runtime_contract.write_text(text)
     assert_refused(
         paos("evidence", "prune", "-w", run.workspace.root),
-        "UNKNOWN_KEY: found 'keep_lats'",
+        "UNKNOWN_NAME (key): found 'keep_lats'",
         "Did you mean 'keep_last'?",
     )
     assert paos("lint", run.workspace.runtime_contract).code == ExitCode.INVALID_INPUT

@@ -59,7 +59,7 @@ def test_a_plane_is_stopped_with_everything_it_printed_in_its_log(tmp_path):
         clock.sleep(0.02)
     plane.stop(clock)
     assert plane.find_exit_code() == ExitCode.INVALID_INPUT
-    assert "no_such_graph: UNKNOWN_FILE" in plane.log.read_text(encoding="utf-8")
+    assert "no_such_graph: UNKNOWN_NAME (file)" in plane.log.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("word", ["lifecycle", "schema", "list", "tree", "lint", "compile", "init", "run", "why"])
@@ -69,7 +69,7 @@ def test_every_command_explains_itself(paos, word):
     assert "Usage:" in result.out
 
 
-NO_EFFECT = "targets.amr: INVALID_OVERRIDE: found 'amr'; expected arm. Did you mean 'arm'?"
+NO_EFFECT = "targets.amr: UNKNOWN_NAME (role): found 'amr'; expected arm. Did you mean 'arm'?"
 NEAREST = "found no such file; expected a path or a name in goal_graphs/. Did you mean 'tidy_table'?"
 SEED_MAX = str(2**63 - 1)
 
@@ -79,11 +79,11 @@ SEED_MAX = str(2**63 - 1)
     [
         (("why", "red", "-w", "nowhere"), "NOT_A_WORKSPACE"),
         *(((command, "tidy_tabel"), NEAREST) for command in ("run", "lint")),
-        (("run", "quite_other"), "UNKNOWN_FILE: found no such file; expected a path, or one of: carry_cup,"),
+        (("run", "quite_other"), "UNKNOWN_NAME (file): found no such file; expected a path, or one of: carry_cup"),
         (("fly",), "No such command 'fly'"),
         (
             ("compile", "tidy_table", "--set", "arm=panda"),
-            "--set arm: INVALID_OVERRIDE: found 'arm'; expected targets.arm",
+            "--set arm: UNKNOWN_NAME (parameter): found 'arm'; expected targets.arm",
         ),
         *(((command, "tidy_table", "--set", "targets.amr=panda"), NO_EFFECT) for command in ("compile", "run")),
         *(((command, "tidy_table", "--seed", 2**63), SEED_MAX) for command in ("run", "agent", "preflight")),
@@ -164,7 +164,7 @@ def test_a_parameter_is_given_by_its_name_and_a_bad_value_is_invalid_input(paos)
     assert "carry: pick_and_place(object=carton, destination=green_tray)" in given.out
     assert "push: push(object=carton, to=[0.4, -0.1, 0.02]) on panda  after carry on failure" in given.out
     assert_refused(
-        paos("compile", "put_away", "--set", "thing=cartn"), "--set thing:1:1: UNKNOWN_ENTITY: found 'cartn'"
+        paos("compile", "put_away", "--set", "thing=cartn"), "--set thing:1:1: UNKNOWN_NAME (object): found 'cartn'"
     )
 
 

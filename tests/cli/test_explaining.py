@@ -99,7 +99,7 @@ def test_the_graph_of_a_goal_shows_its_attempts_and_what_comes_before_them(repla
 def test_an_unknown_goal_names_those_that_there_are_and_the_nearest(replanned, paos):
     assert_refused(
         paos("graph", "tidy-8", "--workspace", replanned.workspace.root),
-        "UNKNOWN_GOAL",
+        "UNKNOWN_NAME (goal)",
         "found 'tidy-8'",
         "tidy-7",
         "Did you mean 'tidy-7'?",
@@ -120,7 +120,7 @@ def test_the_graph_of_no_workspace_is_refused(paos, tmp_path):
 def test_an_unknown_session_names_the_nearest(replanned, paos):
     assert_refused(
         paos("why", "rad", "--workspace", replanned.workspace.root),
-        "rad: UNKNOWN_SESSION: found no such session; expected tidy-7.red, tidy-7.red.r1",
+        "rad: UNKNOWN_NAME (session): found no such session; expected tidy-7.red, tidy-7.red.r1",
         "Did you mean 'red'?",
     )
 
@@ -223,7 +223,8 @@ def test_a_session_whose_target_was_removed_is_not_repeated(replanned, paos):
     assert read_target_registry(workspace.target_registry) == {}
 
     assert_refused(
-        paos("rerun", "tidy-7.red", "-w", workspace.root), f"{workspace.target_registry}: TARGET_UNKNOWN: found 'panda'"
+        paos("rerun", "tidy-7.red", "-w", workspace.root),
+        f"{workspace.target_registry}: UNKNOWN_NAME (target): found 'panda'",
     )
     assert not (workspace.root / "reruns").exists()
 

@@ -55,13 +55,13 @@ def test_linting_a_folder_executes_nothing_and_knows_its_leaves(paos, project):
 
 
 def test_linting_executes_what_it_is_asked_to_and_checks_ports_then(paos, project):
-    assert_refused(paos("lint", project, "--run-python"), "nod.yaml:6:20: UNKNOWN_PORT: found 'deep'; expected")
+    assert_refused(paos("lint", project, "--run-python"), "nod.yaml:6:20: UNKNOWN_NAME (port): found 'deep'; expected")
     assert has_run(project)
 
 
 def test_a_leaf_that_no_file_announces_is_unknown_all_the_same(paos, project):
     put(project, "trees/nod.yaml", TREE.replace("nod_once", "nod_onec"))
-    assert_refused(paos("lint", project), "UNKNOWN_LEAF: found 'nod_onec'", "Did you mean 'nod_once'?")
+    assert_refused(paos("lint", project), "UNKNOWN_NAME (leaf): found 'nod_onec'", "Did you mean 'nod_once'?")
 
 
 @pytest.mark.parametrize("text", ["def register(:\n", "\0", "(" * 5000])

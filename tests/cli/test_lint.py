@@ -58,14 +58,14 @@ def test_everything_that_ships_is_clean(paos):
 
 def test_an_unknown_key_is_refused_with_its_place(paos, write):
     path = write("goal_graphs/broken.yaml", GRAPH)
-    assert_refused(paos("lint", path), f"{path}:5:1: UNKNOWN_KEY: found 'colour'; expected ", "objective")
+    assert_refused(paos("lint", path), f"{path}:5:1: UNKNOWN_NAME (key): found 'colour'; expected ", "objective")
 
 
 def test_a_description_is_checked_word_by_word(paos, write):
     text = GRAPH.replace("colour: red", "described: {parcel: a rde bxo, red_cube: a box, unknown_2: a can}")
     path = write("goal_graphs/broken.yaml", text.replace("object: red_cube", "object: parcle"))
     err = paos("lint", path).err
-    assert f"{path}:5:13: UNKNOWN_WORD: found 'rde' at column 3 of 'a rde bxo'; expected black, " in err
+    assert f"{path}:5:13: UNKNOWN_NAME (word): found 'rde' at column 3 of 'a rde bxo'; expected black, " in err
     assert "'bxo' at column 7 of 'a rde bxo'; expected ball, box, can, thing. Did you mean 'box'?" in err
     assert "INVALID_NAME: found 'red_cube'" in err
     assert "INVALID_NAME: found 'unknown_2'" in err
@@ -74,9 +74,9 @@ def test_a_description_is_checked_word_by_word(paos, write):
 def test_all_problems_of_a_graph_are_reported_at_once(paos, write):
     path = write("goal_graphs/broken.yaml", GRAPH.replace("colour: red\n", ""))
     result = paos("lint", path)
-    assert f"{path}:7:5: UNKNOWN_SKILL: found 'pick_and_plase'" in result.err
+    assert f"{path}:7:5: UNKNOWN_NAME (skill): found 'pick_and_plase'" in result.err
     assert "Did you mean 'pick_and_place'?" in result.err
-    assert "UNKNOWN_PREDICATE: found 'insde' at column 1" in result.err
+    assert "UNKNOWN_NAME (predicate): found 'insde' at column 1" in result.err
     assert "Did you mean 'inside'?" in result.err
     assert "1 file checked, 2 problems" in result.err
 
@@ -95,7 +95,7 @@ def test_problems_of_several_files_are_reported_in_their_order(paos, write):
 def test_a_file_of_no_kind_names_the_kinds(paos, write):
     assert_refused(
         paos("lint", write("shopping.yaml", "tre: [milk]\n")),
-        "shopping.yaml:1:1: UNKNOWN_KIND: found top-level keys tre",
+        "shopping.yaml:1:1: WRONG_KIND: found top-level keys tre",
         "Did you mean 'tree'?",
     )
 
@@ -144,7 +144,7 @@ def test_a_perception_pipeline_may_only_use_sensors_that_exist(paos, write):
         "sensing: truth\npipelines:\n  world:\n    sensors: [simulator_stat]\n    produces: [entity_poses]\n",
     )
     result = paos("lint", path)
-    assert f"{path}:4:15: UNKNOWN_SENSOR: found 'simulator_stat'" in result.err
+    assert f"{path}:4:15: UNKNOWN_NAME (sensor): found 'simulator_stat'" in result.err
     assert "Did you mean 'simulator_state'?" in result.err
 
 
@@ -173,9 +173,9 @@ guarantees: ["inside(${objekt}, red_tray)"]
 def test_a_skill_is_checked_against_its_parameters_and_trees(paos, write):
     path = write("skills/dance/SKILL.md", SKILL)
     result = paos("lint", path)
-    assert f"{path}:4:1: UNKNOWN_TREE: found 'pick_and_plaice'" in result.err
+    assert f"{path}:4:1: UNKNOWN_NAME (tree): found 'pick_and_plaice'" in result.err
     assert "Did you mean 'pick_and_place'?" in result.err
-    assert "UNKNOWN_PARAMETER: found '${objekt}'" in result.err
+    assert "UNKNOWN_NAME (parameter): found '${objekt}'" in result.err
     assert "Did you mean 'object'?" in result.err
 
 
@@ -184,9 +184,9 @@ def test_what_a_policy_asks_for_its_next_attempt_must_exist(paos, write):
     text = shipped.replace("begins_after: start_over, aim: aim", "begins_after: start_ove, aim: near")
     path = write("skills/pick_by_state/SKILL.md", text)
     result = paos("lint", path)
-    assert f"{path}:29:68: UNKNOWN_SKILL: found 'start_ove'" in result.err, result.err
+    assert f"{path}:29:68: UNKNOWN_NAME (skill): found 'start_ove'" in result.err, result.err
     assert "Did you mean 'start_over'?" in result.err
-    assert f"{path}:29:93: UNKNOWN_PARAMETER: found 'near'; expected aim, destination, object" in result.err
+    assert f"{path}:29:93: UNKNOWN_NAME (parameter): found 'near'; expected aim, destination, object" in result.err
 
 
 @pytest.mark.parametrize(
@@ -235,5 +235,5 @@ def test_one_of_two_alike_things_is_warned_of_with_both_names(paos, write):
     assert_refused(
         paos("lint", wrong),
         "SCENE_INVALID: found 'green_cube' in ['red_cube', 'green_cube', 'ghost']",
-        "UNKNOWN_ENTITY: found 'ghost'",
+        "UNKNOWN_NAME (object): found 'ghost'",
     )

@@ -52,9 +52,9 @@ def test_what_is_missing_ends_with_1(paos, goal):
 @pytest.mark.parametrize(
     ("old", "new", "code"),
     [
-        ("on(red_block, pad)", "on(red_blok, pad)", "UNKNOWN_ENTITY"),
+        ("on(red_block, pad)", "on(red_blok, pad)", "UNKNOWN_NAME (object)"),
         ("on(red_block, pad)", "count(on(*, pad) and upright(*)) >= 1", "NOT_PLANNABLE"),
-        ("arm: panda", "arm: pandaa", "UNKNOWN_TARGET"),
+        ("arm: panda", "arm: pandaa", "UNKNOWN_NAME (target)"),
     ],
 )
 def test_what_is_wrong_with_the_goal_ends_with_2_and_its_place(paos, goal, old, new, code):

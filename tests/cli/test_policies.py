@@ -9,7 +9,7 @@ def test_a_session_that_is_not_there_is_no_internal_error(paos, run):
 
     assert_refused(
         paos("policy", "replay", "rad", "-w", str(run.workspace.root)),
-        "rad: UNKNOWN_SESSION: found no such session; expected tidy-7.red",
+        "rad: UNKNOWN_NAME (session): found no such session; expected tidy-7.red",
         "Did you mean 'red'",
     )
 

@@ -61,7 +61,7 @@ def test_without_consent_nothing_is_executed_and_the_error_names_the_option(paos
     result = paos(command, "goal_graphs/reach_out.yaml")
 
     assert result.code == 2
-    assert "UNKNOWN_PREDICATE: found 'far_out'" in result.err
+    assert "UNKNOWN_NAME (predicate): found 'far_out'" in result.err
     assert "predicates/far_out.py defines it: read it; --run-python executes it." in result.err
     assert not has_run(project)
 

@@ -192,7 +192,7 @@ def test_a_goal_that_preflight_rejected_has_its_own_code(run):
     id = run.submit("red")
     run.write(Side.RUNTIME, id, "claim")
     run.write(Side.RUNTIME, id, "check", 1)
-    run.write(Side.RUNTIME, id, "reject", 1, reason="UNKNOWN_SKILL")
+    run.write(Side.RUNTIME, id, "reject", 1, reason="UNKNOWN_NAME (skill)")
     run.end("failure")
     assert build_report(run.fold, 2.0).exit_code == ExitCode.REJECTED
 

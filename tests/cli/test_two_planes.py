@@ -22,7 +22,7 @@ GRAPH = ROOT / "examples/projects/01_yaml_skill/goal_graphs/show.yaml"
 COUNT = ROOT / "benchmarks/library/goal_graphs/count.yaml"
 LIMIT_S = 300
 
-pytestmark = pytest.mark.journey
+pytestmark = [pytest.mark.journey, pytest.mark.usefixtures("starts_interpreters")]
 
 
 def start(*arguments: object, cwd: Path = GRAPH.parents[1]) -> subprocess.Popen[str]:

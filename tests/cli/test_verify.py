@@ -116,7 +116,7 @@ def test_a_session_without_a_verdict_is_refused(paos, run):
 def test_a_judge_that_nobody_knows_is_refused_with_the_nearest_name(paos, judged):
     assert_refused(
         paos("verify", SESSION, "-w", judged.workspace.root, "--with", "predicate"),
-        "UNKNOWN_JUDGE: found 'predicate'",
+        "UNKNOWN_NAME (judge): found 'predicate'",
         "Did you mean 'predicates'?",
     )
 

@@ -49,8 +49,8 @@ def test_every_problem_of_every_block_is_told_at_its_place():
 
     assert [line.partition(";")[0] for line in told] == [
         "F.md:12:1: INVALID_VALUE: found 1.5",
-        "F.md:13:1: UNKNOWN_KEY: found 'suported'",
-        "F.md:15:3: UNKNOWN_KEY: found 'skil'",
+        "F.md:13:1: UNKNOWN_NAME (key): found 'suported'",
+        "F.md:15:3: UNKNOWN_NAME (key): found 'skil'",
         "F.md:16:3: INVALID_VALUE: found 'red_cube'",
         "F.md:23:1: INVALID_VALUE: found 'actve'",
         "F.md:22:1: MISSING_KEY: found nothing",
@@ -65,7 +65,7 @@ def test_every_problem_of_every_block_is_told_at_its_place():
     [
         (("phy: lessons/1", "phy: lesson/1"), "F.md:2:1: WRONG_DOCUMENT: found 'lesson/1'; expected 'lessons/1'"),
         (("---\nphy: lessons/1\n---\n", ""), "F.md:1:1: FRONT_MATTER_MISSING"),
-        (("phy:", "colour: red\nphy:"), "F.md:2:1: UNKNOWN_KEY: found 'colour'; expected phy"),
+        (("phy:", "colour: red\nphy:"), "F.md:2:1: UNKNOWN_NAME (key): found 'colour'; expected phy"),
         (("id: grip", "id: grap"), "NAME_MISMATCH: found 'grap'; expected its heading 'grip'"),
         (("id: grip", "id: grip\nid: grip"), "DUPLICATE_NAME: found 'id'"),
         (("id: grip", "id: [grip"), "YAML_SYNTAX"),
@@ -84,10 +84,10 @@ def test_what_is_wrong_with_a_document_is_named(change, problem):
 def test_a_block_that_has_no_place_in_a_document_is_named():
     text = render_pristine()
     block = "\n## Snapshto\n\n```yaml\ntime_s: 0.0\n```\n"
-    assert "UNKNOWN_BLOCK: found 'Snapshto'; expected Snapshot. Did you mean 'Snapshot'?" in str(
+    assert "UNKNOWN_NAME (block): found 'Snapshto'; expected Snapshot. Did you mean 'Snapshot'?" in str(
         problems_of(text["ENVIRONMENT.md"] + block, "ENVIRONMENT.md")
     )
-    assert "UNKNOWN_BLOCK: found 'Snapshto'; expected no block of YAML" in str(
+    assert "UNKNOWN_NAME (block): found 'Snapshto'; expected no block of YAML" in str(
         problems_of(text["LOG.md"].replace("Nothing", "## Snapshto\n\n```yaml\nx: 1\n```\n\nNothing"), "LOG.md")
     )
 
@@ -123,7 +123,7 @@ def test_a_session_that_a_person_adds_is_checked_as_the_one_who_takes_it_in_does
 
     line = text.split("  skill: home")[0].count("\n") + 1
     (told,) = problems_of(text.replace("  skill: home", "  skil: home\n  skill: home"), "SESSIONS.md")
-    assert told.startswith(f"F.md:{line}:3: UNKNOWN_KEY: found 'skil'")
+    assert told.startswith(f"F.md:{line}:3: UNKNOWN_NAME (key): found 'skil'")
     assert "NOT_BY_HAND: found 'goal'" in str(
         problems_of(text.replace("  skill:", "  goal: g\n  skill:"), "SESSIONS.md")
     )
@@ -139,7 +139,7 @@ def test_a_request_that_a_person_adds_is_checked_as_a_signal():
     told = problems_of(text.replace("kind: cancel", "kind: cancle\nsesion: a"), "RUNTIME_SIGNAL.md")
     assert [line.partition("; ")[0].partition(": ")[2] for line in told] == [
         "INVALID_VALUE: found 'cancle'",
-        "UNKNOWN_KEY: found 'sesion'",
+        "UNKNOWN_NAME (key): found 'sesion'",
     ]
 
 
@@ -167,5 +167,5 @@ def test_lint_accepts_every_pristine_document_and_refuses_a_damaged_one(root, tm
     assert lint_file(path) == []
     path.write_text(path.read_text(encoding="utf-8").replace("phy: ", "phi: ", 1), encoding="utf-8")
     told = [str(problem) for problem in lint_file(path)]
-    assert told[0].startswith(f"{path}:2:1: UNKNOWN_KEY: found 'phi'")
+    assert told[0].startswith(f"{path}:2:1: UNKNOWN_NAME (key): found 'phi'")
     assert f"{path}:2:1: MISSING_KEY: found nothing; expected key 'phy'. Add 'phy'." in told

@@ -48,4 +48,4 @@ def test_where_it_is_not_installed_its_leaf_is_an_unknown_name(tmp_path):
     tree = EXAMPLE / "nearest_first/library/trees/tidy_nearest.yaml"
     linted = paos(os.environ.copy(), tmp_path, "lint", tree)
     assert linted.returncode == 2
-    assert "UNKNOWN_LEAF: found 'choose_nearest'" in linted.stderr
+    assert "UNKNOWN_NAME (leaf): found 'choose_nearest'" in linted.stderr

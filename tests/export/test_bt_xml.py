@@ -273,11 +273,15 @@ def test_a_foreign_tree_is_refused_with_line_and_column_what_is_possible_and_the
     assert result.out == ""
     for place, *parts in (
         ("3:3: INVALID_VALUE: found the tree 'MainTree'", "Call it 'main_tree'."),
-        ("5:7: UNKNOWN_LEAF: found 'OpenGripper'", "expected attach, close_gripper,", "Did you mean 'open_gripper'?"),
-        ("6:7: UNKNOWN_LEAF: found 'MoveTo'", "Did you mean 'move_to'?"),
+        (
+            "5:7: UNKNOWN_NAME (leaf): found 'OpenGripper'",
+            "expected attach, close_gripper,",
+            "Did you mean 'open_gripper'?",
+        ),
+        ("6:7: UNKNOWN_NAME (leaf): found 'MoveTo'", "Did you mean 'move_to'?"),
         ("6:7: INVALID_VALUE: found other='{Goal}'", "keys are small letters"),
-        ("7:7: UNKNOWN_LEAF: found 'Timeout'", "Did you mean 'timeout'?"),
-        ("8:7: UNKNOWN_PORT: found 'objekt'", "Did you mean 'object'?"),
+        ("7:7: UNKNOWN_NAME (leaf): found 'Timeout'", "Did you mean 'timeout'?"),
+        ("8:7: UNKNOWN_NAME (port): found 'objekt'", "Did you mean 'object'?"),
         ("9:7: INVALID_VALUE: found <Inverter> with 0 nodes in it", "expected one"),
         ("10:7: INVALID_VALUE: found <close_gripper> with 1 nodes in it", "expected none; they are held by Fallback,"),
         ("11:7: INVALID_VALUE: found _autoremap='true'", "expected ports"),

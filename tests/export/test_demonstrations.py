@@ -39,7 +39,7 @@ def read(stored, **choice):
 def find_codes(stored, **choice):
     with pytest.raises(DefinitionError) as refused:
         read(stored, **choice)
-    return {problem.code for problem in refused.value.problems}
+    return {problem.label for problem in refused.value.problems}
 
 
 def test_sessions_that_were_verified_are_read_and_the_one_that_lost_its_cube_is_not(stored):
@@ -74,8 +74,8 @@ def test_a_parameter_names_the_thing_of_each_session(stored):
     [
         ({"fps": 7}, "INVALID_RATE"),
         ({"fps": 100}, "INVALID_RATE"),
-        ({"cameras": ("overhead",)}, "UNKNOWN_CAMERA"),
-        ({"entities": ("moon",)}, "UNKNOWN_ENTITY"),
+        ({"cameras": ("overhead",)}, "UNKNOWN_NAME (camera)"),
+        ({"entities": ("moon",)}, "UNKNOWN_NAME (object)"),
         ({"skills": ("pour",)}, "NOT_EXECUTED"),
         ({"target": "ur5e"}, "NOT_EXECUTED"),
     ],

@@ -185,4 +185,4 @@ def test_one_command_draws_a_tree_the_statechart_and_a_goal_as_mermaid(stored, p
         "flowchart TD",
     ]
     unknown = paos("export", "mermaid", "psh", "-w", stored)
-    assert (unknown.code, "UNKNOWN_GOAL" in unknown.err) == (2, True)
+    assert (unknown.code, "UNKNOWN_NAME (goal)" in unknown.err) == (2, True)

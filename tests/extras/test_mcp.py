@@ -114,7 +114,7 @@ def test_a_client_sees_what_its_level_offers_and_nothing_else(workspace, connect
             ]
             assert [answered for answered, _ in refused] == [False] * len(refused)
             codes = [facts["problems"][0]["code"] for _, facts in refused]
-            assert codes[:2] == ["TOOL_NOT_OFFERED", "UNKNOWN_TOOL"]
+            assert codes[:2] == ["TOOL_NOT_OFFERED", "UNKNOWN_NAME (tool)"]
 
     run(talk)
     assert not (workspace.proposals / "new").exists()
@@ -131,7 +131,7 @@ def test_resources_are_documents_and_no_other_file(workspace, connect):
             text = (await client.read_resource("paos://documents/TARGETS.md")).contents[0].text
             assert "panda" in text
             for uri in ("file:///etc/passwd", "paos://documents/../workspace.yaml", "paos://documents/workspace.yaml"):
-                with pytest.raises(MCPError, match="UNKNOWN_RESOURCE"):
+                with pytest.raises(MCPError, match=r"UNKNOWN_NAME \(resource\)"):
                     await client.read_resource(uri)
 
     run(talk)
@@ -253,7 +253,7 @@ def test_an_agent_finds_a_hidden_cube_call_by_call_and_a_rerun_repeats_its_decis
                 seen = await step(call="observe")
                 assert "green_cube" in seen["world"]["never_seen"]
                 wrong = await step(call="invoke_tool", tool="estop")
-                assert wrong["problems"][0]["code"] == "UNKNOWN_TOOL"
+                assert wrong["problems"][0]["code"] == "UNKNOWN_NAME (tool)"
                 opened = await step(
                     call="invoke_tool", tool="open_drawer", arguments={"drawer": "drawer", "handle": "handle"}
                 )

@@ -25,7 +25,7 @@ from chaos_planes import Planes, allow_writes, fill, find_processes, refuse_writ
 TIDY_TABLE = Path(__file__).resolve().parents[2] / "goal_graphs" / "tidy_table.yaml"
 LIMIT_S = 200.0
 
-pytestmark = pytest.mark.journey
+pytestmark = [pytest.mark.journey, pytest.mark.usefixtures("starts_interpreters")]
 
 
 CUBES = chaos.CUBES[:2]  # red and green

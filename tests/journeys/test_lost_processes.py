@@ -10,7 +10,7 @@ from phyagentos.assembly.paths import make_socket_folder
 from phyagentos.protocol.sessions.heartbeats import find_heartbeat
 from tests.strangers import wait_in_the_backlog
 
-pytestmark = pytest.mark.journey
+pytestmark = [pytest.mark.journey, pytest.mark.usefixtures("starts_interpreters")]
 
 
 def kill_worker_of(plane, goal: str, leaf: str = "") -> threading.Thread:

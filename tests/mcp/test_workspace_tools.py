@@ -84,7 +84,7 @@ def test_every_tool_refuses_hostile_arguments_and_changes_nothing(registry, work
         if tool.name == "estop":  # stops whatever it is given
             continue
         if not tool.is_stop:
-            assert refuse(registry, tool.name, no_such_key=1).code in {"UNKNOWN_KEY", "MISSING_KEY"}
+            assert refuse(registry, tool.name, no_such_key=1).label in {"UNKNOWN_NAME (key)", "MISSING_KEY"}
         for arguments in hostile:
             own = {key: value for key, value in arguments.items() if key in tool.arguments.model_fields}
             needed = {"reason": "r"} if tool.name in {"propose", "submit"} else {}
@@ -116,14 +116,14 @@ def test_a_goal_without_a_plan_becomes_a_graph_that_compiles_or_what_is_missing(
 def test_compile_takes_overrides_and_refuses_paths_in_them(registry):
     found = registry.call("compile", {"graph": TIDY, "overrides": {"targets.arm": "ur5e"}}).facts
     assert {each.target for each in found["sessions"]} == {"ur5e"}
-    assert refuse(registry, "compile", graph=TIDY, overrides={"defaults.max_replans": "9"}).code == "INVALID_OVERRIDE"
+    assert refuse(registry, "compile", graph=TIDY, overrides={"defaults.max_replans": "9"}).code == "INVALID_VALUE"
 
 
 def test_problems_stand_in_the_text_that_was_given(registry):
     problem = refuse(registry, "compile", graph=TIDY.replace("skill: pick_and_place", "skill: pick_and_plaice", 1))
-    assert (problem.code, problem.address) == ("UNKNOWN_SKILL", "goal_graph.yaml:11:5")
+    assert (problem.label, problem.address) == ("UNKNOWN_NAME (skill)", "goal_graph.yaml:11:5")
     found = registry.call("lint", {"text": TIDY.replace("scene:", "secne:")}).facts["problems"]
-    assert "UNKNOWN_KEY" in {each.code for each in found}
+    assert "UNKNOWN_NAME (key)" in {each.label for each in found}
     assert all(each.address.startswith("goal_graph.yaml:") for each in found)
     assert not registry.call("lint", {"text": TIDY}).facts["problems"]
 
@@ -132,7 +132,7 @@ def test_a_suite_is_checked_with_the_goal_graphs_that_it_names(registry):
     score = "score: {red: {in_tray: [red_cube, red_tray]}}"
     suite = f"suite: s\nobjective: O.\ntasks:\n  tidy: {{graph: tidy_tabel, {score}}}\nseeds: {{count: 1}}\n"
     (problem,) = registry.call("lint", {"text": suite}).facts["problems"]
-    assert (problem.code, problem.hint) == ("UNKNOWN_FILE", "Did you mean 'tidy_table'?")
+    assert (problem.code, problem.hint) == ("UNKNOWN_NAME", "Did you mean 'tidy_table'?")
 
 
 @pytest.mark.parametrize("path", ["/etc/passwd", "../secret", "goal_graphs/tidy_table.yaml", "~/x"])
@@ -196,6 +196,6 @@ def test_every_call_is_recorded(registry, workspace):
 def test_look_why_and_recall_answer_with_plain_data(registry, workspace):
     look = registry.call("look", {}).facts
     assert look["standing"].goals == {}
-    assert refuse(registry, "why").code == "UNKNOWN_GOAL"
+    assert refuse(registry, "why").label == "UNKNOWN_NAME (goal)"
     assert registry.call("recall", {"words": "red cube"}).facts["entries"] == ()
     assert msgspec.json.encode(look)

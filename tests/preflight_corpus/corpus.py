@@ -119,8 +119,8 @@ class Outcome:
 
     @property
     def codes(self) -> set[str]:
-        """Of the problems."""
-        return {problem.code for problem in self.problems}
+        """Of the problems, with the kinds of unknown names."""
+        return {problem.label for problem in self.problems}
 
 
 def read_cases() -> list[Case]:

@@ -73,7 +73,7 @@ def test_a_goal_graph_that_does_not_compile_is_invalid_input(tmp_path, paos, mon
     graph = (Library.open().roots[-1] / "goal_graphs" / "tidy_table.yaml").read_text(encoding="utf-8")
     (tmp_path / "goal_graphs/broken.yaml").write_text(graph.replace("skill: pick_and_place", "skill: pick_and_plaice"))
 
-    assert_refused(paos("preflight", "goal_graphs/broken.yaml"), "UNKNOWN_SKILL")
+    assert_refused(paos("preflight", "goal_graphs/broken.yaml"), "UNKNOWN_NAME (skill)")
 
 
 def test_a_session_of_a_workspace_is_examined_as_it_was_submitted(tmp_path, workspace):
@@ -94,7 +94,7 @@ def test_a_session_of_a_workspace_is_examined_as_it_was_submitted(tmp_path, work
     (report,) = json.loads(done.stdout)["sessions"]
     assert (report["forecast"]["samples"], report["forecast"]["causes"]) == (8, {"LOAD_LOST": 2})
     (problem,) = report["problems"]
-    assert problem["code"] == "ENTITY_UNKNOWN"
+    assert problem["code"] == "NOT_OBSERVED"
     assert "Did you mean" in problem["hint"]
 
 

@@ -22,7 +22,7 @@ def test_a_description_is_an_article_perhaps_a_colour_and_a_form():
     assert parse_description("a red box") == ("a", "red", "box")
     assert parse_description("any  thing") == ("any", "", "")
     with pytest.raises(
-        DefinitionError, match=r"w\.yaml:3: UNKNOWN_WORD: found 'rde' at column 3 .* mean 'red'"
+        DefinitionError, match=r"w\.yaml:3: UNKNOWN_NAME \(word\): found 'rde' at column 3 .* mean 'red'"
     ) as found:
         parse_description("a rde bxo", "w.yaml:3")
     assert [each.hint for each in found.value.problems] == ["Did you mean 'red'?", "Did you mean 'box'?"]

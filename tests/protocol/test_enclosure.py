@@ -90,7 +90,7 @@ def test_no_name_of_the_library_leads_out_of_it(tmp_path, name):
     root = tmp_path / "a" / "b"
     (root / "scenes" / "tabletop").mkdir(parents=True)
 
-    with pytest.raises(DefinitionError, match="UNKNOWN_SCENE"):
+    with pytest.raises(DefinitionError, match=r"UNKNOWN_NAME \(scene\)"):
         Library((root,)).get_scene(name.format(root=tmp_path))
 
 

@@ -85,7 +85,7 @@ def test_and_binds_stronger_than_or_and_not_stronger_than_both():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("insde(a, b)", r"UNKNOWN_PREDICATE: found 'insde' at column 1.*Did you mean 'inside'\?"),
+        ("insde(a, b)", r"UNKNOWN_NAME \(predicate\): found 'insde' at column 1.*Did you mean 'inside'\?"),
         ("inside(a b)", r"PREDICATE_SYNTAX: found 'b' at column 10 .*expected ',' or '\)'"),
         ("inside(a, b", r"found the end at column 12"),
         ("inside(a)", r"WRONG_ARGUMENTS: found 1 arguments at column 1 .*expected inside\(a, b\)"),
@@ -94,7 +94,7 @@ def test_and_binds_stronger_than_or_and_not_stronger_than_both():
         ("tilt(a)", r"NOT_COMPARED: found 'tilt' at column 1"),
         ("inside(a, b) > 1", r"NOT_A_NUMBER: found 'inside' compared at column 1 .*Write 'inside\(a, b\)'"),
         ("count(visible(*))", r"NOT_COMPARED: found 'count' at column 1"),
-        ("visible(${cube})", r"UNKNOWN_REFERENCE: found \$\{cube\} at column 9"),
+        ("visible(${cube})", r"UNKNOWN_NAME \(reference\): found \$\{cube\} at column 9"),
         ("visible(a) &", r"found '&' at column 12"),
         ("tilt(a) < 1e999", r"found 1e999 at column 11 .*expected a finite number"),
         ("", r"found the end at column 1 .*expected a predicate"),
@@ -108,8 +108,8 @@ def test_an_error_names_the_column_what_was_found_and_what_is_possible(text, mes
 def test_every_problem_of_a_predicate_is_reported_at_once():
     with pytest.raises(DefinitionError) as caught:
         parse_predicate("insde(a, b) and tilt(a) and near(a, b, c)", address="goal.yaml:3:5")
-    assert [problem.code for problem in caught.value.problems] == [
-        "UNKNOWN_PREDICATE",
+    assert [problem.label for problem in caught.value.problems] == [
+        "UNKNOWN_NAME (predicate)",
         "NOT_COMPARED",
         "WRONG_ARGUMENT",
     ]

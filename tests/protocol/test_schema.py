@@ -31,8 +31,10 @@ def test_every_problem_is_told_with_its_place_and_the_nearest_name():
         validate(Outer, parse_yaml(TEXT, "f.yaml"))
     lines = str(caught.value).splitlines()
     assert len(lines) == 3
-    assert any(line.startswith("f.yaml:1:1: UNKNOWN_KEY: found 'nmae'") and "'name'?" in line for line in lines)
-    assert any(line.startswith("f.yaml:4:16: UNKNOWN_KEY: found 'colour'") and "'color'?" in line for line in lines)
+    assert any(line.startswith("f.yaml:1:1: UNKNOWN_NAME (key): found 'nmae'") and "'name'?" in line for line in lines)
+    assert any(
+        line.startswith("f.yaml:4:16: UNKNOWN_NAME (key): found 'colour'") and "'color'?" in line for line in lines
+    )
     assert any(line.startswith("f.yaml:5:7: INVALID_VALUE: found 'big'") for line in lines)
 
 
@@ -40,7 +42,7 @@ def test_what_is_wrong_but_not_needed_is_left_out_so_that_checks_can_go_on():
     located = parse_yaml("nmae: x\nname: thing\nparts:\n  a: {size: 3, colour: blue}\n", "f.yaml")
     model, problems = salvage(Outer, located)
     assert model == Outer(name="thing", parts={"a": Inner(size=3)})
-    assert [problem.code for problem in problems] == ["UNKNOWN_KEY", "UNKNOWN_KEY"]
+    assert [problem.label for problem in problems] == ["UNKNOWN_NAME (key)", "UNKNOWN_NAME (key)"]
     assert located.data["nmae"] == "x"
 
 
@@ -53,13 +55,13 @@ def test_a_value_that_lacks_what_it_needs_is_left_out_as_a_whole():
 def test_what_the_file_itself_needs_leaves_no_model_but_every_problem():
     model, problems = salvage(Outer, parse_yaml("title: x\nparts: {a: {size: big}}\n", "f.yaml"))
     assert model is None
-    assert [problem.code for problem in problems] == ["MISSING_KEY", "INVALID_VALUE", "UNKNOWN_KEY"]
+    assert [problem.label for problem in problems] == ["MISSING_KEY", "INVALID_VALUE", "UNKNOWN_NAME (key)"]
 
 
 def test_a_misspelt_key_stands_in_for_the_one_that_is_needed():
     model, problems = salvage(Outer, parse_yaml("nmae: x\nparts: {a: {sise: 3}, b: {size: big}}\n", "f.yaml"))
     assert model == Outer(name="x", parts={"a": Inner(size=3)})
-    assert [problem.code for problem in problems].count("UNKNOWN_KEY") == 2
+    assert [problem.label for problem in problems].count("UNKNOWN_NAME (key)") == 2
 
 
 def test_a_sound_file_has_no_problem():

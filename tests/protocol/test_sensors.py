@@ -85,7 +85,7 @@ def test_an_rgbd_sensor_has_a_camera_and_no_other_has(tmp_path, modality, camera
 def test_a_noise_level_that_nobody_knows_is_told_with_the_nearest_name(tmp_path):
     more = "noise_level: nominl\nnoise_levels: {nominal: {color_std: 2}}"
 
-    with pytest.raises(DefinitionError, match=r"UNKNOWN_NOISE_LEVEL.*nominal, none.*'nominal'"):
+    with pytest.raises(DefinitionError, match=r"UNKNOWN_NAME \(noise level\).*nominal, none.*'nominal'"):
         read(tmp_path, more=more)
 
 

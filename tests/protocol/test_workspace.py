@@ -143,7 +143,7 @@ def test_a_registry_that_was_spoiled_names_line_and_key(tmp_path, library):
     line = text.split("\n").index("trea: wave") + 1
 
     with pytest.raises(
-        DefinitionError, match=rf"SKILLRUNTIME.md:{line}:1: UNKNOWN_KEY: found 'trea'.*Did you mean 'tree'"
+        DefinitionError, match=rf"SKILLRUNTIME.md:{line}:1: UNKNOWN_NAME \(key\): found 'trea'.*Did you mean 'tree'"
     ):
         read_skill_registry(workspace.skill_registry)
     with pytest.raises(DefinitionError, match=r"UNREADABLE_FILE.*Is this a workspace\?"):

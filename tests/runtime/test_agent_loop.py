@@ -60,12 +60,12 @@ def test_a_procedure_goes_through_its_steps_and_every_call_is_traced(direct):
 @pytest.mark.parametrize(
     ("call", "code"),
     [
-        ({"call": "invoke_tool", "tool": "push"}, "UNKNOWN_TOOL"),
-        ({"call": "invoke_tool", "tool": "../home"}, "UNKNOWN_TOOL"),
-        (PUT | {"arguments": {"object": "red_cube"}}, "PARAMETER_MISSING"),
-        (PUT | {"arguments": RIGHT | {"speed": 9}}, "PARAMETER_UNKNOWN"),
+        ({"call": "invoke_tool", "tool": "push"}, "UNKNOWN_NAME"),
+        ({"call": "invoke_tool", "tool": "../home"}, "UNKNOWN_NAME"),
+        (PUT | {"arguments": {"object": "red_cube"}}, "MISSING_PARAMETER"),
+        (PUT | {"arguments": RIGHT | {"speed": 9}}, "UNKNOWN_NAME"),
         (PUT | {"arguments": RIGHT | {"near": "here"}}, "PARAMETER_INVALID"),
-        (PUT | {"arguments": RIGHT | {"object": "gold"}}, "ENTITY_UNKNOWN"),
+        (PUT | {"arguments": RIGHT | {"object": "gold"}}, "NOT_OBSERVED"),
         ({"call": "query_state", "predicate": "os.system('x')"}, "PREDICATE_SYNTAX"),
     ],
 )

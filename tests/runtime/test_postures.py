@@ -60,9 +60,9 @@ def test_an_unknown_posture_is_refused_with_the_nearest_name(ask, profile, libra
     skill, _ = read_skill(library.get_skill("reach_posture"))
     assert list(iter_posture_problems(ask("aside"), skill, profile)) == []
     problems = list(iter_posture_problems(ask("asid"), skill, profile))
-    assert [(each.code, each.address) for each in problems] == [
-        ("UNKNOWN_POSTURE", "parameters.posture"),
-        ("UNKNOWN_POSTURE", "accept[0]"),
+    assert [(each.label, each.address) for each in problems] == [
+        ("UNKNOWN_NAME (posture)", "parameters.posture"),
+        ("UNKNOWN_NAME (posture)", "accept[0]"),
     ]
     assert "expected aside, floor; asked for by target panda: postures. Did you mean 'aside'?" in str(problems[0])
 

@@ -77,7 +77,7 @@ NOW = Environment(
 
 
 def codes(problems) -> list[str]:
-    return [problem.code for problem in problems]
+    return [problem.label for problem in problems]
 
 
 def test_a_sound_contract_has_no_problem_and_gets_a_plan():
@@ -96,10 +96,10 @@ def test_a_sound_contract_has_no_problem_and_gets_a_plan():
 @pytest.mark.parametrize(
     ("changes", "code", "text"),
     [
-        ({"target": "arm2"}, "TARGET_UNKNOWN", "expected panda"),
-        ({"skill": "pikc"}, "UNKNOWN_SKILL", "Did you mean 'pick'?"),
-        ({"parameters": {}}, "PARAMETER_MISSING", "parameters.object"),
-        ({"parameters": {"object": "cube", "sped": 1}}, "PARAMETER_UNKNOWN", "Did you mean 'speed'?"),
+        ({"target": "arm2"}, "UNKNOWN_NAME (target)", "expected panda"),
+        ({"skill": "pikc"}, "UNKNOWN_NAME (skill)", "Did you mean 'pick'?"),
+        ({"parameters": {}}, "MISSING_PARAMETER", "parameters.object"),
+        ({"parameters": {"object": "cube", "sped": 1}}, "UNKNOWN_NAME (parameter)", "Did you mean 'speed'?"),
         ({"parameters": {"object": 3}}, "PARAMETER_INVALID", "a name"),
         ({"parameters": {"object": "cube", "speed": "fast"}}, "PARAMETER_INVALID", "number"),
         ({"parameters": {"object": "cube", "speed": 2.0}}, "PARAMETER_INVALID", "at most 1.0 m/s"),
@@ -107,7 +107,7 @@ def test_a_sound_contract_has_no_problem_and_gets_a_plan():
         ({"parameters": {"object": "cube", "speed": True}}, "PARAMETER_INVALID", "number"),
         ({"parameters": {"object": "cube", "site": [1, 2]}}, "PARAMETER_INVALID", "three numbers"),
         ({"parameters": {"object": "cube", "style": "below"}}, "PARAMETER_INVALID", "'top' or 'side'"),
-        ({"resources": ("tray",)}, "RESOURCE_UNDECLARED", "runtime_contract.yaml"),
+        ({"resources": ("tray",)}, "UNKNOWN_NAME (resource)", "runtime_contract.yaml"),
     ],
 )
 def test_a_broken_contract_is_told_with_what_would_have_been_possible(changes, code, text):
@@ -131,11 +131,11 @@ def test_all_problems_of_a_contract_are_told_at_once():
     problems = preflight.find_contract_problems(make_session(parameters={"speed": 9}))
 
     assert codes(problems) == [
-        "PARAMETER_MISSING",
+        "MISSING_PARAMETER",
         "PARAMETER_INVALID",
-        "OBSERVATION_UNAVAILABLE",
-        "ACTION_UNAVAILABLE",
-        "CAPABILITY_UNAVAILABLE",
+        "NOT_OFFERED (observation)",
+        "NOT_OFFERED (action)",
+        "NOT_OFFERED (capability)",
         "SENSOR_MISSING",
     ]
 
@@ -181,14 +181,14 @@ def test_names_and_preconditions_are_judged_on_the_live_world():
 
     problems = make_preflight().find_world_problems(session, describe(), NOW)
 
-    assert codes(problems) == ["ENTITY_UNKNOWN", "PRECONDITION_UNMET"]
+    assert codes(problems) == ["NOT_OBSERVED", "PRECONDITION_UNMET"]
     assert "Did you mean 'cube'?" in problems[0].hint
     assert codes(make_preflight().find_contract_problems(session)) == ["PREDICATE_SYNTAX"]
 
 
 @pytest.mark.parametrize(
     ("promises", "found"),
-    [(("visible(${object})",), []), (("holding(target, ${object})",), ["ENTITY_UNKNOWN"]), ((), ["ENTITY_UNKNOWN"])],
+    [(("visible(${object})",), []), (("holding(target, ${object})",), ["NOT_OBSERVED"]), ((), ["NOT_OBSERVED"])],
 )
 def test_only_a_skill_that_looks_may_name_what_the_inventory_knows_and_no_look_has_shown(promises, found):
     skill, session = SKILL.model_copy(update={"guarantees": promises}), make_session(parameters={"object": "ghost"})
@@ -200,12 +200,14 @@ def test_a_rejection_tells_who_asked_for_what_and_what_would_help():
     problem = make_preflight(actions=("torque",)).find_contract_problems(make_session())[0]
 
     assert msgspec.to_builtins(problem) == {
-        "code": "ACTION_UNAVAILABLE",
+        "code": "NOT_OFFERED",
         "address": "g.a: skill.needs.actions",
         "found": "'torque'",
         "expected": "gripper_width, joint_position",
         "triggered_by": "skill pick: needs.actions",
         "hint": "Choose a target that offers it; panda does not.",
+        "subject": "torque",
+        "kind": "action",
     }
 
 
@@ -213,7 +215,7 @@ def test_conditions_may_name_what_is_gone_once_the_world_has_changed():
     session = make_session(hold=("upright(bottle)",))
     preflight = make_preflight()
 
-    assert codes(preflight.find_world_problems(session, describe(), NOW, is_fresh=True)) == ["ENTITY_UNKNOWN"]
+    assert codes(preflight.find_world_problems(session, describe(), NOW, is_fresh=True)) == ["NOT_OBSERVED"]
     assert preflight.find_world_problems(session, describe(), NOW, is_fresh=False) == []
 
 
@@ -250,7 +252,7 @@ def test_a_skill_whose_actions_cannot_be_bridged_is_rejected_with_every_reason()
         skills={"pick": SKILL.model_copy(update={"action_space": space})}, profile=PROFILE, settings=SETTINGS
     )
     problems = preflight.find_contract_problems(make_session())
-    assert {problem.code for problem in problems} == {"JOINT_UNKNOWN", "GRIPPER_MISMATCH", "RATE_UNBRIDGED"}
+    assert {problem.label for problem in problems} == {"UNKNOWN_NAME (joint)", "GRIPPER_MISMATCH", "RATE_UNBRIDGED"}
     assert all(problem.address.startswith("g.a: skill.action_space.") for problem in problems)
 
 
@@ -285,9 +287,9 @@ def test_a_session_that_asks_which_of_two_alike_things_is_which_is_refused(accep
     [
         (("box", "box"), "AMBIGUOUS", "described as 'a red box', and unknown_1: red box; unknown_2: red box"),
         (("box", "box or can"), "AMBIGUOUS", "unknown_2: red box or can"),
-        (("box or can", "can"), "ENTITY_UNKNOWN", "and perhaps unknown_1: red box or can"),
-        (("can", "ball"), "ENTITY_UNKNOWN", "and unknown_1: red can; unknown_2: red ball"),
-        ((), "ENTITY_UNKNOWN", "nothing unnamed"),
+        (("box or can", "can"), "NOT_OBSERVED", "and perhaps unknown_1: red box or can"),
+        (("can", "ball"), "NOT_OBSERVED", "and unknown_1: red can; unknown_2: red ball"),
+        ((), "NOT_OBSERVED", "nothing unnamed"),
     ],
 )
 def test_a_name_by_description_that_nothing_got_is_refused_with_what_there_is(forms, code, text):
@@ -351,11 +353,11 @@ def test_the_tools_of_an_agent_stand_in_its_manifest():
 @pytest.mark.parametrize("tool", ["pikc", "find"])
 def test_a_tool_that_is_no_skill_with_a_tree_is_refused(tool):
     (problem,) = make_directed(tool).find_contract_problems(make_session(skill="find", parameters={}))
-    assert (problem.code, problem.address) == ("UNKNOWN_SKILL", "g.a: skill.loop.tools")
+    assert (problem.label, problem.address) == ("UNKNOWN_NAME (skill)", "g.a: skill.loop.tools")
 
 
 def test_an_agent_may_look_for_what_no_look_has_shown():
     unseen = msgspec.structs.replace(NOW, entities={}, never_seen=("cube",))
     session = make_session(skill="find", parameters={}, accept=("inside(cube, shelf)",))
     assert list(iter_name_problems(session, make_directed("pick").skills["find"], unseen, is_fresh=True)) == []
-    assert codes(iter_name_problems(session, SKILL, unseen, is_fresh=True)) == ["ENTITY_UNKNOWN"]
+    assert codes(iter_name_problems(session, SKILL, unseen, is_fresh=True)) == ["NOT_OBSERVED"]

@@ -176,7 +176,7 @@ def test_a_session_for_an_unknown_target_is_rejected(stand):
 
     stand.wait_for("g.a", "rejected")
 
-    assert "TARGET_UNKNOWN" in stand.ledger.sessions["g.a"].reason
+    assert "UNKNOWN_NAME (target)" in stand.ledger.sessions["g.a"].reason
 
 
 def test_sessions_of_one_target_run_in_turn_the_urgent_one_first(stand):

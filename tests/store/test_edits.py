@@ -130,7 +130,11 @@ def test_an_edit_that_cannot_be_taken_is_refused_word_for_word(stand, old, new, 
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ("objective: wave", "objectiv: wave", r"SESSIONS.md:\d+:3: UNKNOWN_KEY: found 'objectiv'.*Did you mean"),
+        (
+            "objective: wave",
+            "objectiv: wave",
+            r"SESSIONS.md:\d+:3: UNKNOWN_NAME \(key\): found 'objectiv'.*Did you mean",
+        ),
         ('"upright(bottle)"', '"upright(bottle"', r"PREDICATE_SYNTAX.*column"),
         ('"upright(bottle)"', "", r"at least one predicate"),
         ("  target: panda\n", "", r"MISSING_KEY.*'target'"),

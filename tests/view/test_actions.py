@@ -72,7 +72,7 @@ def test_an_amendment_that_no_session_could_take_is_refused_on_the_page(document
 
 
 def test_a_graph_that_is_unsound_is_linted_and_not_submitted(documents):
-    with pytest.raises(DefinitionError, match="UNKNOWN_KEY"):
+    with pytest.raises(DefinitionError, match=r"UNKNOWN_NAME \(key\)"):
         perform(documents.workspace, "submit", {"graph": "goal: tidy\nsesions: {}\n"})
     assert not list(documents.workspace.logs.glob("*.log"))
 

@@ -65,10 +65,10 @@ def build_context(purpose: str, sections: Iterable[Section], budget_tokens: int)
     """The context of these sections; those that the purpose does not have are left out, a `question` always stays.
 
     Raises:
-        DefinitionError: `INVALID_VALUE` for an unknown purpose; `CONTEXT_TOO_LARGE`: not even the question fits.
+        DefinitionError: `UNKNOWN_NAME` for an unknown purpose; `CONTEXT_TOO_LARGE`: not even the question fits.
     """
     if purpose not in PRIORITIES:
-        raise DefinitionError.unknown("INVALID_VALUE", "purpose of a context", purpose, PRIORITIES)
+        raise DefinitionError.unknown("purpose", "purpose of a context", purpose, PRIORITIES)
     known = {section.name: section.items for section in sections if section.items}
     wanted = [(name, list(known[name].items())) for name in PRIORITIES[purpose] if name in known]
     sizes = accumulate(len(render_yaml(dict([item])).encode()) for _, items in wanted for item in items)

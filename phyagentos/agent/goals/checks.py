@@ -37,10 +37,10 @@ class Checks:
         if len(self.spec.goal) > NAME_MAX:
             yield self.located.problem("INVALID_NAME", ("goal",), repr(self.spec.goal), f"at most {NAME_MAX} letters")
         if self.spec.scene not in self.catalogue.scenes:
-            yield self.located.unknown("UNKNOWN_SCENE", ("scene",), self.spec.scene, self.catalogue.scenes)
+            yield self.located.unknown("scene", ("scene",), self.spec.scene, self.catalogue.scenes)
         for role, target in self.spec.targets.items():
             if target != ANY and target not in self.catalogue.targets:
-                yield self.located.unknown("UNKNOWN_TARGET", ("targets", role), target, [*self.catalogue.targets, ANY])
+                yield self.located.unknown("target", ("targets", role), target, [*self.catalogue.targets, ANY])
         for node in self.nodes.values():
             if node.on_failure and not self.spec.accept:  # only the goal's own can say that it is met all the same
                 path: Path = (*node.path, "after")
@@ -87,9 +87,9 @@ class Checks:
         if target != ANY and target not in self.catalogue.targets:
             possible = [*self.spec.targets, *self.catalogue.targets, ANY]
             path: Path = ("targets", wanted) if wanted in self.spec.targets else (*node.path, "target")
-            problems.append(self.located.unknown("UNKNOWN_TARGET", path, target, possible))
+            problems.append(self.located.unknown("target", path, target, possible))
         if isinstance(skill, str) and skill not in self.catalogue.skills:
-            problems.append(self.located.unknown("UNKNOWN_SKILL", (*node.path, "skill"), skill, self.catalogue.skills))
+            problems.append(self.located.unknown("skill", (*node.path, "skill"), skill, self.catalogue.skills))
         if problems:
             raise DefinitionError(problems)
         established: list[str] = []
@@ -123,7 +123,7 @@ class Checks:
             if isinstance(text, str) and (found := set(REFERENCE.findall(text))) != {key}:
                 given = ", ".join(f"${{{name}}}" for name in sorted(found)) or "no variable"
                 yield self.located.problem(
-                    "UNKNOWN_REFERENCE", (*path, key), f"{given} in {text!r}", f"${{{key}}} and no other variable"
+                    "INVALID_VALUE", (*path, key), f"{given} in {text!r}", f"${{{key}}} and no other variable"
                 )
 
     def _check_worlds(self) -> Iterator[Problem]:
@@ -134,9 +134,7 @@ class Checks:
                 path, target = ("worlds", world, index), self.spec.targets.get(name, name)
                 profile = self.catalogue.targets.get(target)
                 if profile is None:
-                    yield self.located.unknown(
-                        "UNKNOWN_TARGET", path, name, [*self.spec.targets, *self.catalogue.targets]
-                    )
+                    yield self.located.unknown("target", path, name, [*self.spec.targets, *self.catalogue.targets])
                 elif target in placed:
                     found = f"{target!r} in {placed[target]!r} and in {world!r}"
                     yield self.located.problem("WORLD_CONFLICT", path, found, "one world for each target")
@@ -156,7 +154,7 @@ class Checks:
                 return
             for name in names:
                 if name not in self._kinds:
-                    yield self.located.unknown("UNKNOWN_ENTITY", path, name, self._kinds)
+                    yield self.located.unknown("object", path, name, self._kinds)
                 elif len(names) < 2 or set(names) - {name} - self._alike.get(name, frozenset()):
                     alike = format_names(self._alike.get(name, ()))
                     yield self.located.problem(
@@ -200,17 +198,17 @@ class Checks:
             yield from error.problems
             return
         for reference in predicate.iter_references():
-            code, known = "UNKNOWN_ENTITY", self._kinds and {*self._kinds}
+            kind, known = "object", self._kinds and {*self._kinds}
             if reference.kind is ArgumentKind.TARGET:
-                code, known = "UNKNOWN_TARGET", {*self.spec.targets, *self.catalogue.targets, "target"}
+                kind, known = "target", {*self.spec.targets, *self.catalogue.targets, "target"}
             if known is not None and reference.name not in known:
                 found = f"{reference.name!r} at column {reference.column} of {text!r}"
-                yield self.located.unknown(code, path, reference.name, known, found)
+                yield self.located.unknown(kind, path, reference.name, known, found)
 
     def _check_arguments(self, node: Node, choice: Choice, runtime: SkillRuntime) -> Iterator[Problem]:
         for key in choice.parameters:
             if key not in runtime.parameters:
-                yield self.located.unknown("UNKNOWN_PARAMETER", (*node.path, "with", key), key, runtime.parameters)
+                yield self.located.unknown("parameter", (*node.path, "with", key), key, runtime.parameters)
         for key, parameter in runtime.parameters.items():
             value = choice.parameters.get(key)
             path = (*node.path, "with", key)
@@ -222,7 +220,7 @@ class Checks:
             elif isinstance(value, str) and REFERENCE.search(value):
                 continue  # a data edge: its type is checked with the output
             elif parameter.type == "posture" and value not in (known := self.catalogue.targets[choice.target].postures):
-                yield self.located.unknown("UNKNOWN_POSTURE", path, str(value), known)
+                yield self.located.unknown("posture", path, str(value), known)
             else:
                 yield from iter_mismatches(self.located, path, parameter, value, self._kinds)
 
@@ -237,7 +235,7 @@ class Checks:
             wanted = runtime.parameters[str(key)].type if is_whole else None
             if output is None:
                 found = f"{edge.output!r} of node {edge.node!r} (skill {source.skill})"
-                yield self.located.unknown("UNKNOWN_OUTPUT", edge.path, edge.output, source.outputs, found)
+                yield self.located.unknown("output", edge.path, edge.output, source.outputs, found)
             elif wanted not in (None, output.type) and (output.type, wanted) not in _FITTING:
                 found = f"output '{edge.node}.outputs.{edge.output}', which is a {output.type}"
                 yield self.located.problem("INVALID_PARAMETER", edge.path, found, f"a {wanted}")
@@ -252,7 +250,7 @@ def iter_mismatches(
     elif parameter.type in {"entity", "entities", "place"} and kinds is not None:
         for name in [value] if isinstance(value, str) else value:
             if name not in kinds:
-                yield located.unknown("UNKNOWN_ENTITY", path, str(name), kinds)
+                yield located.unknown("object", path, str(name), kinds)
             elif parameter.kinds and (kind := kinds[name]) and kind not in parameter.kinds:
                 fitting = [each for each, other in kinds.items() if other in parameter.kinds]
                 expected = f"of kind {' or '.join(parameter.kinds)}: {format_names(fitting)}"

@@ -85,7 +85,7 @@ class Composer:
         """Outside of nodes only to parameters, in arguments of an include also to outputs of nodes."""
         for match in REFERENCE.finditer(text):
             if path[0] != "sessions" or ".outputs." not in match[1]:
-                self.problems.append(located.unknown("UNKNOWN_REFERENCE", path, match[1], possible, match[0]))
+                self.problems.append(located.unknown("reference", path, match[1], possible, match[0]))
 
     def _add(self, located: Located, values: Mapping[str, object], scope: _Scope) -> Fields:
         """Adds the nodes of a graph; returns its bundle."""
@@ -146,7 +146,7 @@ class Composer:
             return None
         own = dict(_iter_parameters(inner))
         for key in spec.arguments.keys() - own.keys():
-            self.problems.append(outer.unknown("UNKNOWN_PARAMETER", (*path, "with", key), key, own))
+            self.problems.append(outer.unknown("parameter", (*path, "with", key), key, own))
         edges = [(each.model_dump(), (outer, (*path, "after", index))) for index, each in enumerate(spec.after)]
         edges += [each for each in scope.edges if not edges or each[0]["on"] == "failure"]
         scope = replace(scope, prefix=f"{group}-", above=(*scope.above, outer.source), edges=tuple(edges))
@@ -162,7 +162,7 @@ class Composer:
         folders = [*(root / "goal_graphs" for root in reversed(Library.open().roots)), Path(outer.source).parent]
         known = {file.stem: file.resolve() for folder in folders for file in folder.glob("*.yaml")}
         if include not in known:
-            self.problems.append(outer.unknown("UNKNOWN_FILE", path, include, known))
+            self.problems.append(outer.unknown("file", path, include, known))
             return None
         files = [Path(each).resolve() for each in (*above, outer.source)]
         if known[include] in files or self._includes > INCLUDES_MAX:

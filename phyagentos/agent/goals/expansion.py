@@ -83,7 +83,7 @@ def expand_nodes(
             for index, edge in enumerate(node.after):
                 if edge.node not in known:
                     path = ("sessions", authored, "after", index)
-                    problems.append(located.unknown("UNKNOWN_NODE", path, edge.node, known))
+                    problems.append(located.unknown("node", path, edge.node, known))
             waits = [(edge.on, known[edge.node]) for edge in node.after if edge.node in known]
             after = [*(each for on, names in waits if on == "success" for each in names), *(edge.node for edge in data)]
             nodes[name] = Node(
@@ -176,9 +176,9 @@ def _iter_data_edges(
             members = known.get(source, ())
             if not output:
                 possible = [*variables, *node.arguments, *(f"{name}.outputs.<name>" for name in known)]
-                problems.append(located.unknown("UNKNOWN_REFERENCE", path, reference, possible, match[0]))
+                problems.append(located.unknown("reference", path, reference, possible, match[0]))
             elif not members:
-                problems.append(located.unknown("UNKNOWN_NODE", path, source, known, f"{source!r} in {match[0]}"))
+                problems.append(located.unknown("node", path, source, known, f"{source!r} in {match[0]}"))
             elif len(members) > 1:
                 expected = " or ".join(f"${{{member}.outputs.{output}}}" for member in members)
                 problems.append(located.problem("AMBIGUOUS_REFERENCE", path, match[0], expected))

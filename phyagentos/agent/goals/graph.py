@@ -203,15 +203,15 @@ def override_yaml(located: Located, overrides: Mapping[str, str]) -> Located:
         for parent in parents:
             place[parent] = {} if place.get(parent) is None else place[parent]
             if not isinstance(place := place[parent], dict):
-                raise DefinitionError.of("INVALID_OVERRIDE", dotted, f"{parent!r} is no mapping")
+                raise DefinitionError.of("INVALID_VALUE", dotted, f"{parent!r} is no mapping")
         if parents == ["targets"] and key not in place:  # a role that no node names binds nothing
-            raise DefinitionError.unknown("INVALID_OVERRIDE", dotted, key, map(str, place))
+            raise DefinitionError.unknown("role", dotted, key, map(str, place))
         shown = dotted
         if parents[:1] == ["parameters"]:
             shown, declared = parents[-1], as_dict(located.data.get("parameters"))
             if shown not in declared:
                 known = [*declared, *(f"targets.{role}" for role in as_dict(located.data.get("targets")))]
-                raise DefinitionError.unknown("INVALID_OVERRIDE", f"--set {shown}", shown, known)
+                raise DefinitionError.unknown("parameter", f"--set {shown}", shown, known)
         given = parse_yaml(text, f"--set {shown}")
         place[key], origins[(*parents, key)] = given.data, (given, ())
     return replace(located, data=data, origins=origins)

@@ -226,7 +226,7 @@ def _describe_nothing(
     skill: str | Promise, target: str, rejected: Mapping[str, str], catalogue: Catalogue, address: str
 ) -> Problem:
     if isinstance(skill, str) and skill not in catalogue.skills:
-        return Problem.unknown("UNKNOWN_SKILL", address, skill, catalogue.skills)
+        return Problem.unknown("skill", address, skill, catalogue.skills)
     if isinstance(skill, str):
         reasons = "; ".join(f"{name}: {why}" for name, why in rejected.items())
         return Problem("NO_CANDIDATE", address, f"skill {skill!r} on target {target!r}", hint=f"Rejected: {reasons}.")

@@ -117,7 +117,7 @@ class Mission:
         """Continue a goal of the workspace; one that has its verdict is only reported.
 
         Raises:
-            DefinitionError: `UNKNOWN_GOAL`, or problems of the graph as it was submitted.
+            DefinitionError: `UNKNOWN_NAME`, or problems of the graph as it was submitted.
         """
         self._read()
         if goal not in self.ledger.goals:
@@ -138,7 +138,7 @@ class Mission:
         with Histories(self._journal.folder) as histories:
             past = histories.fold_goal(goal)
         if past is None:
-            raise DefinitionError.unknown("UNKNOWN_GOAL", str(self._workspace.goals), goal, self.ledger.goals)
+            raise DefinitionError.unknown("goal", str(self._workspace.goals), goal, self.ledger.goals)
         return build_report(past.goals[goal], past, wall_s=0.0)
 
     def cancel(self) -> None:

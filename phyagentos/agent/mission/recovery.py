@@ -22,6 +22,7 @@ from phyagentos.agent.repair.foreseen import revise_refused
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.agent.repair.regressions import find_lost_preconditions, find_regressions
 from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_requires
+from phyagentos.codes import get_present_name
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import normalize_text, read_meanings
 from phyagentos.protocol.sessions.evidence import Bundle
@@ -272,13 +273,13 @@ class Recovery:
         if subject.execution is not None:
             decided = subject.decision
             return UnmetObjective.of_execution(self.evidence.read(subject), decided) if decided is not None else None
-        codes, cause = {each.code for each in subject.problems}, find_refusal(subject.problems)
+        codes, cause = {get_present_name(each.code) for each in subject.problems}, find_refusal(subject.problems)
         lacking = (each.subject for each in subject.problems if each.code == _UNMET and each.subject)
         unmet = {*read_meanings(lacking)}
         world = self.evidence.find_latest(subject.contract.scene.episode)
         if world is None or "AMBIGUOUS" in codes:  # no look tells which is meant
             return None
-        if not codes & _NEVER_CARRIED and (Meaning.VISIBLE in unmet or codes & {"ENTITY_UNKNOWN", "NEVER_SEEN"}):
+        if not codes & _NEVER_CARRIED and (Meaning.VISIBLE in unmet or "NOT_OBSERVED" in codes):
             is_unseen = bool(looking.list_unseen(subject.contract, world) or self.facts.count_looks(subject.contract))
             cause = Cause.OBJECT_HIDDEN if is_unseen else None
         elif Meaning.HOLDING in unmet:

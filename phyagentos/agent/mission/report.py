@@ -3,6 +3,7 @@
 import msgspec
 
 from phyagentos.agent.mission.goal_facts import is_forecast_refusal
+from phyagentos.codes import get_present_name
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import GoalId, SessionId, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
@@ -11,7 +12,7 @@ from phyagentos.store.ledger import Ledger
 
 CANCELLED = "cancelled"
 
-_FOUND = frozenset({"PRECONDITION_UNMET", "HOLD_BROKEN", "ENTITY_UNKNOWN", "NEVER_SEEN"})  # in the world, not on paper
+_FOUND = frozenset({"PRECONDITION_UNMET", "HOLD_BROKEN", "NOT_OBSERVED"})  # in the world, not on paper
 
 
 class SessionReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -84,7 +85,11 @@ def build_report(goal: GoalStatus, ledger: Ledger, wall_s: float) -> MissionRepo
         if not is_forecast_refusal(status):  # which moved nothing and was revised
             firsts.setdefault(status.contract.node, status)
     succeeded = {name for name, status in firsts.items() if status.state == SessionState.SUCCEEDED}
-    refused = ({each.code for each in s.problems} for s in firsts.values() if s.state == SessionState.REJECTED)
+    refused = (
+        {get_present_name(each.code) for each in s.problems}
+        for s in firsts.values()
+        if s.state == SessionState.REJECTED
+    )
     has_begun = any(status.execution is not None for status in sessions)
     return MissionReport(
         goal=goal.id,

@@ -94,7 +94,7 @@ def build_domain(
     Things may go `everywhere`, or only to places of the goal and free spots.
 
     Raises:
-        DefinitionError: A predicate that cannot be planned for, or `UNKNOWN_TARGET`.
+        DefinitionError: A predicate that cannot be planned for, or `UNKNOWN_NAME`.
     """
     roles = _resolve_targets(wanted, catalogue)
     stages, invariants = _read_goal(wanted, list_carried(world), roles, lambda path: ".".join(map(str, path)))
@@ -155,7 +155,7 @@ def _resolve_targets(wanted: WantedGoal, catalogue: Catalogue) -> dict[str, str]
     roles = dict(wanted.targets) or {"robot": ANY}
     for role, name in roles.items():
         if name != ANY and name not in catalogue.targets:
-            raise DefinitionError.unknown("UNKNOWN_TARGET", f"targets.{role}", name, [*catalogue.targets, ANY])
+            raise DefinitionError.unknown("target", f"targets.{role}", name, [*catalogue.targets, ANY])
     return {role: best if name == ANY else name for role, name in roles.items()}
 
 

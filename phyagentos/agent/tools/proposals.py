@@ -115,10 +115,10 @@ class Proposals:
     def read(self, name: str) -> Proposed:
         """One proposal; its bytes are read once, and everything that follows is about these.
 
-        Raises DefinitionError `UNKNOWN_PROPOSAL`; `PROPOSAL_CHANGED` unless they are those that its name stands for.
+        Raises DefinitionError `UNKNOWN_NAME`; `PROPOSAL_CHANGED` unless they are those that its name stands for.
         """
         if not self.has(name):
-            raise DefinitionError.unknown("UNKNOWN_PROPOSAL", str(self._new), name[:100], self.list_waiting())
+            raise DefinitionError.unknown("proposal", str(self._new), name[:100], self.list_waiting())
         proposal, data = _read(self._new / f"{name}.yaml", Proposal)
         proposed = encode_proposal(proposal)
         if proposed.data != data or proposed.name != name:

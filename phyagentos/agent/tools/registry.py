@@ -111,7 +111,7 @@ class ToolRegistry:
     def _get(self, name: str) -> Tool:
         offered, tool = {each.name: each for each in self.list_offered()}, self._tools.get(name)
         if tool is None:
-            raise DefinitionError.unknown("UNKNOWN_TOOL", "tools", name, offered)
+            raise DefinitionError.unknown("tool", "tools", name, offered)
         if name not in offered:
             hint = f"The operator starts the server with --level {tool.level} to offer it."
             raise DefinitionError.of("TOOL_NOT_OFFERED", name, f"level {self.level}", f"level {tool.level}", hint)

@@ -35,10 +35,10 @@ def find_resources(workspace: Workspace, bundles_max: int = 1 << 20) -> dict[str
 
 
 def read_resource(workspace: Workspace, uri: str) -> tuple[bytes, str]:
-    """Bytes and media type of a resource; raises DefinitionError `UNKNOWN_RESOURCE`, `UNREADABLE_FILE`."""
+    """Bytes and media type of a resource; raises DefinitionError `UNKNOWN_NAME`, `UNREADABLE_FILE`."""
     found = find_resources(workspace)
     if uri not in found:
-        raise DefinitionError.of("UNKNOWN_RESOURCE", "resources", uri[:200], "a URI that is listed")
+        raise DefinitionError.of("UNKNOWN_NAME", "resources", uri[:200], "a URI that is listed", kind="resource")
     try:
         return read_regular(found[uri], _BYTES_MAX, follow=False), TYPES[found[uri].suffix]
     except OSError as error:

@@ -85,7 +85,7 @@ class Vocabulary:
     def read(cls, catalogue: Catalogue, scene: str, past: Iterable[WantedGoal] = (), robot: str = ANY) -> "Vocabulary":
         """The vocabulary of a scene; raises DefinitionError where that is unknown or cannot be read."""
         if scene not in catalogue.scenes:
-            raise DefinitionError.unknown("UNKNOWN_SCENE", "--scene", scene, catalogue.scenes)
+            raise DefinitionError.unknown("scene", "--scene", scene, catalogue.scenes)
         spec = read_scene(catalogue.scenes[scene])
         bodies = {name: body for name, body in spec.bodies.items() if body.listed}
         things = {name: _read_thing(spec, name, body) for name, body in bodies.items()}

@@ -38,7 +38,7 @@ def _check(located: Located, path: Address, condition: Any) -> list[Problem]:
     try:
         _bind(found := _find_condition(name), arguments, Path())
     except (KeyError, ImportError, AttributeError):
-        return [located.unknown("UNKNOWN_NAME", (*path, name), name, _list_conditions())]
+        return [located.unknown("condition", (*path, name), name, _list_conditions())]
     except TypeError as error:
         signature = [each for each in inspect.signature(found).parameters if each != "folder"]
         return [located.problem("WRONG_ARGUMENTS", (*path, name), str(error), ", ".join(signature))]

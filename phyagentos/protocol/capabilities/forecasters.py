@@ -12,7 +12,7 @@ from phyagentos.protocol.capabilities.library import find_shipped_root
 
 DEFAULT = "rollouts"  # of a goal that requests look-ahead and names no forecaster
 KIT = "rollout_forecaster.forecaster:open_rollouts"
-FORECASTERS = Plugins[Callable[..., Any]]("phyagentos.forecasters", unknown="UNKNOWN_FORECASTER")
+FORECASTERS = Plugins[Callable[..., Any]]("phyagentos.forecasters", noun="forecaster")
 """What makes a forecaster: `open(site) -> Forecaster`, see `runtime.lookahead.forecaster`."""
 
 
@@ -20,13 +20,13 @@ def find_forecaster(name: str) -> EntryPoint:
     """The forecaster of a name, not loaded: an installed one, or the kit `rollouts` on the path of Python.
 
     Raises:
-        DefinitionError: `UNKNOWN_FORECASTER`, for the kit with the command that installs it; `DUPLICATE_NAME`.
+        DefinitionError: `UNKNOWN_NAME`, for the kit with the command that installs it; `DUPLICATE_NAME`.
     """
     address, is_announced = "lookahead.forecasters", DEFAULT in FORECASTERS.names()
     if name == DEFAULT and not is_announced and find_spec(KIT.partition(".")[0]) is None:
         found = f"{name!r}, a kit that is not installed"
         hint = f"Install it: pip install {find_shipped_root() / 'kits' / DEFAULT}"
-        raise DefinitionError.of("UNKNOWN_FORECASTER", address, found, hint=hint)
+        raise DefinitionError.of("UNKNOWN_NAME", address, found, hint=hint, kind="forecaster")
     known = FORECASTERS if is_announced else replace(FORECASTERS, shipped={DEFAULT: KIT})
     return cast(EntryPoint, known.find(name, address))
 

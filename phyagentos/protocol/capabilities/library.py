@@ -95,13 +95,11 @@ class Library:
     def _iter(self, folder: str, pattern: str) -> Iterator[tuple[Path, Path]]:
         return ((root, path) for root in self.roots for path in (root / folder).glob(pattern))
 
-    def _get(self, what: str, name: str, relative: str, list_names: Callable[[], list[str]]) -> Path:
+    def _get(self, kind: str, name: str, relative: str, list_names: Callable[[], list[str]]) -> Path:
         for path in _list_places(self.roots, relative) if not leads_out(name) else ():
             if os.path.isfile(path):  # noqa: PTH113 - for every session, several times
                 return path
-        known = list_names()
-        code = f"UNKNOWN_{what.upper().replace(' ', '_')}"
-        raise DefinitionError.unknown(code, ", ".join(map(str, self.roots)), name, known)
+        raise DefinitionError.unknown(kind, ", ".join(map(str, self.roots)), name, list_names())
 
 
 @lru_cache(maxsize=1024)

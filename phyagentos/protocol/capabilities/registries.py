@@ -129,10 +129,10 @@ def read_target_registry(path: Path) -> dict[str, TargetProfile]:
 
 
 def get_registered_target(path: Path, name: str) -> TargetProfile:
-    """One profile of TARGETS.md; raises DefinitionError `TARGET_UNKNOWN` where it holds none of that name."""
+    """One profile of TARGETS.md; raises DefinitionError `UNKNOWN_NAME` where it holds none of that name."""
     targets = read_target_registry(path)
     if name not in targets:
-        raise DefinitionError.unknown("TARGET_UNKNOWN", str(path), name, targets)
+        raise DefinitionError.unknown("target", str(path), name, targets)
     return targets[name]
 
 

@@ -113,7 +113,8 @@ def read_document(
             continue
         try:
             if block.name in blocks:
-                raise DefinitionError(_problem(source, block, "DUPLICATE_NAME", repr(block.name), "each heading once"))
+                address = f"{source}:{block.line}:1"
+                raise DefinitionError.of("DUPLICATE_NAME", address, repr(block.name), "each heading once")
             blocks[block.name] = _read_block(block, format, source)
         except DefinitionError as error:
             problems += error.problems
@@ -208,14 +209,15 @@ def _read_block(block: Block, format: DocumentFormat[BlockT], source: str) -> Bl
     if format.block is None or (format.headings and block.name not in format.headings):
         hint = format_hint(block.name, format.headings)
         expected = format_names(format.headings) if format.headings else "no block of YAML"
-        raise DefinitionError(_problem(source, block, "UNKNOWN_BLOCK", repr(block.name), expected, hint))
+        address = f"{source}:{block.line}:1"
+        raise DefinitionError.of("UNKNOWN_NAME", address, repr(block.name), expected, hint, "block")
     located = parse_yaml(block.yaml, source, block.line)
     value = _convert(format.block, located)
     if format.key:
         name = attrgetter(format.key)(value)
         if name != block.name:
-            address = tuple(format.key.split("."))
-            raise DefinitionError(located.problem("NAME_MISMATCH", address, repr(name), f"its heading {block.name!r}"))
+            path = tuple(format.key.split("."))
+            raise DefinitionError(located.problem("NAME_MISMATCH", path, repr(name), f"its heading {block.name!r}"))
     return value
 
 
@@ -236,7 +238,3 @@ def _build_block_schema(kind: type) -> tuple[Fields, Fields]:
         return build_struct_schema(kind)
     schema, definitions = build_authored_schema(kind)
     return {"$ref": f"#/$defs/{kind.__name__}"}, definitions | {kind.__name__: schema}
-
-
-def _problem(source: str, block: Block, code: str, found: str, expected: str, hint: str = "") -> Problem:
-    return Problem(code, f"{source}:{block.line}:1", found, expected, hint)

@@ -68,9 +68,9 @@ class Located:
         """A `Problem` at this place."""
         return Problem(code, self.address_of(path), found, expected, hint)
 
-    def unknown(self, code: str, path: Address, name: str, possible: Iterable[str], found: str = "") -> Problem:
+    def unknown(self, kind: str, path: Address, name: str, possible: Iterable[str], found: str = "") -> Problem:
         """A `Problem.unknown` at this place."""
-        return Problem.unknown(code, self.address_of(path), name, possible, found)
+        return Problem.unknown(kind, self.address_of(path), name, possible, found)
 
 
 def read_text(path: Path, hint: str = "Check the path and its encoding.") -> str:
@@ -283,7 +283,7 @@ def _to_problem(model: type[Authored], located: Located, base: Address, item: Er
     path = _strip_tags(located.data, (*base, *loc))
     key = str(loc[-1]) if loc else ""
     if kind == "extra_forbidden":
-        return located.unknown("UNKNOWN_KEY", path, key, find_fields(model, loc[:-1]))
+        return located.unknown("key", path, key, find_fields(model, loc[:-1]))
     if kind == "missing":
         return located.problem("MISSING_KEY", path, "nothing", f"key {key!r}", f"Add {key!r}.")
     if kind == "misfit":

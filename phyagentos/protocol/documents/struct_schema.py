@@ -104,7 +104,7 @@ def _iter_struct_problems(kind: type[msgspec.Struct], value: Any, located: Locat
         if key in fields:
             yield from _iter_problems(fields[key].type, each, located, (*path, key))
         else:
-            yield located.unknown("UNKNOWN_KEY", (*path, key), str(key), fields, found=repr(key))
+            yield located.unknown("key", (*path, key), str(key), fields, found=repr(key))
     for name, field in fields.items():
         if field.required and name not in value:
             yield located.problem("MISSING_KEY", path, "nothing", f"key {name!r}", f"Add {name!r}.")

@@ -15,7 +15,9 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise, zip_longest
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+import msgspec
+
+from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.evaluation import Evaluation, evaluate, worse
 from phyagentos.protocol.predicates.language import PredicateSyntaxError, parse
@@ -120,8 +122,8 @@ def parse_predicate(text: str, *, address: str = "predicate", template: bool = F
     predicate, findings = read_formula(text, template)
     if predicate is None or findings:
         problems = [
-            Problem(code, address, f"{found} at column {column} of {text!r}", expected, hint)
-            for code, column, found, expected, hint in findings
+            msgspec.structs.replace(each, address=address, found=f"{each.found} at column {column} of {text!r}")
+            for column, each in findings
         ]
         raise DefinitionError(problems)
     return predicate
@@ -182,7 +184,7 @@ def substitute(text: str, parameters: Mapping[str, object]) -> str:
     return _REFERENCE.sub(lambda m: syntax.format_value(parameters[m[1]]) if m[1] in parameters else m[0], text)
 
 
-_Finding = tuple[str, int, str, str, str]  # code, column, found, expected, hint
+_Finding = tuple[int, Problem]  # its column; the address is where the text stands
 
 
 @lru_cache(maxsize=4096)
@@ -191,28 +193,30 @@ def read_formula(text: str, template: bool) -> tuple[Predicate | None, tuple[_Fi
     try:
         formula = parse(text)
     except PredicateSyntaxError as error:
-        return None, (("PREDICATE_SYNTAX", error.column, error.found, error.expected, error.hint),)
+        return None, ((error.column, Problem("PREDICATE_SYNTAX", "", error.found, error.expected, error.hint)),)
     findings = [finding for call in syntax.iter_calls(formula) for finding in _iter_call_findings(call, template)]
     findings += _iter_use_findings(formula)
-    return Predicate(formula), tuple(sorted(findings, key=lambda finding: finding[1]))
+    return Predicate(formula), tuple(sorted(findings, key=lambda finding: finding[0]))
 
 
 def _iter_call_findings(call: syntax.Call, template: bool) -> Iterator[_Finding]:
     library = get_predicate_library()
     definition = library.find(call.name)
     if definition is None:
-        hint = format_hint(call.name, library.names())
-        yield "UNKNOWN_PREDICATE", call.column, repr(call.name), format_names(library.names()), hint
+        yield call.column, Problem.unknown("predicate", "", call.name, library.names())
         return
     least = sum(argument.default is None for argument in definition.arguments)
     if not least <= len(call.terms) <= len(definition.arguments):
-        yield "WRONG_ARGUMENTS", call.column, f"{len(call.terms)} arguments", definition.signature, ""
+        yield call.column, Problem("WRONG_ARGUMENTS", "", f"{len(call.terms)} arguments", definition.signature)
     for argument, term in zip(definition.arguments, call.terms, strict=False):
         if argument.kind not in _TAKES[type(term)]:
-            yield "WRONG_ARGUMENT", term.column, format_term(term), f"{argument.kind} {argument.name!r}", ""
+            yield term.column, Problem("WRONG_ARGUMENT", "", format_term(term), f"{argument.kind} {argument.name!r}")
         elif isinstance(term, syntax.Variable) and not template:
-            hint = "Write the value, or check the spelling of the reference."
-            yield "UNKNOWN_REFERENCE", term.column, format_term(term), "a parameter that is known here", hint
+            expected, hint = (
+                "a parameter that is known here",
+                "Write the value, or check the spelling of the reference.",
+            )
+            yield term.column, Problem("UNKNOWN_NAME", "", format_term(term), expected, hint, kind="reference")
 
 
 def format_term(term: syntax.Term) -> str:
@@ -228,12 +232,13 @@ def _iter_use_findings(formula: syntax.Formula) -> Iterator[_Finding]:
                 yield from _iter_use_findings(left.body)
             elif (definition := _find(left)) and not definition.is_number:
                 hint = f"Write {syntax.render(left)!r} or 'not {syntax.render(left)}'."
-                yield "NOT_A_NUMBER", left.column, f"{left.name!r} compared", "a number, or no comparison", hint
+                found = f"{left.name!r} compared"
+                yield left.column, Problem("NOT_A_NUMBER", "", found, "a number, or no comparison", hint)
         case syntax.Count(_, column):
-            yield "NOT_COMPARED", column, "'count'", "a comparison such as '>= 1'", ""
+            yield column, Problem("NOT_COMPARED", "", "'count'", "a comparison such as '>= 1'")
         case syntax.Call(name, _, column):
             if (definition := _find(formula)) and definition.is_number:
-                yield "NOT_COMPARED", column, repr(name), "a comparison such as '< 0.2'", ""
+                yield column, Problem("NOT_COMPARED", "", repr(name), "a comparison such as '< 0.2'")
         case syntax.Not(body):
             yield from _iter_use_findings(body)
         case syntax.And(parts) | syntax.Or(parts):

@@ -50,13 +50,14 @@ def read_predicate_names(path: Path) -> list[str]:
 def name_option(problems: Iterable[Problem], files: Iterable[Path]) -> list[Problem]:
     """The same problems; a predicate that one of the files defines is unknown until an option executes that file."""
     problems = list(problems)
-    if all(each.code != "UNKNOWN_PREDICATE" for each in problems):
+    if all(each.kind != "predicate" for each in problems):
         return problems  # no file is looked at
-    defined = {repr(name): path for path in files for name in read_predicate_names(path)}
-    return [_name_option(each, defined.get(each.found.partition(" ")[0])) for each in problems]
-
-
-def _name_option(problem: Problem, path: Path | None) -> Problem:
-    if problem.code != "UNKNOWN_PREDICATE" or path is None:
-        return problem
-    return replace(problem, hint=f"{path} defines it: read it; --run-python executes it.")
+    hints = {
+        name: f"{path} defines it: read it; --run-python executes it."
+        for path in files
+        for name in read_predicate_names(path)
+    }
+    return [
+        replace(each, hint=hints.get(each.subject, each.hint)) if each.kind == "predicate" else each
+        for each in problems
+    ]

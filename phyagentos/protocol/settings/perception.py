@@ -97,7 +97,7 @@ def read_perception(path: Path) -> Perception:
     if beside.is_file():
         sensors = read_sensors(beside).sensors
         problems = [
-            located.unknown("UNKNOWN_SENSOR", ("pipelines", name, "sensors", index), sensor, sensors)
+            located.unknown("sensor", ("pipelines", name, "sensors", index), sensor, sensors)
             for name, pipeline in perception.pipelines.items()
             for index, sensor in enumerate(pipeline.sensors)
             if sensor not in sensors

@@ -151,7 +151,7 @@ def _check_limits(located: Located, target: str, limits: TargetLimits) -> Iterat
     for code, reaction in limits.reactions.items():
         at = ("targets", target, "reactions", code)
         if code not in GUARDED:
-            yield located.unknown("UNKNOWN_KEY", at, code, GUARDED)
+            yield located.unknown("key", at, code, GUARDED)
         elif reaction == "clamp" and code not in CLAMPABLE:
             hint = f"Only {format_names(CLAMPABLE)} can be clamped."
             yield located.problem("INVALID_VALUE", at, "clamp", "refuse, or a stop", hint)

@@ -227,5 +227,5 @@ def read_sensors(path: Path) -> Sensors:
     sensors = validate(Sensors, located)
     levels = dict.fromkeys((PERFECT, *sensors.noise_levels))
     if sensors.noise_level not in levels:
-        raise DefinitionError(located.unknown("UNKNOWN_NOISE_LEVEL", ("noise_level",), sensors.noise_level, levels))
+        raise DefinitionError(located.unknown("noise level", ("noise_level",), sensors.noise_level, levels))
     return sensors

@@ -32,7 +32,7 @@ def parse_description(text: str, address: str = "") -> tuple[str, str, str]:
     """Article, colour and form of a text, the latter two empty where each will do.
 
     Raises:
-        DefinitionError: `UNKNOWN_WORD` or `INVALID_VALUE`, with the column.
+        DefinitionError: `UNKNOWN_NAME` or `INVALID_VALUE`, with the column.
     """
     if (match := _TEXT.fullmatch(text)) is None:
         raise DefinitionError.of("INVALID_VALUE", address, repr(text), "`a`, `the` or `any`, perhaps a colour, a form")
@@ -40,7 +40,7 @@ def parse_description(text: str, address: str = "") -> tuple[str, str, str]:
     for group, words in enumerate((ARTICLES, COLORS, FORMS), 1):
         if (word := match[group]) and word not in words:
             found = f"{word!r} at column {match.start(group) + 1} of {text!r}"
-            problems.append(Problem.unknown("UNKNOWN_WORD", address, word, words, found))
+            problems.append(Problem.unknown("word", address, word, words, found))
     if problems:
         raise DefinitionError(problems)
     return match[1], match[2] or "", match[3].removesuffix("thing")

@@ -339,18 +339,18 @@ def _find_dangling(spec: SceneSpec, located: Located) -> list[Problem]:
     def require(kind: str, name: str | None, known: object, *path: str | int) -> None:
         names = list(known) if isinstance(known, dict) else []
         if name is not None and name not in names:
-            problems.append(located.unknown(f"UNKNOWN_{kind}", path, name, names))
+            problems.append(located.unknown(kind, path, name, names))
 
     for name, body in spec.bodies.items():
-        require("MATERIAL", body.material, spec.materials, "bodies", name, "material")
+        require("material", body.material, spec.materials, "bodies", name, "material")
         if body.contents is not None:
-            require("MATERIAL", body.contents.material, spec.materials, "bodies", name, "contents", "material")
-        require("AREA", body.place.area, spec.areas, "bodies", name, "place", "area")
+            require("material", body.contents.material, spec.materials, "bodies", name, "contents", "material")
+        require("area", body.place.area, spec.areas, "bodies", name, "place", "area")
         earlier = dict.fromkeys(list(spec.bodies)[: list(spec.bodies).index(name)])
-        require("BODY", body.place.frame, earlier, "bodies", name, "place", "frame")
-        require("BODY", body.part_of, earlier, "bodies", name, "part_of")
+        require("body", body.place.frame, earlier, "bodies", name, "place", "frame")
+        require("body", body.part_of, earlier, "bodies", name, "part_of")
         for index, solid in enumerate(body.shapes):
-            require("MATERIAL", solid.material, spec.materials, "bodies", name, "shapes", index, "material")
+            require("material", solid.material, spec.materials, "bodies", name, "shapes", index, "material")
     for name, region in spec.regions.items():
-        require("BODY", region.body, spec.bodies, "regions", name, "body")
+        require("body", region.body, spec.bodies, "regions", name, "body")
     return problems

@@ -68,10 +68,10 @@ class LeafRegistry:
         return self._classes.get(name)
 
     def get(self, name: str) -> type[Leaf]:
-        """The class of a leaf; raises DefinitionError `UNKNOWN_LEAF`, with the nearest name."""
+        """The class of a leaf; raises DefinitionError `UNKNOWN_NAME`, with the nearest name."""
         leaf = self._classes.get(name)
         if leaf is None:
-            raise DefinitionError.unknown("UNKNOWN_LEAF", "leaf registry", name, self._classes)
+            raise DefinitionError.unknown("leaf", "leaf registry", name, self._classes)
         return leaf
 
 

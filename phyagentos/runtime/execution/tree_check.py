@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Any
 
+from msgspec.structs import replace
 from py_trees.ports import PortInformation
 
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
@@ -117,7 +118,7 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
                 problems.append(tree.located.problem("CYCLE", node.address, cycle, expected, hint))
     for name in tree.header.outputs:
         if name not in written:
-            problems.append(tree.located.unknown("BROKEN_TREE", ("outputs", name), name, written))
+            problems.append(tree.located.unknown("written key", ("outputs", name), name, written))
     return problems
 
 
@@ -215,12 +216,12 @@ def _find_ports(node: Node, library: Library, registry: LeafRegistry) -> Ports |
 def _problem_unknown(tree: Tree, node: Node, library: Library, registry: LeafRegistry) -> Problem:
     if node.kind is NodeKind.SUBTREE:
         known = library.names_of_trees()
-        code = "UNKNOWN_TREE" if node.type not in known else "BROKEN_TREE"
-        return tree.located.unknown(code, (*node.address, "tree"), node.type, known)
-    names = [*registry.names(), *_CONTROL_WORDS]
-    return tree.located.problem(
-        "UNKNOWN_LEAF", node.address, repr(node.type), format_names(registry.names()), format_hint(node.type, names)
-    )
+        place = (*node.address, "tree")
+        if node.type not in known:
+            return tree.located.unknown("tree", place, node.type, known)
+        return tree.located.problem("BROKEN_TREE", place, repr(node.type), format_names(known))
+    found = tree.located.unknown("leaf", node.address, node.type, registry.names())
+    return replace(found, hint=format_hint(node.type, [*registry.names(), *_CONTROL_WORDS]))
 
 
 def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[str, type]) -> Iterator[Problem]:
@@ -230,7 +231,7 @@ def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[st
         place = (*base, port)
         known = [*inputs, *outputs]
         if port not in known:
-            yield tree.located.unknown("UNKNOWN_PORT", place, port, known)
+            yield tree.located.unknown("port", place, port, known)
         elif isinstance(value, Reference):
             yield from _iter_reference_problems(tree, place, value, {**inputs, **outputs}[port], written)
         elif port in outputs:

@@ -95,12 +95,12 @@ def _prepare(
     """The base's body, without joints but those of arm and gripper and the kept ones, which stand as at rest."""
     tops = [each.name for each in spec.worldbody.bodies]
     if base.body not in tops:
-        raise DefinitionError([Problem.unknown("UNKNOWN_NAME", str(path), base.body, tops)])
+        raise DefinitionError([Problem.unknown("body", str(path), base.body, tops)])
     known = [joint.name for joint in spec.joints]
     posture = dict(base.posture_rad)
     unknown = [name for name in (*base.joints, *posture) if name not in known]
     if unknown:
-        raise DefinitionError([Problem.unknown("UNKNOWN_NAME", str(path), name, known) for name in unknown])
+        raise DefinitionError([Problem.unknown("joint", str(path), name, known) for name in unknown])
     if base.wheels is not None:
         replaced = [geom for geom in spec.geoms if geom.parent.name in base.wheels.links]
         meshes = [mesh for mesh in spec.meshes if mesh.name in {geom.meshname for geom in replaced}]

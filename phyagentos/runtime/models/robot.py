@@ -203,9 +203,7 @@ def read_model(path: Path, replaced: Collection[str] = ()) -> mujoco.MjSpec:
 def _get_body(spec: mujoco.MjSpec, at: Frame, path: Path) -> "mujoco.MjsBody":
     body = spec.body(at.body)
     if body is None:
-        raise DefinitionError(
-            [Problem.unknown("UNKNOWN_NAME", str(path), at.body, [each.name for each in spec.bodies])]
-        )
+        raise DefinitionError([Problem.unknown("body", str(path), at.body, [each.name for each in spec.bodies])])
     return body
 
 
@@ -242,11 +240,7 @@ def _check_names(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> Non
         *(("geom", name) for name in profile.gripper.pads),
         ("site", profile.tcp),
     ]
-    problems = [
-        Problem.unknown(f"UNKNOWN_{kind.upper()}", str(path), name, known[kind])
-        for kind, name in wanted
-        if name not in known[kind]
-    ]
+    problems = [Problem.unknown(kind, str(path), name, known[kind]) for kind, name in wanted if name not in known[kind]]
     if problems:
         raise DefinitionError(problems)
 

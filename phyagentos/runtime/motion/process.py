@@ -8,7 +8,6 @@ import argparse
 import gc
 import os
 import queue
-import sys
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -110,7 +109,7 @@ class PlannerProcess:
     def __init__(
         self, profile_file: Path, bounds: ToolBounds = ANYWHERE, neighbours: Mapping[str, Path] | None = None
     ) -> None:
-        command = [sys.executable, "-m", "phyagentos.runtime.motion.process", "--profile", str(profile_file)]
+        command = ["-m", "phyagentos.runtime.motion.process", "--profile", str(profile_file)]
         command += ["--bounds", msgspec.json.encode(bounds).decode()]
         command += [f"--neighbour={name}={file}" for name, file in (neighbours or {}).items()]
         self._start = partial(Child, command, spin_s=SPIN_S)

@@ -37,7 +37,7 @@ class Palette:
 
     def __init__(self, colors: Array) -> None:
         levels = (np.arange(2**BITS) + 0.5) / 2**BITS
-        grid = np.stack(np.meshgrid(levels, levels, levels, indexing="ij"), axis=-1).reshape(-1, 3)
+        grid = np.stack(np.meshgrid(levels, levels, levels, indexing="ij")).reshape(3, -1).T
         curves = np.clip(colors[:, None, :] * LIGHTS[None, :, None], 0.0, 1.0)  # (k, lights, 3)
         best = np.full(len(grid), np.inf)
         label = np.full(len(grid), NO_COLOR, dtype=np.uint8)
@@ -86,10 +86,10 @@ def is_among(labels: NDArray[np.uint8], colors: Iterable[int]) -> NDArray[np.boo
 
 def _measure(grid: Array, point: Array) -> Array:
     """Difference of hue and saturation, and, less, of brightness."""
-    brightness, own = grid.sum(axis=1), point.sum()
-    hue = np.linalg.norm(grid / brightness[:, None] - point / own, axis=1)
+    brightness, own = grid[:, 0] + grid[:, 1] + grid[:, 2], point.sum()
+    red, green, blue = (grid[:, each] / brightness - point[each] / own for each in range(3))
     lightness = np.abs(brightness - own) / 3.0
-    return np.asarray(hue + 0.15 * lightness)
+    return np.asarray(np.sqrt(red * red + green * green + blue * blue) + 0.15 * lightness)
 
 
 class Colorless:

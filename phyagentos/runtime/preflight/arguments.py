@@ -38,13 +38,13 @@ def iter_parameter_problems(session: Session, skill: SkillRuntime) -> Iterator[P
     by = f"skill {skill.skill}: parameters"
     for name in session.parameters:
         if name not in skill.parameters:
-            yield Problem.unknown("PARAMETER_UNKNOWN", f"parameters.{name}", name, skill.parameters, by=by)
+            yield Problem.unknown("parameter", f"parameters.{name}", name, skill.parameters, by=by)
     for name, parameter in skill.parameters.items():
         value, address = session.parameters.get(name), f"parameters.{name}"
         if value is None:
             if parameter.is_needed:
                 fix = f"Give {name!r} under 'with'."
-                yield make_problem("PARAMETER_MISSING", address, "nothing", parameter.type, by, fix)
+                yield make_problem("MISSING_PARAMETER", address, "nothing", parameter.type, by, fix)
         elif reason := find_mismatch(parameter, value):
             yield make_problem("PARAMETER_INVALID", address, repr(str(value)), reason, by)
 
@@ -126,7 +126,7 @@ def iter_posture_problems(session: Session, skill: SkillRuntime | None, profile:
     for address, posture in named.items():
         if isinstance(posture, str) and posture not in profile.postures:
             by = f"target {profile.target}: postures"
-            yield Problem.unknown("UNKNOWN_POSTURE", address, posture, profile.postures, by=by)
+            yield Problem.unknown("posture", address, posture, profile.postures, by=by)
 
 
 def _make_missing(
@@ -134,14 +134,14 @@ def _make_missing(
 ) -> Problem:
     """A name that the world does not hold; where it stands for a description, with what that fits."""
     if (text := session.scene.described.get(name)) is None:
-        return msgspec.structs.replace(Problem.unknown("ENTITY_UNKNOWN", address, name, known, by=by), subject=name)
+        return msgspec.structs.replace(Problem.unknown("", address, name, known, by=by), code="NOT_OBSERVED")
     fitting = find_candidates(text, now.entities)
     several = len(fitting) > 1 and Truth.TRUE in fitting.values()
     shown = [each for each in now.entities.values() if (each.name in fitting if fitting else each.kind == UNNAMED)]
     things = "; ".join(f"{each.name}: {each.color} {each.form or 'thing'}" for each in shown) or "nothing unnamed"
     found = f"{name!r}, described as {text!r}, and {'perhaps ' if fitting and not several else ''}{things}"
     fix = "Write `any` where each of them will do." if several else ""
-    return make_problem("AMBIGUOUS" if several else "ENTITY_UNKNOWN", address, found, "one that surely fits", by, fix)
+    return make_problem("AMBIGUOUS" if several else "NOT_OBSERVED", address, found, "one that surely fits", by, fix)
 
 
 def iter_precondition_problems(session: Session, now: Environment) -> Iterator[Problem]:

@@ -80,14 +80,14 @@ class Preflight:
         """Problems on paper, without the live target."""
         problems: list[Problem] = []
         if session.target != self.profile.target:
-            problems.append(make_problem("TARGET_UNKNOWN", "target", repr(session.target), self.profile.target))
+            problems.append(Problem.unknown("target", "target", session.target, [self.profile.target]))
         problems += iter_limit_problems(session, self.settings.limits)
         problems += iter_predicate_problems(session)
         problems += iter_resource_problems(session, self.settings.contract)
         skill = self.skills.get(session.skill)
         problems += iter_posture_problems(session, skill, self.profile)
         if skill is None:
-            problems.append(Problem.unknown("UNKNOWN_SKILL", "skill", session.skill, self.skills))
+            problems.append(Problem.unknown("skill", "skill", session.skill, self.skills))
         else:
             problems += iter_parameter_problems(session, skill)
         problems += self._find_lasting_problems(skill)
@@ -193,7 +193,7 @@ class Preflight:
             tool = self.skills.get(name)
             if tool is None or tool.kind != "builtin":
                 known = (each.skill for each in self.skills.values() if each.kind == "builtin")
-                problems.append(Problem.unknown("UNKNOWN_SKILL", "skill.loop.tools", name, known))
+                problems.append(Problem.unknown("skill", "skill.loop.tools", name, known))
             else:
                 problems += self._find_skill_problems(tool)
         if skill.kind == "policy":

@@ -62,7 +62,7 @@ PROOFS = {  # codes of the planner that prove a motion impossible -> code of the
     "TOO_WIDE": "TOO_WIDE",
     "NO_SPACE": "NO_SPACE",
     "NO_FREE_SITE": "NO_FREE_SITE",
-    "UNKNOWN_ENTITY": "ENTITY_UNKNOWN",
+    "UNKNOWN_ENTITY": "NOT_OBSERVED",
 }
 REACH_REASONS = {"ik"}  # every candidate was rejected for reach alone, none for a contact
 ON_AXIS_M = 1e-6

@@ -43,7 +43,7 @@ from phyagentos.runtime.preflight.needs import iter_payload_problems
 from phyagentos.runtime.targets.wire import Description
 
 _UNMET = "PRECONDITION_UNMET"  # matters to what acts
-_UNKNOWN = "ENTITY_UNKNOWN"
+_UNOBSERVED = "NOT_OBSERVED"
 _OTHER_TARGET = frozenset({"TARGET_MISMATCH", "VERSION_MISMATCH"})  # its world is not looked at
 
 
@@ -139,7 +139,7 @@ class Examiner:
     def _tell_unseen(self, session: Session, now: Environment, problem: Problem) -> Problem:
         """What is in the scene and was not seen is not called unknown: where it starts, and why no camera shows it."""
         spec = read_placed(self.library, session.scene.name)
-        names = (problem.subject, *find_entities(problem.subject)) if problem.code in {_UNMET, _UNKNOWN} else ()
+        names = (problem.subject, *find_entities(problem.subject)) if problem.code in {_UNMET, _UNOBSERVED} else ()
         name = next((each for each in names if each in spec.bodies and not now.shows(each)), None)
         if name is None or now.sensing != Sensing.PERCEIVED or not self.preflight.profile.model:
             return problem
@@ -148,7 +148,7 @@ class Examiner:
         if problem.code == _UNMET:
             return msgspec.structs.replace(problem, hint=f"{problem.hint}. {why}.")
         found, expected = f"{name!r}, which is in the scene and in no picture", "a thing that was seen"
-        return msgspec.structs.replace(problem, code="NEVER_SEEN", found=found, expected=expected, hint=f"{why}.")
+        return msgspec.structs.replace(problem, found=found, expected=expected, hint=f"{why}.")
 
     def _find_tree_problems(self, session: Session) -> list[Problem]:
         skill = self.preflight.skills.get(session.skill)

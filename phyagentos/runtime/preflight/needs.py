@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import version
 from typing import Any
 
+import msgspec
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 
 from phyagentos.errors import Problem, format_names
@@ -25,16 +26,17 @@ def iter_ability_problems(skill: SkillRuntime, profile: TargetProfile) -> Iterat
     """Observations, actions and capabilities that the target does not offer."""
     needs = skill.needs
     offers = (
-        ("OBSERVATION_UNAVAILABLE", "observations", needs.observations, profile.observations),
-        ("ACTION_UNAVAILABLE", "actions", needs.actions, profile.actions),
-        ("CAPABILITY_UNAVAILABLE", "capabilities", needs.capabilities, profile.capabilities),
+        ("observation", "observations", needs.observations, profile.observations),
+        ("action", "actions", needs.actions, profile.actions),
+        ("capability", "capabilities", needs.capabilities, profile.capabilities),
     )
-    for code, name, needed, offered in offers:
+    for kind, name, needed, offered in offers:
         for need in needed:
             if need not in offered:
                 by = f"skill {skill.skill}: needs.{name}"
                 fix = f"Choose a target that offers it; {profile.target} does not."
-                yield Problem.unknown(code, f"skill.needs.{name}", need, offered, by=by, fix=fix)
+                found = Problem.unknown(kind, f"skill.needs.{name}", need, offered, by=by, fix=fix)
+                yield msgspec.structs.replace(found, code="NOT_OFFERED")
 
 
 def iter_resource_problems(session: Session, contract: RuntimeContract) -> Iterator[Problem]:
@@ -43,7 +45,7 @@ def iter_resource_problems(session: Session, contract: RuntimeContract) -> Itera
         if name not in contract.resources:
             address, by = f"resources[{index}]", "runtime_contract.yaml: resources"
             fix = "Add it to 'resources' of runtime_contract.yaml."
-            yield Problem.unknown("RESOURCE_UNDECLARED", address, name, contract.resources, by=by, fix=fix)
+            yield Problem.unknown("resource", address, name, contract.resources, by=by, fix=fix)
 
 
 def find_operations(skill: SkillRuntime) -> tuple[Operation, ...]:
@@ -64,7 +66,7 @@ def iter_operation_problems(
     """Operations that the target lacks, or that a session may not use here."""
     for each in find_operations(skill):
         by = f"skill {skill.skill}: {'every session' if each in CORE_OPERATIONS else 'needs.operations'}"
-        code, address, offered = "OPERATION_UNAVAILABLE", "target.operations", profile.operations
+        code, address, offered = "NOT_OFFERED", "target.operations", profile.operations
         fix = f"{profile.target} cannot do it; choose another target."
         if each in offered:
             code, address, offered = "OPERATION_FORBIDDEN", "runtime_contract.yaml: operations", contract.operations
@@ -177,7 +179,7 @@ def iter_live_ability_problems(skill: SkillRuntime, profile: TargetProfile, live
     if "render" in skill.needs.operations and not live.cameras:
         by = f"skill {skill.skill}: needs.operations"
         fix = f"Give the scene of {profile.target} a camera."
-        yield make_problem("OPERATION_UNAVAILABLE", "target.cameras", "none", "a camera", by, fix)
+        yield make_problem("NOT_OFFERED", "target.cameras", "none", "a camera", by, fix)
 
 
 def iter_timing_problems(profile: TargetProfile, contract: RuntimeContract) -> Iterator[Problem]:

@@ -103,7 +103,7 @@ def _iter_stream_problems(
 ) -> Iterator[Problem]:
     address = f"skill.policy.observations.{name}"
     if name not in profile.observations:
-        yield Problem.unknown("OBSERVATION_UNAVAILABLE", address, name, profile.observations, by=by)
+        yield Problem.unknown("observation", address, name, profile.observations, by=by)
         return
     found = find_source(sensors, name, stream.frame)
     if found is None:
@@ -126,7 +126,7 @@ def _iter_world_problems(stream: Stream, skill: SkillRuntime, by: str) -> Iterat
     things = [name for name, parameter in skill.parameters.items() if parameter.type in {"entity", "place"}]
     for name in stream.entities or ("",):
         if name not in things:
-            yield Problem.unknown("OBSERVATION_UNAVAILABLE", f"{address}.entities", name, things, by=by)
+            yield Problem.unknown("observation", f"{address}.entities", name, things, by=by)
     yield from _iter_form_problems(address, stream, Signal(shape=(len(stream.entities), POSE_WIDTH)), 0, by)
 
 

@@ -134,4 +134,4 @@ def iter_frame_problems(
             if sensor.frame not in known:
                 address = f"sensors.yaml: sensors.{name}.frame"
                 by = f"skill {skill.skill}: needs.observations"
-                yield make_problem("FRAME_UNKNOWN", address, repr(sensor.frame), format_names(known), by)
+                yield Problem.unknown("frame", address, sensor.frame, known, by=by)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
-from phyagentos.errors import DefinitionError, Problem, format_names
+from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.settings.perception import Perception, read_perception
 from phyagentos.protocol.settings.runtime_contract import RuntimeContract, read_runtime_contract
 from phyagentos.protocol.settings.safety import TargetLimits, get_target_limits, read_safety
@@ -42,7 +42,7 @@ def read_settings(workspace: Workspace, target: str) -> Settings:
     if sensors is not None and contract is not None and contract.record is not None:
         at = f"{workspace.runtime_contract}: record.cameras"
         unknown = [name for name in contract.record.cameras if name not in sensors.cameras]
-        problems += [Problem("UNKNOWN_CAMERA", at, name, f"one of {format_names(sensors.cameras)}") for name in unknown]
+        problems += [Problem.unknown("camera", at, name, sensors.cameras) for name in unknown]
     if problems or limits is None or sensors is None or perception is None or contract is None:
         raise DefinitionError(problems)
     return Settings(limits=limits, sensors=sensors, perception=perception, contract=contract)

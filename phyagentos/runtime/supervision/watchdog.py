@@ -191,7 +191,7 @@ class Watchdog:
 
     def _turn_away(self, target: str, supervisor: TargetSupervisor | None) -> None:
         """Reject what waits for a target that is unknown or given up."""
-        problem = Problem("TARGET_UNKNOWN", target, expected="a target of TARGETS.md")
+        problem = Problem("UNKNOWN_NAME", target, expected="a target of TARGETS.md", kind="target")
         if supervisor is not None:
             problem = Problem("TARGET_UNAVAILABLE", target, supervisor.explain_failure())
         while session := self._queues.take(target):

@@ -10,7 +10,6 @@ import io
 import os
 import select
 import signal
-import subprocess
 import sys
 import threading
 from collections.abc import Callable, Sequence
@@ -19,6 +18,7 @@ from pathlib import Path
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
+from phyagentos.fork_server import PythonProcess, start_python
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, find_sole, is_held
 from phyagentos.runtime.channel import Link
 from phyagentos.runtime.targets.handshake import grant
@@ -48,17 +48,10 @@ def read_lines(on_line: Callable[[bytes], None]) -> None:
             on_line(line)
 
 
-def start_child(command: Sequence[str], log: Path, pass_fds: Sequence[int] = ()) -> subprocess.Popen[bytes]:
+def start_child(command: Sequence[str], log: Path, pass_fds: Sequence[int] = ()) -> PythonProcess:
     """Start `python COMMAND` in a process group of its own, with a pipe as input and its output in a log."""
     with log.open("ab") as output:  # the child has its own
-        return subprocess.Popen(
-            [sys.executable, *command],
-            stdin=subprocess.PIPE,
-            stdout=output,
-            stderr=output,
-            start_new_session=True,
-            pass_fds=tuple(pass_fds),
-        )
+        return start_python(command, output, has_input=True, pass_fds=pass_fds)
 
 
 def end_when_unwatched(root: Path, clock: Clock, on_line: Callable[[bytes], None] = lambda _line: None) -> None:
@@ -81,7 +74,7 @@ class WorldProcess:
 
     def __init__(self, command: Sequence[str], lock: Path, log: Path) -> None:
         self._command, self._lock, self._log = tuple(command), lock, log
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: PythonProcess | None = None
         self._pidfd = -1
         self.start()
 

@@ -161,7 +161,7 @@ class AgentLoopRuntime:
     def _invoke(self, call: AgentCall) -> None:
         """Begin a tool whose call has no problem."""
         if call.tool not in self.tools:
-            raise DefinitionError.unknown("UNKNOWN_TOOL", f"turn {self._turn}: tool", call.tool, self.tools)
+            raise DefinitionError.unknown("tool", f"turn {self._turn}: tool", call.tool, self.tools)
         skill, session = self.tools[call.tool], self.context.session
         defaults = {name: each.default for name, each in skill.parameters.items() if each.default is not None}
         values = {**defaults, **call.arguments}

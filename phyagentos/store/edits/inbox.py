@@ -89,7 +89,7 @@ def read_request(path: Path) -> tuple[form.Request, Located]:
     kind = located.data.get("kind") if isinstance(located.data, dict) else None
     if not isinstance(kind, str) or kind not in form.REQUESTS:
         found = repr(kind) if kind is not None else "no 'kind'"
-        raise DefinitionError(located.unknown("UNKNOWN_REQUEST", ("kind",), str(kind), form.REQUESTS, found))
+        raise DefinitionError(located.unknown("request", ("kind",), str(kind), form.REQUESTS, found))
     return convert_located(form.REQUESTS[kind], located), located
 
 

@@ -27,7 +27,7 @@ def proposals(folder):
 def refuse(function, *arguments, **more):
     with pytest.raises(DefinitionError) as refused:
         function(*arguments, **more)
-    return refused.value.problems[0].code
+    return refused.value.problems[0].label
 
 
 def decide(proposals, proposed, verdict="approved"):
@@ -88,7 +88,7 @@ def test_an_approval_of_other_bytes_is_none(proposals, folder):
 
 @pytest.mark.parametrize("name", ["../x", "x", "", "/etc/passwd", "tidy-0123456789abcdef/../y", "a" * 300, "tidy-\0"])
 def test_a_hostile_name_is_unknown(proposals, name):
-    assert refuse(proposals.read, name) == "UNKNOWN_PROPOSAL"
+    assert refuse(proposals.read, name) == "UNKNOWN_NAME (proposal)"
 
 
 def test_what_is_no_regular_small_text_is_refused(proposals, folder, tmp_path):

@@ -67,7 +67,7 @@ def test_a_tool_above_the_level_is_refused_and_never_called(make, calls):
 
 def test_an_unknown_tool_is_refused_with_those_that_there_are(make):
     problem = refuse(make(), "raed", {})
-    assert (problem.code, problem.hint) == ("UNKNOWN_TOOL", "Did you mean 'read'?")
+    assert (problem.label, problem.hint) == ("UNKNOWN_NAME (tool)", "Did you mean 'read'?")
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_an_unknown_tool_is_refused_with_those_that_there_are(make):
         ({"name": "a", "times": "2"}, "INVALID_VALUE"),
         ({"name": "a", "times": True}, "INVALID_VALUE"),
         ({}, "MISSING_KEY"),
-        ({"name": "a", "level": "submit"}, "UNKNOWN_KEY"),
+        ({"name": "a", "level": "submit"}, "UNKNOWN_NAME (key)"),
         (["a"], "WRONG_TYPE"),
         ({"name": "\ud800"}, "INVALID_PARAMETER"),
         ({"name": "a" * (1 << 20)}, "TOO_LARGE"),
@@ -85,7 +85,7 @@ def test_an_unknown_tool_is_refused_with_those_that_there_are(make):
     ],
 )
 def test_arguments_that_do_not_fit_are_refused(make, arguments, code):
-    assert refuse(make(), "read", arguments).code == code
+    assert refuse(make(), "read", arguments).label == code
 
 
 def test_an_answer_and_a_failure_are_recorded(make, calls):

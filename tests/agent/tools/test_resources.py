@@ -67,7 +67,7 @@ def test_of_evidence_the_latest_is_listed_and_all_is_read(workspace):
 def test_nothing_else_can_be_read(workspace, uri):
     with pytest.raises(DefinitionError) as refused:
         read_resource(workspace, uri)
-    assert refused.value.problems[0].code == "UNKNOWN_RESOURCE"
+    assert refused.value.problems[0].label == "UNKNOWN_NAME (resource)"
 
 
 def test_a_file_that_became_a_link_after_it_was_found_is_not_read(workspace, monkeypatch):

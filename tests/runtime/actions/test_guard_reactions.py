@@ -378,7 +378,9 @@ def test_a_list_where_one_number_is_meant_is_refused_at_load(write_safety, name,
 def test_a_reaction_to_what_the_guard_never_finds_is_refused_at_load(write_safety):
     path = write_safety()
     path.write_text(path.read_text() + "    reactions: {JOINT_VELOCTIY: stop_category_1, DEADMAN: refuse}\n")
-    with pytest.raises(DefinitionError, match=r"UNKNOWN_KEY: found 'JOINT_VELOCTIY'.*Did you mean 'JOINT_VELOCITY'"):
+    with pytest.raises(
+        DefinitionError, match=r"UNKNOWN_NAME \(key\): found 'JOINT_VELOCTIY'.*Did you mean 'JOINT_VELOCITY'"
+    ):
         read_safety(path)
 
 

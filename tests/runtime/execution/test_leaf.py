@@ -156,7 +156,9 @@ def test_an_unknown_leaf_is_refused_with_the_nearest_name():
     registry = LeafRegistry()
     registry.register("twice", Twice)
 
-    with pytest.raises(DefinitionError, match=r"UNKNOWN_LEAF: found 'twic'; expected twice. Did you mean 'twice'\?"):
+    with pytest.raises(
+        DefinitionError, match=r"UNKNOWN_NAME \(leaf\): found 'twic'; expected twice. Did you mean 'twice'\?"
+    ):
         registry.get("twic")
 
 

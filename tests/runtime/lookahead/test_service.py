@@ -115,7 +115,9 @@ def test_another_version_of_a_distrusted_forecaster_is_asked_again(make_case):
 
 
 def test_a_forecaster_that_is_not_installed_is_named_with_those_that_are():
-    with pytest.raises(DefinitionError, match=r"UNKNOWN_FORECASTER: found 'rollout'.*Did you mean 'rollouts'\?"):
+    with pytest.raises(
+        DefinitionError, match=r"UNKNOWN_NAME \(forecaster\): found 'rollout'.*Did you mean 'rollouts'\?"
+    ):
         find_forecaster("rollout")
 
 
@@ -123,7 +125,9 @@ def test_the_kit_of_rollouts_is_found_on_the_path_and_its_absence_names_the_comm
     assert find_forecaster("rollouts").module == "rollout_forecaster.forecaster"
 
     monkeypatch.setattr("phyagentos.protocol.capabilities.forecasters.find_spec", lambda _: None)
-    with pytest.raises(DefinitionError, match=r"UNKNOWN_FORECASTER: found 'rollouts'.* pip install .*/kits/rollouts"):
+    with pytest.raises(
+        DefinitionError, match=r"UNKNOWN_NAME \(forecaster\): found 'rollouts'.* pip install .*/kits/rollouts"
+    ):
         find_forecaster("rollouts")
     with pytest.raises(ValueError, match=r"pip install .*/kits/rollouts"):
         LookaheadSpec()

@@ -198,7 +198,7 @@ def test_a_hand_that_does_not_open_so_wide_is_told_with_the_opening_it_has(beak)
     ("old", "new", "code"),
     [
         ("model: beak.xml", "model: beek.xml", "MODEL_MISSING"),
-        ("joints: [shoulder, elbow]", "joints: [shoulder, elbo]", "UNKNOWN_JOINT"),
+        ("joints: [shoulder, elbow]", "joints: [shoulder, elbo]", "UNKNOWN_NAME (joint)"),
         ("home_rad: [0.2, 0.4]", "home_rad: [0.2]", "WRONG_LENGTH"),
         ("home_rad: [0.2, 0.4]", "home_rad: [2.2, 0.4]", "INVALID_VALUE"),
         ("body: lower, position_m: [0.0, 0.0, 0.19]", "body: lowr", "UNKNOWN_NAME"),
@@ -207,7 +207,7 @@ def test_a_hand_that_does_not_open_so_wide_is_told_with_the_opening_it_has(beak)
 )
 def test_what_a_profile_lacks_is_found(beak, old, new, code):
     assert check_profile(beak, Safety(targets={}))[0].code == "LIMITS_MISSING"
-    found = [problem.code for problem in check_profile(change(beak, old, new), Safety(targets={}))]
+    found = [problem.label for problem in check_profile(change(beak, old, new), Safety(targets={}))]
     assert code in found
 
 

@@ -258,7 +258,7 @@ def test_interpolated_poses_turn_and_move_evenly():
 def test_a_profile_that_names_an_absent_site_is_refused_with_the_known_ones(planner, profile_file):
     profile = planner.robot.profile.model_copy(update={"tcp": "tpc"})
 
-    with pytest.raises(DefinitionError, match=r"UNKNOWN_SITE: found 'tpc'.*Did you mean 'tcp'\?"):
+    with pytest.raises(DefinitionError, match=r"UNKNOWN_NAME \(site\): found 'tpc'.*Did you mean 'tcp'\?"):
         build_robot_model(profile, profile_file.parent)
 
 

@@ -193,7 +193,9 @@ def test_pixels_get_the_colour_of_the_thing_that_a_detector_finds_there(server, 
 
 
 def test_a_detector_that_nobody_registered_is_named_with_those_that_are():
-    with pytest.raises(DefinitionError, match=r"UNKNOWN_DETECTOR: found 'htpp'; expected http\. Did you mean 'http'\?"):
+    with pytest.raises(
+        DefinitionError, match=r"UNKNOWN_NAME \(detector\): found 'htpp'; expected http\. Did you mean 'http'\?"
+    ):
         open_detector("htpp", {})
 
 

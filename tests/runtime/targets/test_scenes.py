@@ -73,12 +73,14 @@ def test_a_broken_scene_is_told_with_line_and_nearest_name(tmp_path):
     path = tmp_path / "scenes" / "tabletop" / "test.yaml"
     path.parent.mkdir(parents=True)
     path.write_text(SCENE_TEXT)
-    with pytest.raises(DefinitionError, match=r"test.yaml:5:\d+: UNKNOWN_KEY: found 'plaec'") as caught:
+    with pytest.raises(DefinitionError, match=r"test.yaml:5:\d+: UNKNOWN_NAME \(key\): found 'plaec'") as caught:
         read_scene(path)
     assert "Did you mean 'place'?" in str(caught.value)
     assert "test.yaml:4" in str(caught.value)
     path.write_text(SCENE_TEXT.replace("plaec", "place").replace("[1, 1]", "[1, 1, 1]"))
-    with pytest.raises(DefinitionError, match=r"test.yaml:4:\d+: UNKNOWN_MATERIAL: found 'wod'; expected wood"):
+    with pytest.raises(
+        DefinitionError, match=r"test.yaml:4:\d+: UNKNOWN_NAME \(material\): found 'wod'; expected wood"
+    ):
         read_scene(path)
 
 

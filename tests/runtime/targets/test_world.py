@@ -68,7 +68,7 @@ def test_no_command_is_accepted_after_the_end_of_its_session(rig):
 
 def test_an_unknown_scene_is_refused_with_the_nearest_name(make_rig):
     reply = make_rig().load(scene="tabletop/cubes_and_tray")
-    assert reply.code == "UNKNOWN_SCENE"
+    assert reply.code == "UNKNOWN_NAME"
     assert "Did you mean 'tabletop/cubes_and_trays'?" in reply.message
 
 

@@ -67,11 +67,11 @@ class JudgeDefinition:
 def choose_judges(judges: Plugins[JudgeDefinition], names: Sequence[str], address: str) -> list[JudgeDefinition]:
     """Those of these names, in this order, each once.
 
-    Raises DefinitionError `UNKNOWN_JUDGE` for each name that is none; `BROKEN_PLUGIN`.
+    Raises DefinitionError `UNKNOWN_NAME` for each name that is none; `BROKEN_PLUGIN`.
     """
     known = judges.names()
     if unknown := [name for name in names if name not in known]:
-        raise DefinitionError([Problem.unknown("UNKNOWN_JUDGE", address, each, known) for each in unknown])
+        raise DefinitionError([Problem.unknown("judge", address, each, known) for each in unknown])
     return [judges.load(name, address) for name in dict.fromkeys(names)]
 
 

@@ -67,7 +67,9 @@ class ProjectionBridge(ActionBridge):
         undeclared = [j for j in source.joints if j not in target.joints and j not in source.drop]
         if undeclared:
             hint = format_hint(undeclared[0], target.joints) or "Name it under `drop` if it may be left out."
-            return Problem("JOINT_UNKNOWN", "joints", format_names(undeclared), format_names(target.joints), hint)
+            return Problem(
+                "UNKNOWN_NAME", "joints", format_names(undeclared), format_names(target.joints), hint, kind="joint"
+            )
         absent = [joint for joint in target.joints if joint not in source.joints]
         unplaced = [joint for joint in absent if joint not in source.fixed]
         if unplaced:

@@ -152,7 +152,7 @@ class FrameBridge(ActionBridge):
             return None
         for space in (source, target):
             if space.frame not in frames:
-                return Problem.unknown("FRAME_UNKNOWN", "frame", space.frame, frames)
+                return Problem.unknown("frame", "frame", space.frame, frames)
         transformation = np.linalg.inv(frames[target.frame]) @ frames[source.frame]
         transformation[:3, 3] /= METRES[source.length_unit]
         return cls(source, replace_space(source, frame=target.frame), transformation)

@@ -227,5 +227,5 @@ def make_locomotion(model: mujoco.MjModel, planar: PlanarBase, profile: TargetPr
     if base is None or base.kind not in LOCOMOTIONS:
         found = base.kind if base is not None else ""
         address = f"{profile.target}/target.yaml: base.kind"
-        raise DefinitionError([Problem.unknown("UNKNOWN_NAME", address, found, LOCOMOTIONS)])
+        raise DefinitionError([Problem.unknown("locomotion", address, found, LOCOMOTIONS)])
     return LOCOMOTIONS[base.kind](model, planar, base)

@@ -6,6 +6,7 @@ reason, or no frame with a code; never an error.
 
 import io
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import mujoco
 import numpy as np
@@ -17,24 +18,60 @@ from phyagentos.runtime.models.camera_model import Array, Lens, Viewpoint
 from phyagentos.runtime.targets.wire import Artefact, ToolResult
 
 _MAX_WIDTH, _MAX_HEIGHT = 1920, 1440
+_SHADOW_MAP = 2048  # pixels of its side
 _DRAWING = threading.Lock()  # robots of one world are served by a thread each
 _FAR = 0.99  # of the far plane: beyond it nothing was drawn
 
 
-def render_png(model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: int, height: int) -> ToolResult:
-    """One picture of a model's camera, as the artefact `picture.png`; without graphics none, with the reason."""
-    names = [model.camera(index).name for index in range(model.ncam)]
-    if camera not in names:
-        return ToolResult({}, f"no camera {camera!r}; there are {', '.join(names) or 'none'}")
-    width, height = min(width, _MAX_WIDTH), min(height, _MAX_HEIGHT)
-    _make_room(model, width, height)
-    try:
-        with _DRAWING, mujoco.Renderer(model, height, width) as renderer:
+class PictureRenderer:
+    """Pictures for people, of one world after another; graphics stay open, since to open them costs more than to draw.
+
+    They belong to the thread that opened them, so one thread draws for all that ask.
+    """
+
+    def __init__(self) -> None:
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="pictures")
+        self._renderer: mujoco.Renderer | None = None
+
+    def render(self, model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: int, height: int) -> ToolResult:
+        """One picture of a model's camera, as the artefact `picture.png`; without graphics none, with the reason."""
+        names = [model.camera(index).name for index in range(model.ncam)]
+        if camera not in names:
+            return ToolResult({}, f"no camera {camera!r}; there are {', '.join(names) or 'none'}")
+        size = (min(width, _MAX_WIDTH), min(height, _MAX_HEIGHT))
+        try:
+            pixels = self._thread.submit(self._draw, model, data, camera, *size).result()
+        except Exception as error:  # graphics drivers raise what they like
+            return ToolResult({}, f"{type(error).__name__}: {error}")
+        return ToolResult({"picture.png": Artefact("image/png", _encode(pixels))})
+
+    def _draw(
+        self, model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: int, height: int
+    ) -> NDArray[np.uint8]:
+        with _DRAWING:
+            kept = self._renderer
+            if kept is None or kept.model is not model or (kept.width, kept.height) != (width, height):
+                self._close()
+                kept = self._renderer = _open_renderer(model, width, height)
             mujoco.mj_camlight(model, data)
-            renderer.update_scene(data, camera, _make_options())
-            return ToolResult({"picture.png": Artefact("image/png", _encode(renderer.render()))})
-    except Exception as error:  # graphics drivers raise what they like
-        return ToolResult({}, f"{type(error).__name__}: {error}")
+            kept.update_scene(data, camera, _make_options())
+            return np.array(kept.render())
+
+    def _close(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+def _open_renderer(model: mujoco.MjModel, width: int, height: int) -> mujoco.Renderer:
+    """Graphics for pictures for people: coarser shadows than the model's, of which a processor draws more at once."""
+    _make_room(model, width, height)
+    finest = model.vis.quality.shadowsize
+    model.vis.quality.shadowsize = min(finest, _SHADOW_MAP)
+    try:
+        return mujoco.Renderer(model, height, width)
+    finally:
+        model.vis.quality.shadowsize = finest
 
 
 class GraphicsCaster:

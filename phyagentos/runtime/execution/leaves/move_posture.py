@@ -27,6 +27,6 @@ class MovePosture(MoveHome):
     @override
     def compose(self) -> MotionRequest | Status:
         if (name := self.read("posture")) not in self.context.profile.postures:  # of a tree that names it itself
-            return self.fail("UNKNOWN_POSTURE", f"the target has no posture {name!r}")
+            return self.fail("UNKNOWN_NAME", f"the target has no posture {name!r}")
         request, touched = super().compose(), self.find("ignore")
         return replace(request, ignore=(touched,)) if isinstance(request, PlanMove) and touched else request

@@ -7,7 +7,7 @@ from phyagentos.runtime.perception.detection.detector import Detector
 from phyagentos.runtime.perception.detection.http import open_http_detector
 
 Factory = Callable[[Mapping[str, str | float]], Detector]
-DETECTORS = Plugins[Factory]("phyagentos.detectors", {"http": open_http_detector}, unknown="UNKNOWN_DETECTOR")
+DETECTORS = Plugins[Factory]("phyagentos.detectors", {"http": open_http_detector}, noun="detector")
 
 
 def open_detector(name: str, settings: Mapping[str, str | float], address: str = "perception.yaml") -> Detector:

@@ -78,7 +78,7 @@ def test_joint_angles_arrive_in_radians_in_the_targets_order(target):
 @pytest.mark.parametrize(
     ("changes", "code", "address", "word"),
     [
-        ({"joints": (*JOINTS[:6], "joint_7")}, "JOINT_UNKNOWN", "joints", "Did you mean 'joint7'?"),
+        ({"joints": (*JOINTS[:6], "joint_7")}, "UNKNOWN_NAME (joint)", "joints", "Did you mean 'joint7'?"),
         ({"joints": JOINTS[:6]}, "JOINT_MISSING", "joints", "Give the position of joint7"),
         ({"joints": ("joint1",) * 7}, "ACTION_SPACE_INVALID", "source.joints", ""),
         ({"joints": ()}, "ACTION_SPACE_INVALID", "source.joints", ""),
@@ -93,7 +93,7 @@ def test_joint_angles_arrive_in_radians_in_the_targets_order(target):
 )
 def test_what_cannot_be_bridged_is_told_in_preflight(target, changes, code, address, word):
     (problem,) = compile_chain(build_source(**changes), target)
-    assert (problem.code, problem.address) == (code, address)
+    assert (problem.label, problem.address) == (code, address)
     assert word in problem.hint
 
 
@@ -122,12 +122,12 @@ def test_a_scale_is_a_factor_of_each_column_and_needs_one_for_each(target):
 
 @pytest.mark.parametrize(
     ("changes", "code"),
-    [({"frame": "camera"}, "FRAME_UNKNOWN"), ({"rotation": "euler"}, "ACTION_SPACE_INVALID")],
+    [({"frame": "camera"}, "UNKNOWN_NAME (frame)"), ({"rotation": "euler"}, "ACTION_SPACE_INVALID")],
 )
 def test_what_is_wrong_with_a_pose_is_told_too(changes, code):
     goal = ActionSpace(representation="tool_pose", rate_hz=50.0, chunk_length=100)
     (problem,) = compile_chain(ActionSpace(**POSE, **changes), goal)
-    assert problem.code == code
+    assert problem.label == code
 
 
 def test_a_clamp_without_a_range_is_a_problem():

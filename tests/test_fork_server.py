@@ -1,0 +1,127 @@
+"""Processes that a fork server starts behave as new interpreters do."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from phyagentos.fork_server import ADDRESS, FORKED_FOR, Fork, fork_server, start_python
+from tests.following import wait_until
+
+SHOWS = """
+import json, os, pathlib, sys
+facts = [sys.argv, os.getcwd(), os.getsid(0) == os.getpid(), os.environ["SAID"], sys.stdin.read()]
+os.write(int(sys.argv[1]), json.dumps(facts).encode())
+print("printed"); print("wrong", file=sys.stderr)
+sys.exit(3)
+"""
+
+
+@pytest.fixture(scope="module")
+def address():
+    """Of a server that has loaded nothing; it serves where a test says so."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv(ADDRESS, raising=False)
+        with fork_server(["json"]):
+            yield os.environ[ADDRESS]
+
+
+@pytest.fixture(params=["interpreter", "fork"])
+def environment(request, address, tmp_path):
+    """What a child begins with; a module lies where it finds it."""
+    own = {name: value for name, value in os.environ.items() if name != ADDRESS}
+    return own | ({ADDRESS: address} if request.param == "fork" else {}) | {"SAID": request.param}
+
+
+def start(tmp_path, environment, source, *arguments, **options):
+    (tmp_path / "asked_for.py").write_text(source)
+    with (tmp_path / "log").open("ab") as log:
+        command = ["-m", "asked_for", *map(str, arguments)]
+        child = start_python(command, log, environment=environment, folder=tmp_path, **options)
+    assert isinstance(child, Fork) == (environment["SAID"] == "fork")
+    return child
+
+
+def test_a_child_has_the_arguments_folder_environment_files_and_code_that_are_asked_for(tmp_path, environment):
+    reads, writes = os.pipe()
+    child = start(tmp_path, environment, SHOWS, writes, pass_fds=[writes], has_input=True)
+    os.close(writes)
+    child.stdin.write(b"a line")
+    child.stdin.close()
+    with os.fdopen(reads) as pipe:
+        said = pipe.read()
+    assert said.startswith(f'[["{tmp_path / "asked_for.py"}", "{writes}"], "{tmp_path}", true, "{environment["SAID"]}"')
+    assert said.endswith('"a line"]')
+    assert child.wait(60) == 3
+    assert child.poll() == 3
+    assert sorted((tmp_path / "log").read_text().split()) == ["printed", "wrong"]
+
+
+@pytest.mark.parametrize("end", ["terminate", "kill"])
+def test_it_ends_when_told_and_its_code_is_the_signal(tmp_path, environment, end):
+    child = start(tmp_path, environment, "import time; time.sleep(60)")
+    assert child.poll() is None
+    with pytest.raises(subprocess.TimeoutExpired):
+        child.wait(0.01)
+    getattr(child, end)()
+    assert child.wait(60) == -(signal.SIGTERM if end == "terminate" else signal.SIGKILL)
+
+
+def test_its_process_id_is_taken_until_the_one_who_asked_lets_it_go(tmp_path, environment):
+    child = start(tmp_path, environment, "")
+    if isinstance(child, Fork):
+        child.wait(60)  # subprocess frees it here
+    os.kill(child.pid, 0)
+    child.wait(60)
+
+
+def test_where_another_environment_is_asked_for_a_new_interpreter_starts(tmp_path, address):
+    other = os.environ | {ADDRESS: address, "PYTHONPATH": str(tmp_path), "SAID": "interpreter"}
+    assert start(tmp_path, other, "").wait(60) == 0
+
+
+def test_so_it_does_where_the_server_is_gone(tmp_path):
+    gone = os.environ | {ADDRESS: str(tmp_path / "nothing"), "SAID": "interpreter"}
+    assert start(tmp_path, gone, "").wait(60) == 0
+
+
+ENDS = """
+import os, sys, time
+from phyagentos.assembly.process_tuning import end_with
+assert end_with(int(sys.argv[1]))
+print("ready", flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_child_that_ends_with_the_one_who_asked_does(tmp_path, environment):
+    (tmp_path / "asked_for.py").write_text(ENDS)
+    asks = (
+        "import os, sys, time; from phyagentos.fork_server import start_python;"
+        f"child = start_python(['-m', 'asked_for', str(os.getpid())], open({str(tmp_path / 'log')!r}, 'wb'));"
+        "print(child.pid, flush=True); time.sleep(60)"
+    )
+    asker = subprocess.Popen(
+        [sys.executable, "-c", asks], env=environment, cwd=tmp_path, stdout=subprocess.PIPE, text=True
+    )
+    pidfd = os.pidfd_open(int(asker.stdout.readline()))
+    wait_until(lambda: "ready" in (tmp_path / "log").read_text(), "the child")
+    asker.kill()
+    asker.communicate()
+    assert select.select([pidfd], [], [], 60.0)[0]
+    os.close(pidfd)
+
+
+def test_its_server_ends_with_the_block_and_its_folder_goes():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv(ADDRESS, raising=False)
+        with fork_server([]):
+            folder = Path(os.environ[ADDRESS]).parent
+            assert folder.exists()
+        assert not folder.exists()
+        assert ADDRESS not in os.environ
+        assert FORKED_FOR not in os.environ
