@@ -15,7 +15,7 @@ CONTEXT_TOO_LARGE    A token budget is too small for the head of a context and i
 CYCLE                Nodes wait for each other, or goal graphs or trees contain each other or themselves.
 EMPTY_FOREACH        A `foreach` names no value.
 FRONT_MATTER_MISSING A document does not begin with its front matter.
-INCLUDE_DIFFERS      An included goal graph has another scene, or calls another thing by a name.
+INCLUDE_DIFFERS      An included goal graph has another scene, or calls another object by a name.
 INVALID_CONTRACT     A session's contract lacks something or holds a value of the wrong kind.
 INVALID_ID           A request names an id with characters that no id may have.
 INVALID_LINE         A line of LOG.md is no event.
@@ -28,7 +28,7 @@ MISSING_KEY          A key that the format needs is missing.
 MISSING_PARAMETER    An argument that the skill needs is missing.
 MISSING_PORT         A port that the leaf or subtree needs is missing.
 MODEL_MISSING        A target names a model file that is not there.
-ALIKE                A goal names one of several things that look alike; a warning.
+ALIKE                A goal names one of several objects that look alike; a warning.
 NAME_MISMATCH        A name differs from that of its file or folder.
 NOTHING_SEEN         A node decides on what is seen, and no session before it sees anything.
 NOTHING_TO_ACCEPT    A node, or the goal, holds nothing by which it could be accepted.
@@ -40,7 +40,7 @@ NOT_A_PREDICATE      A condition of a tree is no predicate.
 NOT_A_WIRING         The ports of a node are no mapping.
 NOT_PLANNABLE        No plan is made for a predicate of this form.
 NOT_COMPARED         A number stands without a comparison, or a truth with one.
-NO_CANDIDATE         No skill and target together guarantee what is asked.
+NO_CANDIDATE         No skill and target together guarantee what is required.
 OVERLAP              Two bodies of a scene begin inside of each other, or one inside the robot.
 PREDICATE_SYNTAX     A predicate cannot be parsed.
 UNCLOSED_FENCE       Nothing closes a fenced block of a document.
@@ -133,7 +133,7 @@ PREFLIGHT = """
 ACTION_SPACE_INVALID     A description of an action space contradicts itself.
 NOT_OFFERED              The target does not offer an observation, action, capability or operation that is needed.
 CHUNK_LENGTH             A chunk is longer or shorter than the target takes.
-CLAMP_UNBOUNDED          A projection into range is asked for without a range.
+CLAMP_UNBOUNDED          A projection into range is requested without a range.
 CONTRACT_MISMATCH        runtime_contract.yaml counts on another period, step, rate or mode than the target.
 ENDPOINT_INVALID         The endpoint of a policy is no address.
 NOT_OBSERVED             An argument or a condition names what no observation has shown.
@@ -158,7 +158,7 @@ OBSERVATION_SHAPE        A policy takes an array of another shape than the senso
 OBSERVATION_UNIT         A policy takes another unit than the sensor gives.
 OPERATION_FORBIDDEN      runtime_contract.yaml does not permit an operation that the skill needs.
 OUT_OF_REACH             The session's object is beyond the arm's reach, for every grasp.
-OUTSIDE_WORKSPACE        Every way to do it would bring the tool beyond the workspace of safety.yaml.
+OUTSIDE_WORKSPACE        Every candidate would bring the tool beyond the workspace of safety.yaml.
 PARAMETER_INVALID        An argument of the contract is of the wrong type or out of range.
 POLICY_MISMATCH      A policy, or its server, is not as SKILL.md describes it, or is too slow for its chunks.
 POLICY_UNREACHABLE       No policy server answers.
@@ -189,17 +189,17 @@ RESOURCE_UNAVAILABLE    A resource that the session needs is held by a target th
 PLANNING = """
 IN_COLLISION            The arm, or every goal posture, touches something.
 NO_FREE_SITE            There is no free room at the destination.
-LOAD_LOST               What was to travel on a thing did not arrive with it.
-LOOKAHEAD_FAILED        The look-ahead that was asked for could not be carried out.
+LOAD_LOST               What was to travel on an object did not arrive with it.
+LOOKAHEAD_FAILED        The requested look-ahead could not be carried out.
 LOOKAHEAD_LOW           The chance of success that was foreseen is too low, so nothing was moved.
-NO_IK                   No joint posture reaches what is asked.
-NO_MODEL                The planner was asked before it was given a robot.
-NO_PATH_FOUND           No way between start and goals was found in the budget.
-NO_SLIDE                The thing to open or close neither slides nor turns.
+NO_IK                   No joint posture reaches the requested pose.
+NO_MODEL                The planner got a request before it was given a robot.
+NO_PATH_FOUND           No path between start and goals was found in the budget.
+NO_SLIDE                The object to open or close neither slides nor turns.
 NO_SPACE                The destination is too small for the object.
 TILT                    No carrying motion within the tilt limit was found.
-TOO_SHORT               The way to push is shorter than the fingers need.
-TOO_TALL                The thing to push is so tall that the palm would meet it, or the push topple it.
+TOO_SHORT               The push is shorter than the fingers need.
+TOO_TALL                The object to push is so tall that the palm would meet it, or the push topple it.
 TOO_WIDE                The object is wider than the gripper opens.
 UNKNOWN_ENTITY          A request names something that the world does not hold.
 """
@@ -238,10 +238,10 @@ EXECUTION_MISSING   The bundle does not record how the execution ended.
 NOT_JUDGED          A session has no verdict yet to which a judgement could be added.
 JUDGES_DISAGREE     One judge calls true what another calls false.
 JUDGE_FAILED        A judge gave no usable answer, and nothing else is open.
-MODEL_MALFORMED     A model's answer has another form than the one asked for.
+MODEL_MALFORMED     A model's answer has another form than the requested one.
 MODEL_REFUSED       A model's server answered with an error.
 MODEL_UNREACHABLE   A model did not answer in time.
-IMPOSSIBLE          This skill has no motion for what was asked; another one may.
+IMPOSSIBLE          This skill has no motion for this request; another one may.
 NO_PLAN             No motion was found.
 OBJECT_HIDDEN       The object is believed to exist and was not seen.
 OBJECT_MOVED        The object was not where it had been when the motion was planned.
@@ -254,7 +254,7 @@ UNKNOWN             None of the other causes.
 WITHOUT_EFFECT      The robot moved, the object did not."""
 
 HOPELESS = """
-AMBIGUOUS               The contract depends on which of several things that look alike is which.
+AMBIGUOUS               The contract depends on which of several objects that look alike is which.
 CANCELLED               An end was requested.
 CRITERIA_CONTRADICT     Two criteria exclude one another, so that no world meets the contract.
 NOTHING_CHANGED         No command was executed and nothing moved, although the skill reported success.
@@ -313,14 +313,14 @@ LATCH_UNWRITABLE        The disk takes no latch of the emergency stop, and has n
 LOG_UNWRITABLE          The target cannot write its receive log, so it accepts no command.
 MALFORMED               A message on the wire could not be read.
 NO_AUTHORITY            A command came without a claim.
-NO_GROUND_TRUTH         The ground truth was asked for, and is not offered.
+NO_GROUND_TRUTH         The ground truth was requested, and is not offered.
 NO_GRAPHICS             This machine cannot draw; sensors.yaml may have `backend: ray`.
 NO_STATE                Frames came before any state of the target.
-NO_SCENE                The target was asked before an episode began.
+NO_SCENE                The target got a request before an episode began.
 OUT_OF_SEQUENCE         A command's number does not follow the one before.
 PLANE_ENDED             The agent or the runtime ended before the verdict.
 PLANNER_LOST            The planner process died or broke its protocol.
-PROTOCOL_BROKEN         The target answered something that was not asked.
+PROTOCOL_BROKEN         The target sent an answer to no request.
 RUNNER_LOST             The worker died.
 RUNTIME_LOST            No runtime runs the sessions that the agent waits for.
 STALE_TOKEN             A command came under a claim that is no longer in force.

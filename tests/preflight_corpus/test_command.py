@@ -62,7 +62,7 @@ def test_a_goal_graph_is_refused_by_the_settings_of_a_workspace(tmp_path, worksp
     assert done.returncode == 3
     assert "tidy_table.red: would be REJECTED" in done.stdout
     assert "LIMIT_WIDER at safety.yaml: targets.panda.joint_velocity_max[0]" in done.stdout
-    assert "asked for by target panda: arm.velocity_rad_s" in done.stdout
+    assert "required by target panda: arm.velocity_rad_s" in done.stdout
     assert "3 of 3 would be rejected" in done.stderr
     assert not (workspace.logs / "receive-panda.jsonl").exists()
 
