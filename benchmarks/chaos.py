@@ -2,16 +2,13 @@
 
     python benchmarks/chaos.py --runs 200                    # both modes in turn, two runs side by side
     python benchmarks/chaos.py --runs 16 --mode realtime     # one attack of each kind on worlds that keep real time
-    python benchmarks/chaos.py --runs 10 --remote            # on a world that is served elsewhere, and on its network
 
 Agent, watchdog, worker, planner and world are each killed (`kill -9`), stopped for longer than the lease (SIGSTOP, then
 SIGCONT), or find the disk full: every write of that one process fails (RLIMIT_FSIZE is set to 0 from outside: EFBIG
 where a full disk gives ENOSPC, on the same paths); and, where a small tmpfs can be mounted, the workspace's own file
 system is filled up, so that all of them get ENOSPC at once. What dies of agent and watchdog is started again, as a
-service manager would; the disk has room again after some seconds. With `--remote` the target is served by another
-workspace over WebSocket (driver `remote`): the network between both delays, loses everything, or is cut, for longer
-than the lease; the served world is stopped for so long, or killed and started again; and the receive log there is
-judged, too. Then the goal must come to its end, and journal and receive log are judged. What is promised: no session is
+service manager would; the disk has room again after some seconds. Then the goal must come to its end, and
+journal and receive log are judged. What is promised: no session is
 carried out twice, no command is accepted after its session has left `running`, none stays open, every goal ends in
 success or in a failure with a coded cause, a success is one in the simulator's last state, no process is left over.
 """
@@ -47,8 +44,6 @@ from phyagentos.protocol.sessions.tasks import GoalStatus
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # the monitor lies with the tests
-
-import chaos_network  # noqa: E402 - its relay lies there, too
 
 from tests.monitors.silence import count_commands, find_violations  # noqa: E402 - see above
 
@@ -87,7 +82,6 @@ class Case:
     attack: str
     mode: str
     delay_s: float
-    is_remote: bool = False
     verdict: str = ""
     causes: list[str] = field(default_factory=list)
     problems: Counter[str] = field(default_factory=Counter)
@@ -109,15 +103,10 @@ def run_case(case: Case, folder: Path, keep: Path | None, clock: Clock) -> None:
         has_disk = case.victim == "everybody" and stack.enter_context(small_disk(folder, DISK_MB))
         root = folder / "w"
         graph = prepare(root, GRAPH, LEASE_S, HEARTBEAT_S)
-        served = stack.enter_context(chaos_network.serve_elsewhere(root, case.mode)) if case.is_remote else None
         planes = Planes(root, graph, case.number, clock, case.mode)
         try:
             wait_for_submission(planes, clock)
-            if served is not None and (case.victim, case.attack) in chaos_network.CELLS:
-                wait(planes, case.delay_s, clock)
-                served.attack(case.attack, lambda: wait(planes, STOP_S, clock))
-            else:
-                attack(case, planes, clock, has_disk=has_disk)
+            attack(case, planes, clock, has_disk=has_disk)
             while not planes.tend() and clock.now_s() - began_s < LIMIT_S:
                 clock.sleep(0.1)
             settle(planes, clock)
@@ -129,8 +118,7 @@ def run_case(case: Case, folder: Path, keep: Path | None, clock: Clock) -> None:
         goal, sessions = planes.read_goal()
         judge(case, goal, sessions)
         judge_world(case, root, sessions)
-        for each in (root, served.root) if served is not None else (root,):
-            judge_log(case, each)
+        judge_log(case, root)
         if keep is not None and (case.problems or case.verdict != "success"):
             shutil.copytree(folder, keep / f"{case.number}", dirs_exist_ok=True)
     shutil.rmtree(folder, ignore_errors=True)
@@ -287,28 +275,18 @@ def main(
     at_once: Annotated[int, Option("--at-once", "--jobs", help="runs side by side, each in its workspace")] = 2,
     mode: Annotated[Literal[*MODES, "both"], Option(help="how the worlds keep time")] = "both",
     only: Annotated[list[str], Option(help="victims or attacks; others are left out")] = (),
-    remote: Annotated[bool, Option(help="a target that another workspace serves over WebSocket")] = False,
     keep: Annotated[Path | None, Option(help="where workspaces of goals that were not met are copied to")] = None,
 ) -> int:
     """Attack, show, and exit with whether every promise was kept."""
     console, clock = Console(stderr=True), SystemClock()
-    possible = (*chaos_network.CELLS, *(cell for cell in CELLS if cell[0] != "world")) if remote else CELLS
-    cells = [cell for cell in possible if not only or {*only} & {*cell}]
+    cells = [cell for cell in CELLS if not only or {*only} & {*cell}]
     moments = np.random.default_rng(seed).uniform(0.0, 1.0, runs)
     modes = MODES if mode == "both" else (mode,)
     cases = []
     for index, moment in enumerate(moments):
         victim, kind = cells[index % len(cells)]
         mode = modes[sum(divmod(index, len(cells))) % len(modes)]  # each cell in every mode, modes side by side
-        case = Case(
-            1000 * seed + index,
-            victim,
-            kind,
-            mode,
-            delay_s=SPREAD_S[mode] * float(moment),
-            is_remote=remote,
-        )
-        cases.append(case)
+        cases.append(Case(1000 * seed + index, victim, kind, mode, delay_s=SPREAD_S[mode] * float(moment)))
     with tempfile.TemporaryDirectory(prefix="chaos-") as scratch:
 
         def run(case: Case) -> None:

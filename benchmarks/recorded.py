@@ -88,9 +88,9 @@ def open_stand(robot: Robot, planner: LocalPlanner, faults: FaultFile, folder: P
         yield SkillStand(folder, target=target, clock=SystemClock(), **how)
 
 
-def open_robot(target: str = "panda", *projects: Path) -> Robot:
-    """The shipped robot with the shipped limits; scenes also of other projects."""
-    library = Library.open(*projects)
+def open_robot(target: str = "panda") -> Robot:
+    """A shipped robot with the shipped limits."""
+    library = Library.open()
     profile, folder = read_profile(library.get_target(target))
     own = folder / "safety.yaml"
     limits = read_safety(own if own.exists() else find_shipped_root() / "protocol" / "safety.yaml").targets[target]

@@ -1,4 +1,4 @@
-"""What the protocol store costs: CPU, waits for the disk, latency, start, memory, and claims under contention.
+"""What the protocol store costs: CPU, waits for the disk, latency of a transition, start and memory.
 
     python benchmarks/store.py            # some four minutes
     python benchmarks/store.py --quick    # small numbers, for a look
@@ -12,11 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from store_parts.claims import CLAIMERS, measure_claims
 from store_parts.cost import count_waits, measure_cpu
-from store_parts.events import measure_events
 from store_parts.sessions import open_pair, scratch, store_many
-from store_parts.start import measure_life, measure_start, measure_statechart
+from store_parts.start import measure_start
 from store_parts.transitions import measure_transitions
 from typer import Option
 
@@ -30,15 +28,6 @@ ASKED = {
     "transition_p50_growth": Ask(1.2, at_least=False),
     "start_ms_above_interpreter": Ask(100, at_least=False),
     "start_bytes_per_known_session": Ask(1000, at_least=False),
-    "lived_bytes_per_known_session": Ask(1000, at_least=False),
-    "statechart_models_mb": Ask(100, at_least=False),
-    "claims_double": Ask(0, at_least=False),
-    "claims_lost": Ask(0, at_least=False),
-    "claims_per_s": Ask(2000, at_least=True),
-    "claims_smallest_share": Ask(0.5, at_least=True),
-    "event_p50_ms": Ask(2, at_least=False),
-    "event_p99_ms": Ask(20, at_least=False),
-    "idle_cpu_percent": Ask(1, at_least=False),
 }
 
 
@@ -50,15 +39,10 @@ class Size:
     stored: tuple[int, ...]
     windows: int
     starts: int
-    models: int
-    claimed: int
-    events: int
-    polled: int
-    idle_s: float
 
 
-FULL = Size(3500, (0, 1000, 100_000), 15, 15, 100_000, 10_000, 500, 8, 12.0)
-QUICK = Size(350, (0, 100, 1000), 7, 3, 10_000, 3200, 30, 2, 1.0)
+FULL = Size(3500, (0, 1000, 100_000), 15, 15)
+QUICK = Size(350, (0, 100, 1000), 7, 3)
 
 
 def measure(size: Size) -> tuple[dict[str, float], list[Sequence[str]]]:
@@ -73,13 +57,8 @@ def measure(size: Size) -> tuple[dict[str, float], list[Sequence[str]]]:
                 journal.close()
             store_many(place, stored)
         figures |= measure_start(roots[max(roots)], roots[0], size.starts)
-        figures |= measure_statechart(root / "cpu", size.models)
-        figures |= measure_life(root / "life", max(size.stored))
         transitions, rows = measure_transitions(roots, size.windows)
-        figures |= transitions
-        figures |= measure_claims(root / "claims", size.claimed)
-        figures |= measure_events(root / "events", size.events, size.polled, size.idle_s)
-    return figures, rows
+    return figures | transitions, rows
 
 
 def main(*, quick: Annotated[bool, Option(help="Small numbers; only the counts mean anything.")] = False) -> int:
@@ -88,8 +67,7 @@ def main(*, quick: Annotated[bool, Option(help="Small numbers; only the counts m
     figures, rows = measure(size)
     columns = ("sessions stored", "p50 (ms)", "p50 (bare waits)", "p99 (bare waits)")
     show(f"durable transitions; bare fdatasync p50: {figures['fdatasync_p50_ms']:.3f} ms", columns, rows)
-    title = f"the store; {CLAIMERS} claimers, {size.claimed} sessions, {max(size.stored)} archived"
-    show_figures(title, figures, ASKED)
+    show_figures(f"the store; {max(size.stored)} sessions archived", figures, ASKED)
     return finish(figures, ASKED)
 
 

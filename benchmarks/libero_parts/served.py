@@ -57,7 +57,6 @@ def serve(
     profile: TargetProfile,
     scene: str,
     outcomes: Path,
-    module: str = "target_server.libero_body",
     *,
     draws: bool = False,
 ) -> Iterator[Server]:
@@ -76,7 +75,7 @@ def serve(
     }
     with outcomes.with_suffix(".log").open("ab") as log:
         process = subprocess.Popen(
-            [python, "-m", module],
+            [python, "-m", "target_server.libero_body"],
             env={"MUJOCO_GL": "egl"} | os.environ | {"PYTHONPATH": f"{KIT}{os.pathsep}{ROOT}"},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

@@ -99,7 +99,7 @@ def run_watch(
     sense: Sensing | None = None,
     outlived: bool = True,
 ) -> None:
-    """The runtime plane: supervise until interrupted; raises `WATCHED_ALREADY`.
+    """The runtime plane: supervise until interrupted; raises `BUSY`.
 
     `faults`, `world_mode` and `sense` are written into the workspace; None leaves what is declared there. With
     `once_idle` it ends when every goal has its verdict. With `outlived`, worlds wait for another watchdog when this one
@@ -108,7 +108,7 @@ def run_watch(
     workspace, clock = open_project(root), SystemClock()
     with serve_alone(workspace, clock) if outlived else contextlib.nullcontext():  # else the parent does
         lock, busy = workspace.root / WATCHDOG_LOCK, "another watchdog supervises this workspace"
-        become_sole(lock, clock, "WATCHED_ALREADY", busy, patience_s=STOP_S)  # that of a command that died is ending
+        become_sole(lock, clock, "BUSY", busy, patience_s=STOP_S)  # that of a command that died is ending
         declare_world(workspace, faults, world_mode, sense)
         try:
             _supervise(workspace, clock, pictures=pictures, once_idle=once_idle, outlived=outlived)

@@ -76,7 +76,7 @@ def estop(root: Path | None = None, *, reason: str = "", by: str = "paos estop")
 
 
 def reset_estop(root: Path, *, reason: str) -> Stopped:
-    """Let the targets of a workspace move again; raises DefinitionError `NOT_LATCHED`, `REASON_MISSING`."""
+    """Let the targets of a workspace move again; raises DefinitionError `NOT_LATCHED`, `MISSING_VALUE`."""
     kept = latches.reset(Workspace.open(root, _WRITTEN).signals.parent, reason, SystemClock())
     return Stopped(requests=(StopRequest(workspace=str(root), kind="reset", file=str(kept)),))
 

@@ -88,7 +88,7 @@ def apply_retention(
     """Thin what the policy allows, finish an interrupted clean-up, and drop large files that no bundle needs.
 
     `goes_on` is asked before each bundle is read, measured, chosen or thinned; once it is False the clean-up ends.
-    Raises ExecutionError: `EVIDENCE_BUSY` while another clean-up runs; `EVIDENCE_UNWRITABLE`, after which every bundle
+    Raises ExecutionError: `BUSY` while another clean-up runs; `EVIDENCE_UNWRITABLE`, after which every bundle
     still names its files and the next clean-up goes on.
     """
     if dry_run:
@@ -97,7 +97,7 @@ def apply_retention(
         with FileLock(workspace.evidence / _LOCK, timeout=0):
             return _Cleaning(workspace, policy, clock, goes_on).run(dry_run=False)
     except Timeout as error:
-        raise ExecutionError("EVIDENCE_BUSY", f"another clean-up of {workspace.evidence} is under way") from error
+        raise ExecutionError("BUSY", f"another clean-up of {workspace.evidence} is under way") from error
     except OSError as error:
         raise ExecutionError("EVIDENCE_UNWRITABLE", f"{error}; run it again when that is mended") from error
 

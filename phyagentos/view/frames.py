@@ -24,7 +24,7 @@ class SeenFrame:
 
 
 def read_frames(bundle: Bundle) -> list[SeenFrame]:
-    """In the order of their looks; raises ExecutionError `LOOK_MISSING`, `EVIDENCE_UNREADABLE`."""
+    """In the order of their looks; raises ExecutionError `EVIDENCE_DAMAGED`."""
     windows: dict[str, dict[str, Window]] = defaultdict(dict)
     for world in (bundle.before, bundle.after):
         for entity in world.entities.values() if world is not None else ():

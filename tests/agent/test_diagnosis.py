@@ -6,12 +6,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from benchmarks.diagnosis_parts.refusals import classify_refusal
 from phyagentos.agent.judging.causes import Cause, CauseClass
 from phyagentos.agent.judging.diagnosis import diagnose, diagnose_after_looking
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage
-from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Execution
 from phyagentos.protocol.sessions.trace import Role, TraceEvent
@@ -192,7 +190,7 @@ JUDGING = [
     ),
     ([IN_TRAY, criterion(IN_TRAY.text, Truth.FALSE, "vision")], Cause.JUDGES_DISAGREE),
     (
-        [IN_TRAY, criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", failure="MODEL_UNREACHABLE")],
+        [IN_TRAY, criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", failure="MODEL_FAILED")],
         Cause.JUDGE_FAILED,
     ),
     ([IN_TRAY, criterion("scorer", Truth.UNKNOWN, "scorer", failure="JUDGE_FAILED")], Cause.JUDGE_FAILED),
@@ -213,7 +211,7 @@ def test_a_verdict_that_its_own_judges_prevent_is_the_verifiers(criteria, cause)
         [IN_TRAY, criterion(IN_TRAY.text, Truth.UNKNOWN, "vision")],
         [
             criterion(IN_TRAY.text, Truth.FALSE),
-            criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", failure="MODEL_UNREACHABLE"),
+            criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", failure="MODEL_FAILED"),
         ],
         [IN_TRAY, criterion("not moved(red_cube)", Truth.FALSE, "hold")],
         [criterion("inside(red_cube, red_tray) or not inside(red_cube, blue_tray)", Truth.FALSE)],
@@ -256,19 +254,6 @@ def test_an_absent_thing_is_gone_unless_it_had_been_taken_hold_of():
     assert ask(make_bundle(remove(make_world(), "red_cube"), code="GRASP_MISSED")).cause is Cause.OBJECT_GONE
     lost = ask(make_bundle(remove(make_world(), "red_cube"), Stage.LIFTED, code="GRASP_LOST"))
     assert lost.cause is Cause.GRASP_LOST
-
-
-@pytest.mark.parametrize(
-    ("code", "kind"),
-    [
-        ("NOT_OFFERED", CauseClass.ADAPTER),
-        ("SENSOR_RATE", CauseClass.PERCEPTION),
-        ("TOO_WIDE", CauseClass.PLANNING),
-    ],
-)
-def test_a_refusal_has_the_class_of_its_code(code, kind):
-    assert classify_refusal([Problem(code=code, address="skill")]) is kind
-    assert classify_refusal(()) is CauseClass.OTHER
 
 
 def test_what_a_hand_still_held_as_the_session_began_is_neither_moved_nor_gone_when_it_falls():

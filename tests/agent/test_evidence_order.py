@@ -63,21 +63,6 @@ def test_what_an_earlier_agent_judged_is_ordered_by_its_verdicts(evidence, order
     assert (evidence.all.initial.time_s, evidence.all.now.time_s) == (0.0, 4.0)
 
 
-def test_what_an_earlier_agent_judged_is_older_than_what_is_judged_now(evidence):
-    evidence.read(make_status("b"))
-    evidence.take_in(make_status("a", SessionState.SUCCEEDED, "2026-01-01T10:00:00Z"))
-
-    assert (evidence.all.initial.time_s, evidence.all.now.time_s) == (0.0, 4.0)
-
-
-def test_a_session_that_is_read_again_is_no_older_for_it(evidence):
-    for id in ("a", "b"):
-        evidence.read(make_status(id))
-    evidence.read(make_status("b", SessionState.REPLANNED, "2026-01-01T10:00:00Z"))
-
-    assert (evidence.all.initial.time_s, evidence.all.now.time_s) == (0.0, 4.0)
-
-
 def test_what_is_published_of_another_episode_says_nothing_about_this_one(tmp_path):
     (tmp_path / "ENVIRONMENT.md").write_text(render_environment(see(1.0)), encoding="utf-8")
     evidence = Evidence(tmp_path)

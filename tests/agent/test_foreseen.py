@@ -102,12 +102,6 @@ def test_means_that_cannot_be_had_leave_the_advice_without_them(make_stage, two,
     assert (attempt.skill, attempt.strategy, attempt.advised_by) == ("pick_and_place", SLOW, ("lesson-2",))
 
 
-def test_other_values_of_parameters_stand_in_the_contract(make_stage, two):
-    _, _, (attempt,) = pursue(make_stage, two, Means(parameters={"speed": 0.4, "of_no_skill": 1}))
-    assert attempt.parameters["speed"] == 0.4
-    assert "of_no_skill" not in attempt.parameters
-
-
 def test_nothing_is_prepared_beyond_the_budget_of_the_goal(make_stage, write_graph):
     graph = write_graph(GRAPH.replace("BUDGET", "budget: {sessions: 2}"))
     _, report, (attempt,) = pursue(make_stage, graph, Means(prepare=(CLEAR,)))
@@ -128,24 +122,6 @@ def test_before_anything_was_seen_a_look_comes_first(make_stage, write_graph):
         ("set_aside", "clear"),
         ("pick_and_place", ""),
     ]
-
-
-def test_an_agent_that_died_while_a_way_was_cleared_goes_on_with_the_attempt(make_stage, two):
-    stage = make_stage({"red": move_away}, world=crowd(make_table_world()))
-
-    class Killed(Exception):
-        pass
-
-    class Killer:
-        def on_change(self, goal, ledger):
-            if any(status.contract.purpose for status in ledger.sessions.values()):
-                raise Killed
-
-    with pytest.raises(Killed):
-        stage.make_mission(advisor=Told(Means(prepare=(CLEAR,))), observers=[stage.runtime, Killer()]).run(two, seed=7)
-    report = stage.make_mission(advisor=Told(Means(prepare=(CLEAR,)))).run(two, seed=7)
-    assert report.verdict == "success"
-    assert [s.skill for s in stage.runtime.ran if s.node == "red"] == ["set_aside", "pick_and_place"]
 
 
 def test_a_contract_by_other_means_keeps_conditions_and_limits(make_stage, write_graph):

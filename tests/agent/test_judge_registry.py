@@ -79,11 +79,6 @@ def make_verifier(tmp_path):
     return make
 
 
-def test_what_ships_is_registered_by_name():
-    assert JUDGES.names() == SHIPPED
-    assert [each.name for each in choose_judges(JUDGES, SHIPPED, "") if each.is_costly] == ["vision"]
-
-
 def test_a_judge_of_an_installed_package_is_found_and_weighed_like_the_own_ones(announce, make_verifier):
     announce()
     assert JUDGES.names() == sorted([*SHIPPED, "haste"])

@@ -96,15 +96,6 @@ def test_what_was_not_commanded_pressed_on_nothing():
     assert (force.truth, force.because) == (Truth.TRUE, "ALREADY_MET: no control period was commanded")
 
 
-def test_a_force_spike_of_one_period_counts(tmp_path):
-    force = np.zeros((ROWS, 2))
-    force[3, 1] = -41.0
-    write_trajectory(tmp_path, force_n=force)
-    spike = judge_metric("metric(peak_force_n) <= 40", tmp_path)
-    assert (spike.truth, spike.measured, spike.evidence) == (Truth.FALSE, {"peak_force_n": 41.0}, TRAJECTORY)
-    assert judge_metric("metric(peak_force_n) <= 42", tmp_path).truth is Truth.TRUE
-
-
 @pytest.mark.parametrize(
     ("text", "truth"),
     [
@@ -183,11 +174,6 @@ def test_no_rollouts_leave_no_criterion(tmp_path):
     assert LookaheadJudge().judge(make_bundle(DONE, session=ASKING, folder=tmp_path)) == []
 
 
-def test_a_prediction_that_nobody_asked_for_leaves_no_criterion(tmp_path):
-    write_lookahead(tmp_path)
-    assert LookaheadJudge().judge(make_bundle(DONE, folder=tmp_path)) == []
-
-
 def test_where_no_forecaster_was_fit_to_be_asked_look_ahead_has_nothing_to_say(tmp_path):
     worse = {"hasty/1": TrackRecord(cases=31, brier=0.4, base_brier=0.2)}
     write_json(tmp_path / LOOKAHEAD, LookaheadResult(samples=0, succeeded=0, threshold=0.7, withheld=worse))
@@ -235,11 +221,3 @@ def test_a_judgement_names_every_file_it_read_by_its_hash(tmp_path):
     assert {reference.file: reference.sha256 for reference in attempt.evidence} == {
         name: hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() for name in read
     }
-
-
-def test_a_file_longer_than_one_read_is_read_whole(tmp_path):
-    line = msgspec.json.encode(Event(time_s=0.0, kind="timing", details={"told": "x" * 100})) + b"\n"
-    (tmp_path / "events.jsonl").write_bytes(line * 1500)
-    bundle = read_bundle(tmp_path, make_session(), Execution(ended=Ended.COMPLETED, evidence="e"))
-    assert len(bundle.events) == 1500
-    assert bundle.references[0].sha256 == hashlib.sha256(line * 1500).hexdigest()

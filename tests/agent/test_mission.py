@@ -344,14 +344,6 @@ def test_the_goal_fails_when_its_own_acceptance_is_not_met_although_every_node_i
     assert "inside(blue_cube, blue_tray) is false" in report.reason
 
 
-def test_task_md_shows_the_verdict(make_stage, tidy):
-    stage = make_stage({"red": slip})
-    stage.pursue(tidy)
-    text = stage.workspace.task.read_text()
-    assert "tidy-7" in text
-    assert "success" in text
-
-
 def test_verdicts_are_covered_by_what_the_runtime_waits_for_and_the_end_is_waited_for_here(
     make_stage, tidy, monkeypatch
 ):

@@ -2,7 +2,6 @@
 
 import pytest
 
-from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.tasks import TASK, NodeState, Relation, iter_edges
 
@@ -50,26 +49,6 @@ def test_other_skills_make_up_for_a_node_that_no_alternative_repairs(make_stage,
     relations = {(edge.before, edge.step): edge.relation for edge in iter_edges(goal)}
     assert relations["red", TAKEN] is Relation.ON_FAILURE
     assert TAKEN in (stage.workspace.root / TASK.file).read_text()
-
-
-@pytest.mark.slow
-def test_a_restarted_agent_goes_on_with_the_planned_nodes_and_the_same_graph(make_stage, row):
-    stage = make_stage({"red": no_way, "red.r1": no_way})
-    begun = stage.runtime._run
-
-    def pause_at_the_plan(session):
-        stage.runtime.paused = session.node == TAKEN
-        if not stage.runtime.paused:
-            begun(session)
-
-    stage.runtime._run = pause_at_the_plan
-    with pytest.raises(ExecutionError, match="RUNTIME_LOST"):
-        stage.make_mission(is_runtime_alive=lambda _: False).run(row, seed=7)
-    stage.runtime._run, stage.runtime.paused = begun, False
-    stage.runtime.on_change(None, None)
-
-    assert stage.make_mission().run(row, seed=7).verdict == "success"
-    assert [session.node for session in stage.runtime.ran].count(TAKEN) == 1
 
 
 def test_a_goal_that_cannot_be_planned_ends_as_before(make_stage, write_graph):

@@ -5,9 +5,7 @@ are scrambled where the agent reads them, criteria and judgements where they are
 """
 
 import dataclasses
-import tarfile
 from enum import Enum
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -15,12 +13,9 @@ import numpy as np
 import pytest
 
 from phyagentos.agent.goals.catalogue import Catalogue
-from phyagentos.agent.judging import goal_judgement
 from phyagentos.agent.judging.causes import Cause, CauseClass
 from phyagentos.agent.judging.diagnosis import diagnose, diagnose_after_looking
-from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
-from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.agent.repair.clearing import propose_clearing
 from phyagentos.agent.repair.looking import propose_looking
 from phyagentos.agent.repair.other_means import propose_other_skill, propose_other_target
@@ -29,32 +24,13 @@ from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.codes import CODES
 from phyagentos.errors import Problem
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.store.journal import Journal
-from phyagentos.store.ledger import Ledger
-from phyagentos.testing import ManualClock
 
-from .conftest import add_skills, make_unmet, make_world
+from .conftest import make_world
 from .test_diagnosis import COURSES, JUDGING, criterion, make_bundle, moved
-from .test_recovery_missions import (
-    GRAPH,
-    MORE_SKILLS,
-    achieve_and_hide_green,
-    achieve_unseen,
-    be_blocked,
-    drop,
-    hide,
-    lose_runner,
-    make_table_world,
-    move_away,
-    see_again,
-    still_unseen,
-)
 from .test_repair import HEMMED_IN, HOLDING, NEAR, ROOT, make_box, make_case, met
 from .test_repair import make_table_world as make_repair_world
 
-STORED = Path(__file__).resolve().parents[1] / "cli" / "stored" / "tidy_table_0_1_0.tar.xz"
 TEXTS = {"message", "because", "reason", "detail"}
 OF_PROBLEMS = {"found", "expected", "hint", "triggered_by"}
 POOL = [*CODES, "visible(red_cube)", "holding(", "inside(red_cube, red_tray)", "MODEL_", "red_cube", "true", "moved"]
@@ -185,83 +161,3 @@ def test_a_repair_is_the_same_whatever_the_messages_say(generator, cause, facts,
 def find_means(revision):
     choice = revision.choice
     return choice and (choice.skill, choice.target, choice.parameters)
-
-
-@pytest.fixture
-def library(library):
-    return add_skills(library, MORE_SKILLS)
-
-
-def scramble_all(monkeypatch, babble):
-    """Every text that the agent reads, forms or prints."""
-    apply, read = Ledger.apply, goal_judgement.read_bundle
-    weigh, judge = SessionVerifier._weigh, SessionVerifier.judge
-
-    def apply_scrambled(self, record):
-        if record.to is None or record.ev != "submit":
-            record.__dict__["body"] = babble.scramble(record.body)
-        apply(self, record)
-
-    monkeypatch.setattr(Ledger, "apply", apply_scrambled)
-    monkeypatch.setattr(goal_judgement, "read_bundle", lambda *args, **more: babble.scramble(read(*args, **more)))
-    monkeypatch.setattr(
-        SessionVerifier, "_weigh", lambda self, *args: weigh(self, *args[:-1], babble.scramble(args[-1]))
-    )
-    monkeypatch.setattr(SessionVerifier, "judge", lambda self, *args: babble.scramble(judge(self, *args)))
-    monkeypatch.setattr(Problem, "__str__", lambda self: babble.say())
-
-
-MISSIONS = {
-    "looked at": {"script": {"red": achieve_unseen, "red.r1": see_again}},
-    "never seen": {"script": {"red": achieve_unseen, "red.r1": still_unseen, "red.r2": still_unseen}},
-    "asked by the goal": {"script": {"red": achieve_and_hide_green, "green.r1": see_again}},
-    "resumed": {"script": {"green": lose_runner}},
-    "dropped": {"script": {"red": drop}},
-    "cleared": {"script": {"red": be_blocked, "red.r1": move_away}, "world": make_table_world()},
-    "refused, too wide": {"refuse": {"red": Problem(code="TOO_WIDE", address="dry run")}},
-    "refused, no target": {"refuse": {"red": Problem(code="TARGET_UNAVAILABLE", address="panda")}},
-    "refused, on paper": {"refuse": {"red": Problem(code="NOT_OFFERED", address="skill")}},
-    "refused, foreseen": {"refuse": {"red": Problem(code="LOOKAHEAD_LOW", address="look-ahead")}},
-    "refused, not seen": {"refuse": {"red": make_unmet("visible(red_cube)")}, "world": hide(make_world(), "red_cube")},
-    "refused, not held": {"refuse": {"red": make_unmet("holding(target, red_cube)")}},
-}
-
-
-def tell_mission(report):
-    ledgers = [
-        (each.id, each.state, each.skill, each.target, each.ended, each.verdict, each.cause, each.code, each.criteria)
-        for each in report.sessions
-    ]
-    told = [(*row[:-1], [(one.text, one.kind, one.truth) for one in row[-1]]) for row in ledgers]
-    return report.verdict, report.exit_code, report.nodes, report.replans, told
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", MISSIONS)
-def test_a_mission_is_the_same_whatever_the_messages_say(name, make_stage, write_graph, tmp_path, monkeypatch):
-    graph = write_graph(GRAPH.replace("BUDGET", ""))
-    report = make_stage(**MISSIONS[name]).pursue(graph)
-    plain, reasons = tell_mission(report), {each.reason for each in report.sessions}
-    for seed in (1, 2):
-        (tmp_path / "workspace").rename(tmp_path / f"before {seed}")
-        with monkeypatch.context() as patches:
-            scramble_all(patches, Babble(seed))
-            report = make_stage(**MISSIONS[name]).pursue(graph)
-        assert tell_mission(report) == plain
-        assert {each.reason for each in report.sessions}.isdisjoint(reasons)
-
-
-def test_a_recorded_workspace_is_judged_the_same_whatever_its_messages_say(tmp_path, babble):
-    with tarfile.open(STORED) as archive:
-        archive.extractall(tmp_path, filter="data")
-    root = tmp_path / "tidy_table"
-    ledger = Journal(root, side=Side.OPERATOR, by="test", clock=ManualClock()).open_ledger()
-    causes = set()
-    for status in ledger.sessions.values():
-        bundle = Evidence(root).read(status)
-        history = History(max_replans=2)
-        plain = SessionVerifier().judge(bundle, history)
-        again = SessionVerifier().judge(babble.scramble(bundle), history)
-        assert (again.verdict, again.cause, again.kind) == (plain.verdict, plain.cause, plain.kind)
-        causes.add(plain.cause)
-    assert "GRASP_LOST" in causes

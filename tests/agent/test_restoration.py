@@ -248,20 +248,3 @@ def test_what_waits_for_a_restoration_that_fails_is_blocked_and_says_by_whom(mak
     assert report.nodes == {"green": "blocked", "blue": "done", "red": "blocked"}
     reason = stage.make_mission().ledger.goals["again-7"].nodes["red"].reason
     assert reason == "it waits for green, which is blocked"
-
-
-def test_an_agent_that_died_while_something_was_restored_comes_to_the_same_end(make_stage, row):
-    class Killed(Exception):
-        pass
-
-    class Killer:
-        def on_change(self, goal, ledger):
-            if any(status.contract.id.endswith("green.r1") for status in ledger.iter_pending()):
-                raise Killed
-
-    stage = make_stage({"red": slip_and_take_out("green_cube")})
-    with pytest.raises(Killed):
-        stage.make_mission(observers=[stage.runtime, Killer()]).run(row, seed=7)
-    report = stage.pursue(row)
-    assert report.verdict == "success"
-    assert get_order(stage) == ["green", "blue", "red", "green.r1", "red.r1"]

@@ -26,7 +26,6 @@ pytestmark = pytest.mark.journey
 
 ACTING = {
     "plain": {},
-    "no_replan": {"set": {"defaults.max_replans": 0}},
     "low": {"set": {"height_m": 0.005}},
     "strict": {"files": {"runtime_contract.yaml": {"verification.criteria": ["metric(ticks) <= 0"]}}},
     "realtime": {"world_mode": "realtime"},
@@ -34,7 +33,6 @@ ACTING = {
 }
 MODES = {  # of one step of three, what is said of the goal, and how its session ended
     "off": ("unverified", "unverified"),
-    "audit": ("failure", "succeeded"),
     "enforce": ("failure", "failed"),
 }
 
@@ -57,7 +55,6 @@ def check_settings(records):
 
     assert found == {
         "lift.plain.recovery.3": ("success", 3, True),
-        "lift.no_replan.recovery.3": ("failure", 1, False),
         "lift.low.recovery.3": ("success", 1, False),  # lower than the scorer asks: a false success
         "lift.strict.recovery.3": ("failure", 3, True),
         "lift.realtime.recovery.3": ("failure", 1, False),  # refused: a counter keeps no real time
@@ -99,7 +96,7 @@ def test_a_run_that_is_killed_goes_on_without_repeating_or_losing_an_episode(tmp
     is_busy = False
     while not 2 <= len(list(run.glob("episodes/*/workspace/workspace.yaml"))) == len(read_lines(run)) + 1:
         assert process.poll() is None
-        is_busy = is_busy or ((run / "episodes").exists() and "RUN_BUSY" in call(folder, "resume", "r", code=4).stderr)
+        is_busy = is_busy or ((run / "episodes").exists() and "BUSY" in call(folder, "resume", "r", code=4).stderr)
         assert time.monotonic() < deadline_s, "no second episode began"  # noqa: TID251
         time.sleep(0.01)  # noqa: TID251
     process.kill()
@@ -139,20 +136,18 @@ def read_lines(run):
 
 def test_passes_that_adapt_leave_memory_to_frozen_ones(tmp_path):
     passes = {
-        "learn": {"memory": "adapting", "seeds": [0, 1]},
+        "learn": {"memory": "adapting", "seeds": [0]},
         "after": {"memory": "frozen"},
         "emptied": {"memory": "emptied"},
     }
     folder = make_project(tmp_path / "p", passes=passes, seeds=[5])
     call(folder, "run", "suite.yaml", "-r", "r", "-j", 2)
     records = read_episodes(folder / "r")
-    first, second, after, emptied = (
-        records[id] for id in ("learn.lift.0", "learn.lift.1", "after.lift.5", "emptied.lift.5")
-    )
+    first, after, emptied = (records[id] for id in ("learn.lift.0", "after.lift.5", "emptied.lift.5"))
 
-    sizes = [measure_experience(folder / "r" / each["folder"]) for each in (emptied, first, second, after)]
-    assert sizes[0] == 0 < sizes[1] < sizes[2] == sizes[3], "each learns on top of the one before, frozen ones read"
-    assert after["memory_before"] == after["memory_after"] == second["memory_after"]
+    sizes = [measure_experience(folder / "r" / each["folder"]) for each in (emptied, first, after)]
+    assert sizes[0] == 0 < sizes[1] == sizes[2], "an adapting one learns, frozen ones read"
+    assert after["memory_before"] == after["memory_after"] == first["memory_after"]
     assert emptied["memory_before"] == first["memory_before"]
 
 

@@ -76,18 +76,33 @@ def test_of_two_axes_that_say_the_same_the_later_one_is_heard():
 
 MISTAKES = {
     "a graph": ({"tasks": {"tidy": {**TIDY, "graph": "tidy_tabel"}}}, "UNKNOWN_NAME (file)", 5, "tidy_table"),
-    "a condition": ({"tasks": {"tidy": {**TIDY, "score": {"red": {"in_trey": []}}}}}, "UNKNOWN_NAME", 8, "in_tray"),
-    "its arguments": ({"tasks": {"tidy": {**TIDY, "score": {"red": {"in_tray": ["x"]}}}}}, "WRONG_ARGUMENTS", 8, ""),
+    "a condition": (
+        {"tasks": {"tidy": {**TIDY, "score": {"red": {"in_trey": []}}}}},
+        "UNKNOWN_NAME (condition)",
+        8,
+        "in_tray",
+    ),
+    "its arguments": ({"tasks": {"tidy": {**TIDY, "score": {"red": {"in_tray": ["x"]}}}}}, "INVALID_VALUE", 8, ""),
     "a scorer": ({"scorer": "simulater"}, "UNKNOWN_NAME (scorer)", 13, "simulator"),
     "a repair": ({"common": {"repair": "repare"}}, "UNKNOWN_NAME (repair policy)", 15, "repair"),
     "a module": ({"common": {"repair": "no_such_module:Repair"}}, "UNKNOWN_NAME (repair policy)", 15, ""),
     "faults": ({"settings": {"x": {"faults": "one_randon"}}}, "UNKNOWN_NAME (file)", 16, "one_random"),
-    "an axis": ({"asked": [{"figure": "final", "where": {"tusk": "tidy"}, "at_least": 1}]}, "UNKNOWN_NAME", 17, "task"),
-    "a value": ({"asked": [{"figure": "final", "where": {"task": "tidi"}, "at_least": 1}]}, "UNKNOWN_NAME", 17, "tidy"),
-    "no bound": ({"asked": [{"figure": "final"}]}, "MISSING_KEY", 15, ""),
+    "an axis": (
+        {"asked": [{"figure": "final", "where": {"tusk": "tidy"}, "at_least": 1}]},
+        "UNKNOWN_NAME (axis)",
+        17,
+        "task",
+    ),
+    "a value": (
+        {"asked": [{"figure": "final", "where": {"task": "tidi"}, "at_least": 1}]},
+        "UNKNOWN_NAME (task)",
+        17,
+        "tidy",
+    ),
+    "no bound": ({"asked": [{"figure": "final"}]}, "MISSING_VALUE", 15, ""),
     "a key": ({"common": {"sens": "truth"}}, "UNKNOWN_NAME (key)", 15, "sense"),
-    "an environment": ({"common": {"environment": "libero"}}, "UNKNOWN_NAME", 15, ""),
-    "a file": ({"common": {"files": {"safty.yaml": {}}}}, "UNKNOWN_NAME", 16, "safety.yaml"),
+    "an environment": ({"common": {"environment": "libero"}}, "UNKNOWN_NAME (environment)", 15, ""),
+    "a file": ({"common": {"files": {"safty.yaml": {}}}}, "UNKNOWN_NAME (settings file)", 16, "safety.yaml"),
     "its value": ({"common": {"files": {"perception.yaml": {"sensing": "lies"}}}}, "INVALID_VALUE", 17, ""),
     "an override": ({"common": {"set": {"targets.arn": "panda"}}}, "UNKNOWN_NAME (role)", 0, ""),
 }
@@ -235,7 +250,7 @@ def test_every_cause_of_a_verdict_has_a_kind_of_failure():
     assert kinds[Cause.OBJECT_HIDDEN] is Taxon.PERCEPTION
     assert kinds[Cause.GRASP_MISSED] is Taxon.EXECUTION
     assert classify_problems([Problem("NO_IK", "x")]) is Taxon.PLANNING
-    assert classify_problems([Problem("JOINT_MISSING", "x")]) is Taxon.ADAPTER
+    assert classify_problems([Problem("ACTION_SPACE_MISMATCH (joints)", "x")]) is Taxon.ADAPTER
     assert classify_problems([Problem("POLICY_MISMATCH", "x")]) is Taxon.POLICY
 
 

@@ -2,7 +2,6 @@
 
 import ast
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,10 +14,10 @@ from benchmarks.unseen_parts.figures import Tally, find_interval
 from benchmarks.unseen_parts.records import NodeRecord, SessionRecord, begin_record, mark_open
 from benchmarks.worlds import projects
 from benchmarks.worlds.cases import Case, Node
-from benchmarks.worlds.files import render_goal, render_scene
-from benchmarks.worlds.forms import KINDS, Form, Solid, find_euler, make_box, make_vessel, rotate
+from benchmarks.worlds.files import render_scene
+from benchmarks.worlds.forms import Form, Solid, make_box, make_vessel
 from benchmarks.worlds.goals import draw_case
-from benchmarks.worlds.rooms import Room, Thing, find_twin
+from benchmarks.worlds.rooms import Room, Thing
 from benchmarks.worlds.trials import draw as draw_trial
 from phyagentos.bench.records import EpisodeRecord
 from phyagentos.operations.lint import lint_paths
@@ -29,7 +28,7 @@ PURE = (
     *(f"oracle.{name}" for name in ("moment", "predicates", "acceptance", "conditions", "feasible", "skill_facts")),
 )
 
-CASES = [draw_case(seed) for seed in range(160)]
+CASES = [draw_case(seed) for seed in range(12)]
 
 
 def test_seed_gives_the_same_case_whatever_was_drawn_before():
@@ -46,40 +45,6 @@ def test_scenes_goals_and_faults_pass_lint(tmp_path):
     assert len(found.checked) == 18
 
 
-def test_all_twelve_kinds_and_all_sorts_of_nodes_and_faults_are_drawn():
-    kinds = {thing.form.kind for case in CASES for thing in case.room.movable}
-    assert len(KINDS) == 12
-    assert kinds == set(KINDS)
-    assert {node.skill for case in CASES for node in case.nodes} == {
-        "pick_and_place", "stack", "pick", "push", "set_aside", "inspect",
-    }  # fmt: skip
-    assert {fault["kind"] for case in CASES for fault in case.faults} == {
-        "slip", "nudge", "move", "remove", "stall", "freeze", "blackout", "misdate", "miscalibrate",
-    }  # fmt: skip
-    assert {len(case.nodes) for case in CASES} == {1, 2, 3, 4}
-
-
-def test_at_least_three_in_ten_goals_carry_a_fault_or_an_impossible_detail():
-    assert sum(bool(case.faults or case.detail) for case in CASES) >= 0.3 * len(CASES)
-
-
-def test_no_name_ends_as_the_numbered_solids_of_a_body_do():
-    assert not [name for case in CASES for name in case.room.things if re.search(r"_\d+$", name)]
-
-
-def test_three_rooms_in_ten_may_hold_twins_and_the_others_hold_none():
-    with_twins = sum(any(find_twin(case.room, thing) for thing in case.room.movable) for case in CASES)
-    assert 0.05 < with_twins / len(CASES) < 0.3
-
-
-def test_sizes_and_masses_are_those_that_are_asked():
-    for case in CASES:
-        for thing in case.room.movable:
-            assert min(thing.form.span_m) >= 0.0112
-            assert max(thing.form.span_m) <= (0.2 if thing.name == "filling" else 0.112)
-            assert 0.004 <= thing.mass_kg <= 7.0
-
-
 @pytest.mark.parametrize("module", PURE)
 def test_judge_and_feasibility_import_nothing_of_the_package(module):
     tree = ast.parse((PARTS / f"{module.replace('.', '/')}.py").read_text())
@@ -88,11 +53,6 @@ def test_judge_and_feasibility_import_nothing_of_the_package(module):
     own = {f"benchmarks.{name}" for name in PURE}
     assert not [name for name in names if name.startswith("phyagentos")]
     assert not [name for name in names if name.startswith("benchmarks") and name not in own]
-
-
-def test_euler_angles_give_the_rotation_they_were_found_from():
-    turn = rotate((0.3, -0.4, 2.1))
-    assert rotate(find_euler(turn)) == pytest.approx(turn)
 
 
 # -- feasible ----------------------------------------------------------------------------------------------------------
@@ -146,11 +106,6 @@ def test_a_vessel_that_is_filled_for_good_is_infeasible_and_one_with_a_cube_is_n
     ball = make_thing(form=Form("ball", (Solid("sphere", (0.012,)),), 0.024))
     assert "filled by filling" in find_why(ball, PUT, block)[0]  # it would lie on top
     assert find_why(make_thing(), PUT, make_thing("cube", at=(0.5, 0.3), on="tray")) == []
-
-
-def test_a_claim_of_two_vessels_at_once_is_infeasible():
-    claim = Node("n1", "inspect", {"object": "thing"}, ("inside(thing, tray)", "inside(thing, bin)"), is_claim=True)
-    assert "cannot be in tray and in bin" in find_why(make_thing(), claim)[0]
 
 
 def test_nothing_stands_on_a_ball():
@@ -279,15 +234,3 @@ def test_a_drawn_project_tells_its_scorer_which_case_it_is_and_passes_lint(drawn
     assert yaml.safe_load(graph.read_text())["accept"] == list(case.accept)
     assert len(yaml.safe_load((tmp_path / "project" / "faults.yaml").read_text())["faults"]) == len(case.faults)
     assert UNSEEN.score({"goal": "accept"}, tmp_path / "workspace", None) == {"goal": False}
-
-
-def test_a_seed_that_gives_no_goal_to_recover_in_names_the_next_one(tmp_path):
-    with pytest.raises(AssertionError, match="1500006"):
-        draw_trial(1_500_002, tmp_path)
-
-
-def test_goal_file_names_every_node_and_its_order():
-    case = next(case for case in CASES if any(node.after for node in case.nodes))
-    sessions = render_goal(case)["sessions"]
-    assert list(sessions) == [node.name for node in case.nodes]
-    assert any("after" in each for each in sessions.values())

@@ -106,7 +106,7 @@ def test_a_workspace_in_which_nothing_ran_shows_what_it_can(paos, furnished):
 def test_what_cannot_be_meant_is_refused(paos, workspace):
     result = paos("context", "-w", workspace.root, "--budget", 20)
     assert (result.code, result.out) == (ExitCode.INVALID_INPUT, "")
-    assert "CONTEXT_TOO_LARGE: found a budget of 20 tokens; expected at least" in result.err
+    assert "TOO_LARGE: found a budget of 20 tokens; expected at least" in result.err
     assert paos("context", "tidy-8", "-w", workspace.root).code == ExitCode.INVALID_INPUT
     workspace.lessons.write_text("not a document")
     result = paos("context", "-w", workspace.root)

@@ -138,7 +138,7 @@ def test_problems_of_lint_are_json(paos, tmp_path):
     (tmp_path / "a.yaml").write_text("goal: a\n")
     result = paos("lint", tmp_path / "a.yaml", "--json")
     assert result.code == ExitCode.INVALID_INPUT
-    assert "MISSING_KEY" in {problem["code"] for problem in json.loads(result.out)["problems"]}
+    assert "MISSING_VALUE" in {problem["code"] for problem in json.loads(result.out)["problems"]}
 
 
 @pytest.mark.parametrize("command", [("init",), ("run", "tidy_table", "-w"), ("watch", "-w")])

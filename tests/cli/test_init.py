@@ -35,18 +35,6 @@ def test_a_new_place_lints_clean_and_compiles(paos, tmp_path):
     assert "show: show_and_place(" in compiled.out
 
 
-def test_a_new_place_brings_a_graph_a_scene_and_a_skill(paos, tmp_path):
-    paos("init", tmp_path / "mine")
-    files = {path.relative_to(tmp_path / "mine").as_posix() for path in (tmp_path / "mine").rglob("*.*")}
-    assert {
-        "README.md",
-        "goal_graphs/first.yaml",
-        "scenes/desk.yaml",
-        "skills/show_and_place/SKILL.md",
-        "trees/show_and_place.yaml",
-    } <= files
-
-
 def test_init_never_overwrites(paos, tmp_path):
     (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
     assert_refused(paos("init", tmp_path), "WOULD_OVERWRITE: found a folder that is not empty")

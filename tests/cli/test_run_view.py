@@ -13,18 +13,17 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 from rich.console import Console
-from rich.text import Text
 
 from phyagentos.assembly.paths import choose_folder
 from phyagentos.cli import console as console_module
 from phyagentos.cli import mission_run
-from phyagentos.cli.console import CleanConsole, RunConsole, build_progress_table
+from phyagentos.cli.console import RunConsole, build_progress_table
 from phyagentos.cli.final_table import print_report
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.clock import SystemClock
 from phyagentos.errors import Problem
 from phyagentos.operations import run as carrying_out
-from phyagentos.operations.progress import RunFold, compute_depth
+from phyagentos.operations.progress import RunFold
 from phyagentos.operations.run import (
     Interrupts,
     PlaneEnded,
@@ -58,11 +57,6 @@ def test_rows_follow_the_graph_and_children_follow_their_parents(replanned):
         ("red.r1", "succeeded", 0),
         ("blue", "waiting", 1),
     ]
-
-
-def test_depth_is_the_longest_way():
-    after = {"a": (), "b": ("a",), "c": ("a", "b")}
-    assert [compute_depth(name, after) for name in after] == [0, 1, 2]
 
 
 def test_wall_time_of_a_session_begins_with_its_claim(replanned):
@@ -115,12 +109,6 @@ def test_no_word_of_a_goal_or_a_session_commands_the_terminal_or_stands_in_a_doc
     texts += [path.read_text() for path in run.workspace.root.glob("*.md")]
     assert "31m" in texts[0]  # the words are kept
     assert [text for text in texts if re.search("[\x00-\x08\x0b-\x1f\x7f-\x84\x86-\x9f]", text)] == []
-
-
-def test_colours_are_kept_where_unfit_characters_are_not():
-    console = CleanConsole(file=io.StringIO(), force_terminal=True, color_system="standard")
-    console.print(Text("a\x1b[2Jb", style="red"))
-    assert console.file.getvalue() == "\x1b[31ma\N{REPLACEMENT CHARACTER}[2Jb\x1b[0m\n"
 
 
 def test_quiet_says_nothing(replanned, monkeypatch):
@@ -242,25 +230,25 @@ def test_an_interrupt_after_the_verdict_changes_nothing(run):
     assert run.pens[Side.OPERATOR].read_new() == []
 
 
-def test_interrupts_are_counted_and_the_handlers_given_back():
-    before = signal.getsignal(signal.SIGINT)
-    with Interrupts().counted() as interrupts:
-        signal.raise_signal(signal.SIGINT)
-        signal.raise_signal(signal.SIGINT)
-        assert interrupts.count == 2
-    assert signal.getsignal(signal.SIGINT) is before
-
-
-def test_a_terminal_that_hangs_up_asks_and_never_insists():
-    outside = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the suite itself may run under `nohup`
+@pytest.mark.parametrize(
+    ("number", "handler", "count"),
+    [
+        (signal.SIGINT, signal.default_int_handler, 2),
+        (signal.SIGHUP, signal.SIG_DFL, 1),  # the kernel reports it, and then the shell
+        (signal.SIGHUP, signal.SIG_IGN, 0),
+    ],
+    ids=["interrupted twice", "a terminal that hangs up never insists", "told to outlive its terminal"],
+)
+def test_interrupts_are_counted_and_the_handlers_given_back(number, handler, count):
+    outside = signal.signal(number, handler)
     try:
         with Interrupts().counted() as interrupts:
-            signal.raise_signal(signal.SIGHUP)
-            signal.raise_signal(signal.SIGHUP)  # the kernel reports it, and then the shell
-            assert interrupts.count == 1
-        assert signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
+            signal.raise_signal(number)
+            signal.raise_signal(number)
+            assert interrupts.count == count
+        assert signal.getsignal(number) is handler
     finally:
-        signal.signal(signal.SIGHUP, outside)
+        signal.signal(number, outside)
 
 
 def test_what_is_written_to_a_terminal_that_is_gone_goes_nowhere():
@@ -271,14 +259,6 @@ def test_what_is_written_to_a_terminal_that_is_gone_goes_nowhere():
     mute_if_gone(terminal)
     assert os.write(terminal, b"cancelling") == 10
     os.close(terminal)
-
-
-def test_a_run_that_was_told_to_outlive_its_terminal_does():
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    with Interrupts().counted() as interrupts:
-        signal.raise_signal(signal.SIGHUP)
-        assert interrupts.count == 0
-    signal.signal(signal.SIGHUP, before)
 
 
 @dataclass

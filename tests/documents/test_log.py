@@ -196,16 +196,3 @@ def test_each_day_has_its_heading():
         "## 2026-11-20\n\n- 23:59:59 **g** (agent) x\n\n"
         "## 2026-11-21\n\n- 00:00:00 **g** (agent) x\n- 00:00:01 **g** (agent) x\n"
     )
-
-
-def test_a_session_of_which_nothing_new_is_told_has_no_line(pens):
-    pens[Side.AGENT].commit([make_submit("s")])
-    run_session(pens, "s", SUCCESS)
-    ledger = Ledger()
-    silent = []
-    for record in pens[Side.AGENT].read_new():
-        ledger.apply(record)
-        if tell(record, ledger) is None:
-            silent.append(record.ev)
-
-    assert silent == ["check", "halt", "verify"]

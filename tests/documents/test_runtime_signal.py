@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 
-import msgspec
 import pytest
 
 from phyagentos.protocol.capabilities.library import Library
@@ -217,17 +216,6 @@ def test_an_editor_that_replaces_the_document_is_heard_too(workspace, edited, tm
     assert len(edited()) == 1
 
 
-def test_a_second_save_of_the_same_text_asks_for_nothing_new(workspace, edited):
-    text = workspace.runtime_signal.read_text() + REQUEST
-    workspace.runtime_signal.write_text(text)
-    edited()
-    workspace.runtime_signal.write_text(text)
-    assert len(edited()) == 1
-
-    workspace.runtime_signal.write_text(workspace.runtime_signal.read_text() + REQUEST)
-    assert len(edited()) == 2  # asked for again, in a newer rendering
-
-
 def test_a_request_that_nobody_can_read_is_rejected_with_the_reason(workspace, edited):
     path = workspace.runtime_signal
     path.write_text(path.read_text() + "\n## Request\n\nplease stop\n")
@@ -238,14 +226,6 @@ def test_a_request_that_nobody_can_read_is_rejected_with_the_reason(workspace, e
     assert take_signals(workspace.signals) == []
     (reason,) = (workspace.root / "signals" / "rejected").glob("*.reason.txt")
     assert "Nothing was done" in reason.read_text()
-
-
-def test_other_changes_are_lost_with_the_next_rendering_and_ask_for_nothing(workspace, edited):
-    path = workspace.runtime_signal
-    path.write_text(path.read_text().replace("runtime: running", "runtime: ended"))
-
-    assert edited() == []
-    assert "runtime: running" in path.read_text()
 
 
 def test_a_request_that_was_written_at_the_end_is_not_lost(workspace, clock):
@@ -274,10 +254,3 @@ def test_a_registry_that_somebody_is_editing_is_left_alone(workspace):
 
     assert not publish_health(path, {"panda": TargetHealth(state=Health.READY)})
     assert path.read_text() == before
-
-
-def test_health_is_no_part_of_the_profile_that_planners_read(workspace):
-    publish_health(workspace.target_registry, {"panda": TargetHealth(state=Health.READY)})
-
-    assert "health" not in read_target_registry(workspace.target_registry)["panda"].model_dump()
-    assert msgspec.json.encode(read_health(workspace).model_dump(mode="json"))

@@ -8,7 +8,6 @@ a pipe. A reader follows all the while; what it has seen must still stand at the
 """
 
 import argparse
-import fcntl
 import json
 import os
 import random
@@ -36,7 +35,6 @@ WRITERS = 4
 SEGMENT_BYTES = 12_000
 KILLS_PER_WORKSPACE = 20
 ANSWERS_PER_KILL = 14
-WORKSPACES_PER_NODE = 50
 PATIENCE_S = 60.0
 
 
@@ -182,8 +180,7 @@ def wait_for_answers(writers: list[Writer], count: int) -> list[str]:
 class Rounds:
     """Workspaces in which writers die, and what was found in them."""
 
-    def __init__(self, scratch: Path, seed: int, node: str) -> None:
-        self.node = node
+    def __init__(self, scratch: Path, seed: int) -> None:
         self.scratch, self.rng, self.errors = scratch, random.Random(seed), []
         self.counts = dict.fromkeys(
             (
@@ -201,16 +198,12 @@ class Rounds:
             ),
             0,
         )
-        self._hashes: dict[Path, tuple[int, str]] = {}
-        self.counts["followed_by_node"] = 0
 
     def run(self, kills: int) -> None:
         while self.counts["kills"] < kills and not self.errors:
             root = self.scratch / f"w{self.counts['workspaces']}"
             self._run_workspace(root, min(KILLS_PER_WORKSPACE, kills - self.counts["kills"]))
-            if len(self._hashes) >= WORKSPACES_PER_NODE:
-                self.follow_with_node()
-        self.follow_with_node()
+            shutil.rmtree(root)
 
     def _run_workspace(self, root: Path, kills: int) -> None:
         first = Journal(root, side=Side.AGENT, by="first", partition=LANE, clock=SystemClock(), durable=False)
@@ -236,9 +229,6 @@ class Rounds:
             self.errors += writer.kill()
             told |= writer.told
         follower.close()
-        untouched = root.with_name(f"{root.name}-as-they-died")
-        shutil.copytree(root, untouched)
-        self._keep_hash(untouched)
         self._judge(root, told, seen)
 
     def _start(self, root: Path, number: int) -> Writer:
@@ -268,22 +258,6 @@ class Rounds:
         self.counts["repairs"] += sum(record.ev == "repair" for record in records)
         self.counts["workspaces"] += 1
         self.counts["segments"] += len(second_reader.find_segments(root, LANE))
-        self._keep_hash(root)
-
-    def _keep_hash(self, root: Path) -> None:
-        records = second_reader.read_lane(root, LANE)
-        self._hashes[root] = (len(records), second_reader.compute_hash(records))
-
-    def follow_with_node(self) -> None:
-        """Compare with the reader in another language, if one was named; then forget these workspaces."""
-        if self._hashes and self.node:
-            answers = second_reader.follow_with_node(self.node, list(self._hashes), LANE)
-            self.counts["followed_by_node"] += len(answers)
-            for answer, expected in zip(answers, self._hashes.values(), strict=True):
-                self.counts["readers_differ"] += (answer["records"], answer["sha256"]) != expected
-        for root in self._hashes:
-            shutil.rmtree(root)
-        self._hashes.clear()
 
 
 def main() -> int:
@@ -292,13 +266,9 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--scratch", type=Path, default=None)
-    parser.add_argument("--node", default="", help="a Node to follow with as well")
-    parser.add_argument("--no-lock", action="store_true", help="negative control: nobody excludes anybody")
     given = parser.parse_args()
-    if given.no_lock:
-        fcntl.flock = lambda *_: None
     with tempfile.TemporaryDirectory(prefix="kills-", dir=given.scratch) as scratch:
-        rounds = Rounds(Path(scratch), given.seed, given.node)
+        rounds = Rounds(Path(scratch), given.seed)
         rounds.run(given.kills)
     sys.stdout.write(json.dumps({"counts": rounds.counts, "errors": rounds.errors}) + "\n")
     return 1 if rounds.errors else 0

@@ -49,14 +49,6 @@ def patient(memory):
     return KeptPatient(memory / "w")
 
 
-def test_archived_segments_are_held_to_the_same(patient, scale, figures):
-    rng = random.Random(21)
-    for _ in range(scale(300, 20_000)):
-        patient.suffer(damages.draw(patient.paths, rng), opens_journal=False)
-    figures(**patient.counts)
-    assert patient.accepted == []
-
-
 def test_a_start_from_a_checkpoint_believes_no_damage(patient, scale, figures):
     rng, told = random.Random(22), Counter(dict.fromkeys(("damages", "refused", "harmless", "cut", "accepted"), 0))
     for _ in range(scale(400, 20_000)):
@@ -71,22 +63,3 @@ def test_a_start_from_a_checkpoint_believes_no_damage(patient, scale, figures):
     figures(**told)
     assert told["refused"] > 0
     assert told["harmless"] > 0
-
-
-def test_an_end_that_a_checkpoint_has_seen_cannot_go_missing(patient, scale, figures):
-    last = patient.paths[-1]
-    rng, refused = random.Random(23), 0
-    places = damages.find_records(patient.whole[last])
-    seen = int(patient.whole[patient.checkpoint].split(b"\noffset: ")[1].split(b"\n")[0])
-    cuts = [place for place in places if place < seen]
-    cuts += [rng.randrange(places[0], seen) for _ in range(scale(20, 1_000))]
-    for cut in cuts:
-        last.write_bytes(patient.whole[last][:cut])
-        with pytest.raises(ExecutionError, match=rf"JOURNAL_DAMAGED: .*{last.name}, offset \d+: .*checkpoint"):
-            patient.open()
-        refused += 1
-        patient.heal()
-    last.unlink()
-    with pytest.raises(ExecutionError, match=r"JOURNAL_DAMAGED: .*checkpoint"):
-        patient.open()
-    figures(damages=len(cuts) + 1, refused=refused + 1)

@@ -7,9 +7,9 @@ from .processes import run_module
 pytestmark = pytest.mark.slow
 
 
-def test_random_writers_are_killed_and_nothing_acknowledged_is_lost(memory, node, scale, figures):
+def test_random_writers_are_killed_and_nothing_acknowledged_is_lost(memory, scale, figures):
     kills = scale(200, 20_000)
-    answer = run_module("kill_rounds", "--scratch", memory, "--kills", kills, "--node", node)
+    answer = run_module("kill_rounds", "--scratch", memory, "--kills", kills)
     counts = answer["counts"]
     figures(**counts)
     assert answer["errors"] == []
@@ -19,14 +19,3 @@ def test_random_writers_are_killed_and_nothing_acknowledged_is_lost(memory, node
     assert counts["archived"] > 0 or kills < 1_000  # chance, in a few rounds
     for fault in ("lost", "vanished", "broken_batches", "readers_differ", "folds_differ"):
         assert counts[fault] == 0, fault
-    assert counts["followed_by_node"] == 2 * counts["workspaces"]
-
-
-def test_writers_without_a_lock_are_caught(memory, scale, figures):
-    caught, runs = 0, scale(1, 20)
-    for seed in range(runs):
-        answer = run_module("kill_rounds", "--scratch", memory, "--kills", 40, "--seed", seed, "--no-lock")
-        counts = answer["counts"]
-        caught += bool(answer["errors"]) or any(counts[fault] for fault in ("lost", "vanished", "broken_batches"))
-    figures(runs=runs, caught=caught)
-    assert caught == runs

@@ -1,10 +1,8 @@
 """The power goes at any moment: what was acknowledged stands, and nothing that was half written is believed."""
 
 import itertools
-import os
 import random
 import shutil
-import stat
 
 import pytest
 
@@ -38,7 +36,7 @@ class Killed(BaseException):
     """Stands in for kill -9: no handler of the store may catch it."""
 
 
-def record(root, names, *, die_at=None, file_io=None) -> list[Step]:
+def record(root, names, *, die_at=None) -> list[Step]:
     """Steps of a workload; with `die_at`, of one that dies there, and of another process that goes on."""
     root.mkdir()
     seen = itertools.count()
@@ -49,7 +47,7 @@ def record(root, names, *, die_at=None, file_io=None) -> list[Step]:
 
     recorder = Recorder(root, on_step=on_step)
     with intercept(recorder):
-        bench = Bench(root, lambda records: recorder.steps.append(tell(records)), file_io=file_io or SplitIO())
+        bench = Bench(root, lambda records: recorder.steps.append(tell(records)), file_io=SplitIO())
         try:
             for name in names:
                 bench.run(name)
@@ -179,34 +177,3 @@ def test_the_power_goes_after_one_writer_was_killed_and_another_went_on(memory, 
             shutil.rmtree(root)
     figures(deaths=kills, **judge.counts)
     assert judge.counts["lost"] == judge.counts["torn_exposed"] == 0
-
-
-class NoSyncIO(SplitIO):
-    """Negative control: some of the syncs that are asked for never happen."""
-
-    def __init__(self, skipped):
-        self._skipped = skipped
-
-    def fdatasync(self, fd):
-        if "contents" not in self._skipped:
-            super().fdatasync(fd)
-
-    def fsync(self, fd):
-        is_folder = stat.S_ISDIR(os.fstat(fd).st_mode)
-        if ("names" if is_folder else "contents") not in self._skipped:
-            super().fsync(fd)
-
-
-@pytest.mark.parametrize("skipped", [("contents",), ("names",), ("contents", "names")], ids="-".join)
-def test_a_store_that_does_not_sync_is_caught(memory, scale, figures, skipped):
-    judge, caught, runs = Judge(memory, random.Random(7)), 0, scale(1, 20)
-    for _ in range(runs):
-        root = memory / "recorded"
-        steps = record(root, ("submit", "rotate", "claim"), file_io=NoSyncIO(skipped))
-        intended, before = find_intended(root), judge.counts["lost"]
-        for chance in (0.0, 0.3, 0.6):
-            judge.judge(steps, chance, intended)
-        caught += judge.counts["lost"] > before
-        shutil.rmtree(root)
-    figures(runs=runs, caught=caught, **judge.counts)
-    assert caught == runs

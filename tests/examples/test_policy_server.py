@@ -56,12 +56,6 @@ def run_imitation(mission, name, seed):
 
 
 @pytest.mark.journey
-def test_without_its_server_it_is_rejected_before_anything_moves(mission):
-    code, session = run_imitation(mission, "alone", 7)
-    assert (code, session.state, session.ticks) == (3, "rejected", 0)
-
-
-@pytest.mark.journey
 def test_where_the_scene_stands_as_it_was_shown_it_meets_the_goal_and_elsewhere_it_only_says_so(mission, demonstration):
     with serve(demonstration):
         code, session = run_imitation(mission, "same", 7)

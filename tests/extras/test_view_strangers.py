@@ -7,7 +7,6 @@ import json
 import signal
 import subprocess
 import threading
-import time
 from urllib.parse import quote
 
 import pytest
@@ -15,9 +14,6 @@ import pytest
 from phyagentos.protocol.sessions.estop import Latch, is_latched, latch
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.view.documents import Documents
-from phyagentos.view.pages import PanelRenderer
-from phyagentos.view.panels import PANELS, Query
 from tests.extras.viewing import await_live, await_true, get_panel, read_lines, serve, served, shoot
 from tests.view.conftest import GOAL, Desk
 
@@ -108,56 +104,6 @@ def test_texts_of_documents_are_shown_and_no_script_of_theirs_runs(hostile, desk
             assert page.evaluate("window.hurt") is None, name
 
 
-def ask(server, method="POST", path="/actions/estop", body="", **headers):
-    """Status of the answer to a request that no page makes."""
-    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=60)
-    given = {name.replace("_", "-"): value for name, value in headers.items()}
-    connection.request(method, path, body, {"content-type": "application/x-www-form-urlencoded"} | given)
-    answer = connection.getresponse()
-    status, text = answer.status, answer.read().decode(errors="replace")
-    connection.close()
-    return status, text
-
-
-def test_without_token_own_name_own_origin_and_the_secret_of_its_forms_nothing_is_done(desk, visits):
-    submit_goal(desk, {"a": make_node("Put it away.")})
-    signals = desk.workspace.signals.parent
-    with served(desk.workspace.root, "--allow-actions") as server:
-        page = visits.open(server)
-        secret = page.evaluate(
-            "JSON.parse(document.getElementById('stop').getAttribute('hx-headers'))['x-paos-secret']"
-        )
-        cookie = f"paos_view={server.token}"
-        right = {"cookie": cookie, "origin": server.origin, "x_paos_secret": secret}
-        refused = {
-            "no token": (401, {**right, "cookie": ""}),
-            "another token": (401, {**right, "cookie": "paos_view=" + "x" * 32}),
-            "another name": (401, {**right, "host": f"evil.example:{server.port}"}),
-            "no origin": (403, {**right, "origin": ""}),
-            "another origin": (403, {**right, "origin": "http://evil.example"}),
-            "another port": (403, {**right, "origin": f"http://127.0.0.1:{server.port + 1}"}),
-            "no secret": (403, {**right, "x_paos_secret": ""}),
-            "another secret": (403, {**right, "x_paos_secret": "0" * 64}),
-            "the token as secret": (403, {**right, "x_paos_secret": server.token}),
-        }
-        for why, (status, headers) in refused.items():
-            assert ask(server, **headers)[0] == status, why
-            assert not is_latched(signals), why
-        for path in ("/", "/events", "/panels/goal", "/static/page.css", "/scene/tidy-7.a/", "/evidence/a/b"):
-            assert ask(server, "GET", path)[0] == 401, path
-        assert ask(server, **right)[0] == 200
-        assert is_latched(signals), "the same request with all of it is carried out"
-
-
-def test_read_only_a_page_offers_no_action_and_its_server_knows_none(desk, visits):
-    submit_goal(desk, {"a": make_node("Put it away.")})
-    with served(desk.workspace.root) as server:
-        page = visits.open(server)
-        assert page.locator("main button, button.stop, form[hx-post]").count() == 0
-        assert ask(server, cookie=f"paos_view={server.token}", origin=server.origin)[0] in {404, 405}
-    assert not is_latched(desk.workspace.signals.parent)
-
-
 def test_a_page_of_others_in_the_same_browser_neither_acts_nor_reads(desk, visits):
     submit_goal(desk, {"a": make_node("Put it away.")})
     desk.submit("a")
@@ -193,56 +139,6 @@ def other_page(server):
         threading.Thread(target=other.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{other.server_port}"
         other.shutdown()
-
-
-def test_a_thousand_nodes_are_collapsed_by_state_searched_and_cheap_to_refresh(desk, visits):
-    nodes = {
-        f"n{index}": make_node(f"Do {index}.", *([f"n{index - 7}"] if index >= 7 else [])) for index in range(MANY)
-    }
-    submit_goal(desk, nodes)
-    for index in range(300):
-        desk.record(f"node:tidy-7/n{index}", "node_ready")
-    with served(desk.workspace.root) as server:
-        page = visits.open(server)
-        graph = get_panel(page, "goal").locator("svg")
-        assert "collapsed by state" in graph.get_attribute("aria-label")
-        assert graph.locator(".box").count() < 60
-        counted = "[...document.querySelectorAll('#panel-goal .box text')].map(each => parseInt(each.textContent))"
-        assert sum(page.evaluate(counted)) == MANY
-        assert count_ready(page) == 300
-        shoot(page, "thousand")
-        desk.record("node:tidy-7/n300", "node_ready")
-        await_true(page, f"({COUNT_READY}) === 301")
-        page.get_by_role("searchbox").fill("n512")
-        page.get_by_role("searchbox").press("Enter")
-        page.wait_for_url("**find=n512**")
-        found = get_panel(page, "goal").locator("svg .found")
-        assert found.locator("text").first.text_content() == "n512"
-        assert get_panel(page, "goal").locator("svg .box").count() < 10
-        shoot(page, "thousand_found")
-    documents = Documents(desk.workspace.root)
-    documents.refresh()
-    spent_s = [measure_refresh(documents, desk, index) for index in range(301, 310)]
-    assert max(spent_s) <= REFRESH_S, spent_s
-
-
-COUNT_READY = """[...document.querySelectorAll('#panel-goal .box text')].map(each => each.textContent.split(' '))
-  .filter(each => each[1] === 'ready').reduce((sum, each) => sum + parseInt(each[0]), 0)"""
-
-
-def count_ready(page):
-    return page.evaluate(COUNT_READY)
-
-
-def measure_refresh(documents, desk, index):
-    """CPU time of a refresh of every panel after a record, with nothing kept from the one before [s]."""
-    renderer = PanelRenderer(documents, lambda: {"actions": True, "live": True})
-    desk.record(f"node:tidy-7/n{index}", "node_ready")
-    begun_s = time.thread_time()
-    documents.refresh()
-    for panel in PANELS:
-        renderer.render(panel, Query())
-    return time.thread_time() - begun_s
 
 
 def test_a_connection_that_drops_is_said_and_found_again(desk, visits):

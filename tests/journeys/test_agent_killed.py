@@ -1,13 +1,11 @@
 """An agent that is killed at any point goes on, when it is started again, to the same end."""
 
 import itertools
-import os
 import re
 import signal
 import subprocess
 import sys
 from collections import Counter
-from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -22,11 +20,10 @@ from phyagentos.store.follower import Follower
 from phyagentos.store.journal import choose_partition
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import Record
-from phyagentos.store.watch import Watch
 
 HERE = Path(__file__).parent
 BENCH = HERE.parents[1] / "benchmarks" / "library"
-COUNT, CUBE = HERE / "count.yaml", HERE / "goal.yaml"
+COUNT = HERE / "count.yaml"
 
 pytestmark = pytest.mark.journey
 
@@ -34,11 +31,11 @@ pytestmark = pytest.mark.journey
 class Planes:
     """A watched workspace, in which agents are started and killed. Each goal has a seed of its own."""
 
-    def __init__(self, root: Path, project: Path, graph: Path, faults: Path | None = None) -> None:
+    def __init__(self, root: Path, project: Path, graph: Path) -> None:
         self.workspace = Workspace.create(root, Library.open(project))
         self.graph = graph
         command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(root), "--no-pictures"]
-        command += ["--trust-python", *(["--faults", str(faults)] if faults else [])]
+        command += ["--trust-python"]
         self._log = (self.workspace.logs / "planes.log").open("wb")
         self._watch = subprocess.Popen(command, stdout=self._log, stderr=self._log)
         while not list(self.workspace.sessions.iterdir()):
@@ -55,17 +52,6 @@ class Planes:
         """The exit code of an agent; with `n`, of one that kills itself at that write to the journal."""
         self._start_agent(seed, n, moment)
         return self._wait_for_agent()
-
-    def kill_agent_after(self, seed: int, n_records: int) -> bool:
-        """Kill an agent as soon as the journal has so many more records; False when it came to its end before."""
-        count = n_records + len(self._read_records())
-        agent = self._start_agent(seed)
-        with Watch([self._lane]) as watch:
-            while len(self._read_records()) < count and Path(f"/proc/{agent}").exists():
-                watch.wait(0.05)
-        with suppress(ProcessLookupError):
-            os.kill(agent, signal.SIGKILL)
-        return self._wait_for_agent() == -signal.SIGKILL
 
     def finish(self, seed: int) -> None:
         """Start an agent again and let it come to its end."""
@@ -175,50 +161,3 @@ def test_an_agent_killed_at_any_of_its_writes_comes_to_the_same_end(counter):
         counter.finish(seed)
         assert counter.read_story(seed) == expected, f"killed {moment} write {n}"
     pytest.fail("no agent came to its end")
-
-
-def test_an_agent_killed_after_any_record_of_either_plane_comes_to_the_same_end(counter):
-    expected = counter.read_story(1)
-    count = len(counter.read_goal(1)[2])
-    killed = 0
-    for n_records in range(1, count, 6):
-        killed += counter.kill_agent_after(1000 + n_records, n_records)
-        counter.finish(1000 + n_records)
-        assert counter.read_story(1000 + n_records) == expected, f"killed after {n_records} records"
-
-    assert killed > count // 12
-
-
-def test_an_agent_killed_again_and_again_comes_to_the_same_end(counter):
-    expected = counter.read_story(1)
-    deaths = 0
-    while counter.run_agent(50, 2, "after" if deaths % 2 else "middle") == -signal.SIGKILL:
-        deaths += 1
-        assert deaths < 50
-
-    assert counter.read_story(50) == expected
-    assert deaths > 5
-
-
-def test_an_agent_killed_while_a_grasp_slips_comes_to_the_same_end(cube_planes):
-    killed = cube_planes.kill_agent_after(seed := 6, n_records=6)
-    cube_planes.finish(seed)
-    goal, sessions, records = cube_planes.read_goal(seed)
-
-    assert killed
-    assert (goal.verdict, goal.replans) == ("success", 1)
-    assert [criterion.truth for criterion in goal.criteria] == ["true"] * 2  # and the constraint
-    assert [status.state for status in sessions] == ["replanned", "succeeded"]
-    assert max(Counter((record.id, record.ev) for record in records if record.ev == "submit").values()) == 1
-
-
-@pytest.fixture(scope="module")
-def cube_planes(tmp_path_factory):
-    root = tmp_path_factory.mktemp("killed-cube")
-    faults = root / "faults.yaml"
-    faults.write_text(
-        'version: 1\nfaults:\n  - {kind: slip, object: red_cube, when: {session: "*.red", lifted_m: 0.12}}\n'
-    )
-    planes = Planes(root / "w", HERE / "library", CUBE, faults)
-    yield planes
-    planes.stop()

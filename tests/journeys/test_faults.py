@@ -15,7 +15,7 @@ def read_facts(report):
 
 @pytest.mark.parametrize(
     ("fault", "cause"),
-    [("slip", "GRASP_LOST"), ("nudge", "OBJECT_MOVED"), ("move", "OBJECT_MOVED"), ("stall", "STALLED")],
+    [("slip", "GRASP_LOST"), ("nudge", "OBJECT_MOVED"), ("stall", "STALLED")],
 )
 def test_a_recoverable_fault_is_named_and_ends_in_a_child_that_succeeds(plane, fault, cause):
     report = plane.run(f"{fault}-1")

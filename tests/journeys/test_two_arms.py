@@ -1,7 +1,6 @@
-"""Two arms: in worlds of their own, in turn at what both reach; and at one table, in one simulated time."""
+"""Two arms at one table, in one simulated time: what ends the work of one, and what that is to the other."""
 
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -64,7 +63,7 @@ class TwoArms:
         log = self.workspace.logs / f"receive-{arm}.jsonl"
         return log.read_text() if log.exists() else ""
 
-    def submit(self, id, arm, skill, *resources, **parameters):
+    def submit(self, id, arm, skill, **parameters):
         session = Session(
             id=SessionId(self.name(id)),
             goal=GoalId(""),
@@ -74,9 +73,8 @@ class TwoArms:
             target=arm,
             parameters=parameters,
             accept=(),
-            scene=Scene(name=self.scene, seed=1, episode=self.name(arm if "/" in self.scene else "both")),
+            scene=Scene(name=self.scene, seed=1, episode=self.name("both")),
             seed=1,
-            resources=resources,
         )
         self.journal.commit([Entry(session.id, "submit", msgspec.to_builtins(session))])
 
@@ -128,28 +126,12 @@ def replace(path, old, new):
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
 
 
-@pytest.fixture
-def two_arms(tmp_path):
-    project = tmp_path / "project"
-    for arm in ARMS:
-        shutil.copytree(find_shipped_root() / "robots" / "panda", project / "robots" / arm)
-        replace(project / "robots" / arm / "target.yaml", "target: panda", f"target: {arm}")
-    shutil.copytree(find_shipped_root() / "protocol", project / "protocol")
-    replace(project / "protocol" / "runtime_contract.yaml", "resources: []", "resources: [tray]")
-    limits = (project / "protocol" / "safety.yaml").read_text()
-    (own,) = re.findall(r"(?ms)^  panda:\n(.*)", limits)
-    (project / "protocol" / "safety.yaml").write_text(limits + "".join(f"\n  {arm}:\n{own}" for arm in ARMS))
-    arms = TwoArms(tmp_path, project, "tabletop/cubes_and_trays")
-    yield arms
-    arms.stop()
-
-
 @pytest.fixture(scope="module")
 def tables(tmp_path_factory):
     """The shipped scene, watched, in either mode; each is made when it is first asked for."""
 
     @cache
-    def make(mode, name):
+    def make(mode):
         folder = tmp_path_factory.mktemp(f"table-{len(made)}")
         shutil.copytree(find_shipped_root() / "examples" / "projects" / "04_two_arms", folder / "project")
         if mode == "realtime":
@@ -164,13 +146,11 @@ def tables(tmp_path_factory):
 
 
 @pytest.fixture
-def one_table(request, tables):
-    """Both arms at work at one table, each with its cube; one that is stopped for good is nobody else's."""
+def one_table(tables):
+    """Both arms at work at one table, each with its cube."""
 
-    def start(mode="lockstep", *, is_stopped=False):
-        arms = tables(mode, request.node.name if is_stopped else "shared")
-        if not is_stopped:
-            started.append(arms)
+    def start(mode="lockstep"):
+        started.append(arms := tables(mode))
         arms.begin_round()
         arms.submit("left", "left_arm", "pick_and_place", object="red_cube", destination="red_tray")
         arms.submit("right", "right_arm", "pick_and_place", object="blue_cube", destination="blue_tray")
@@ -192,49 +172,6 @@ def slow_down(project):
         replace(project / file, "control_period_s: 0.02", "control_period_s: 0.1")
     replace(project / "protocol" / "safety.yaml", "value: 0.1\n      unit: s", "value: 0.5\n      unit: s")
     replace(project / "protocol" / "safety.yaml", "value: 50.0\n      unit: 1/s", "value: 10.0\n      unit: 1/s")
-
-
-def test_two_arms_work_side_by_side_and_take_turns_at_what_both_reach(two_arms):
-    two_arms.submit("long", "left_arm", "pick_and_place", "tray", object="red_cube", destination="red_tray")
-    two_arms.submit("first", "right_arm", "home")  # so that both arms get ready at once
-    two_arms.wait_for("long", "start")
-    two_arms.signal("pause", "long")  # it keeps its arm and the tray until it is told to go on
-    two_arms.submit("free", "right_arm", "home")
-    two_arms.submit("needy", "right_arm", "home", "tray")
-    two_arms.submit("behind", "left_arm", "home")
-    two_arms.wait_for("free", "finish")
-    two_arms.signal("resume", "long")
-    two_arms.wait_for("needy", "finish")
-    two_arms.wait_for("behind", "finish")
-
-    long, free, needy, behind = map(two_arms.find_span, ("long", "free", "needy", "behind"))
-    assert long[0] < free[0] < free[1] < long[1]  # two arms at once
-    assert long[1] < needy[0]  # one tray, in turn, though the other arm was idle
-    assert long[1] < behind[0]  # one arm, in turn
-
-
-def test_at_one_table_one_arm_is_cancelled_and_the_other_goes_on(one_table):
-    arms = one_table()
-    arms.signal("cancel", "right")
-    arms.wait_for("right", "confirm_cancel")
-    arms.wait_for("left", "finish")
-
-    assert arms.executions["left"]["ended"] == "completed"
-    assert arms.executions["right"]["ended"] == "cancelled"
-
-
-def test_at_one_table_a_killed_worker_leaves_its_arm_holding_and_the_other_goes_on(one_table):
-    arms = one_table()
-    heartbeat = find_heartbeat(arms.workspace.heartbeats, "right_arm")
-    os.kill(heartbeat.pid, signal.SIGKILL)
-    arms.wait_for("left", "finish")
-    arms.wait_for("right", "reconcile")
-
-    assert arms.executions["left"]["ended"] == "completed"
-    assert arms.executions["right"]["ended"] == "runner_lost"
-    arms.submit("again", "right_arm", "home")
-    arms.wait_for("again", "finish")
-    assert arms.executions["again"]["ended"] == "completed"
 
 
 def test_at_one_table_an_adopted_world_listens_to_no_stranger_while_its_workers_are_replaced(one_table):
@@ -277,17 +214,7 @@ def test_at_one_table_an_arm_that_waits_for_a_paused_one_is_stopped_all_the_same
 
 
 @pytest.mark.alone
-def test_at_one_table_an_emergency_stop_ends_both(one_table):
-    arms = one_table("realtime", is_stopped=True)
-    arms.signal("estop", "")
-    arms.wait_for("left", "finish")
-    arms.wait_for("right", "finish")
-
-    assert [arms.executions[name]["code"] for name in ("left", "right")] == ["ESTOPPED", "ESTOPPED"]
-
-
-@pytest.mark.alone
-def test_at_one_table_both_work_in_real_time(one_table):
+def test_at_one_table_both_work_in_real_time_until_an_emergency_stop_ends_both(one_table):
     arms = one_table("realtime")
     arms.wait_for("left", "finish")
     arms.wait_for("right", "finish")
@@ -295,3 +222,9 @@ def test_at_one_table_both_work_in_real_time(one_table):
     assert [arms.executions[name]["ended"] for name in ("left", "right")] == ["completed", "completed"]
     spans = [arms.find_span(name) for name in ("left", "right")]
     assert max(start for start, _ in spans) < min(end for _, end in spans)  # at once
+
+    one_table("realtime")
+    arms.signal("estop", "")
+    arms.wait_for("left", "finish")
+    arms.wait_for("right", "finish")
+    assert [arms.executions[name]["code"] for name in ("left", "right")] == ["ESTOPPED", "ESTOPPED"]

@@ -10,10 +10,9 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.workspace.workspace import Workspace
 
-from .corpus import HERE, Edit, make_project, read_case
+from .corpus import Edit, make_project
 
 GRAPH = find_shipped_root() / "goal_graphs" / "tidy_table.yaml"
-OBSERVING = {"process_start", "Describe", "LoadScene", "Observe", "state_write"}
 FAR_CUBE = Edit(
     file="scenes/tabletop/cubes_and_trays.yaml",
     path=("bodies", "red_cube", "place"),
@@ -44,24 +43,6 @@ def run(root, edits, rename=("", "")):
     received = workspace.logs / "receive-panda.jsonl"
     lines = received.read_text(encoding="utf-8").splitlines() if received.exists() else []
     return report, codes, [json.loads(line) for line in lines]
-
-
-@pytest.mark.journey
-@pytest.mark.parametrize(
-    ("side", "name", "rename"),
-    [
-        ("safety", "velocity_wider_than_the_arm", ("", "")),
-        ("target", "joint_renamed_in_its_document", ("joint7", "wrist")),
-    ],
-)
-def test_a_misconfigured_target_gets_no_command_at_all(side, name, rename, tmp_path):
-    case = read_case(HERE / side / f"{name}.yaml")
-
-    report, codes, received = run(tmp_path, case.edits, rename)
-
-    assert report.exit_code == 3
-    assert codes == {f"tidy.{node}": set(case.expect) for node in ("red", "green", "blue")}
-    assert {line["kind"] for line in received} <= OBSERVING
 
 
 @pytest.mark.journey

@@ -1,6 +1,5 @@
 """A workspace from elsewhere is data: no name and no link in it leads out."""
 
-import os
 import shutil
 
 import pytest
@@ -53,13 +52,6 @@ def test_a_link_in_any_place_is_named_before_anything_is_read_or_written(root, t
 
     assert (tmp_path / "out").is_dir() or (tmp_path / "out").read_text() == "phy: precious\n"
     assert not (tmp_path / "out").is_dir() or not list((tmp_path / "out").iterdir())
-
-
-def test_a_pipe_is_no_regular_file(root):
-    os.mkfifo(root / "TASK.md.new")
-
-    with pytest.raises(DefinitionError, match="LEADS_OUT: found a pipe"):
-        Workspace.open(root)
 
 
 def test_what_is_dropped_while_it_is_used_and_the_mark_of_an_editor_close_no_workspace(root):

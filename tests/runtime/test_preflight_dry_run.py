@@ -443,7 +443,7 @@ def test_joints_that_only_turn_in_place_do_not_lengthen_the_reach():
 def test_a_worker_whose_settings_cannot_be_read_refuses_every_session_with_the_reasons():
     ours, theirs = Pipe()
     control = Link(ours)
-    problem = Problem(code="UNSOURCED_LIMIT", address="safety.yaml:9:5", found="'tbd'")
+    problem = Problem(code="MISSING_VALUE", address="safety.yaml:9:5", found="'tbd'")
     thread = Thread(target=serve_refusals, args=(Link(theirs), [problem]))
     thread.start()
 

@@ -136,17 +136,6 @@ def stand(tmp_path):
     stand.close()
 
 
-def test_a_session_is_claimed_checked_run_and_left_for_the_verifier(stand):
-    stand.watch(worker := ScriptedWorker())
-    stand.submit(make_session())
-
-    stand.wait_for("g.a", "awaiting_verification")
-
-    assert stand.events("g.a") == ["submit", "claim", "check", "start", "halt", "finish"]
-    assert [type(order) for order in worker.orders] == [Check, Run]
-    assert stand.ledger.sessions["g.a"].execution.ended is Ended.COMPLETED
-
-
 @pytest.mark.parametrize(("is_running", "at_once"), [(False, False), (True, True)])
 def test_at_the_end_only_a_worker_that_may_command_is_not_waited_for(stand, is_running, at_once):
     on_run = (lambda order: None) if is_running else finish(Ended.COMPLETED)
@@ -369,15 +358,6 @@ def test_a_limit_amended_while_the_session_is_checked_is_the_one_that_holds(stan
     stand.wait_for("g.a", "awaiting_verification")
 
     assert [order.session.limits.timeout_s for order in worker.orders] == [60.0, 7.0]
-
-
-def test_a_worker_that_dies_while_it_checks_leaves_a_claim_and_its_loss(stand):
-    deaths = iter(["die"])
-    stand.watch(ScriptedWorker(on_check=lambda order: next(deaths, None) or grant(order)))
-    stand.submit(make_session())
-    stand.wait_for("g.a", "awaiting_verification")
-
-    assert stand.events("g.a") == ["submit", "claim", "check", "lose", "reconcile"]
 
 
 def grant(order):

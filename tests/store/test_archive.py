@@ -10,7 +10,7 @@ from phyagentos.store.checkpoint import start_reading
 from phyagentos.store.follower import Follower
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import Entry
-from phyagentos.store.maintenance import Maintenance, archive_segments
+from phyagentos.store.maintenance import Maintenance
 from phyagentos.store.segments import SystemIO, list_all_segments, list_segments
 from phyagentos.testing import ManualClock
 
@@ -116,23 +116,6 @@ def test_a_live_session_or_an_open_goal_keeps_its_segment_and_those_behind(agent
     assert len(read_seqs(agent.folder)) == list(read_seqs(agent.folder))[-1]
 
 
-def test_a_follower_that_lags_behind_goes_on_through_the_archive(agent, submit):
-    lagging, middle = Follower(agent.folder), Follower(agent.folder)
-    submit_many(agent, submit, range(3))
-    first = [record.seq for record in lagging.read_new()]
-    submit_many(agent, submit, range(3, 12))
-    end_many(agent, range(12))
-    tidy(agent.folder)
-    submit_many(agent, submit, range(12, 30))
-    end_many(agent, range(12, 30))
-    tidy(agent.folder)
-
-    assert first + [record.seq for record in lagging.read_new()] == list(range(1, 61))
-    assert [record.seq for record in middle.read_new()] == list(range(1, 61))
-    for follower in (lagging, middle):
-        follower.close()
-
-
 def test_writers_and_starts_need_no_archive(open_journal, agent, submit):
     submit_many(agent, submit, range(20))
     end_many(agent, range(20))
@@ -191,9 +174,3 @@ def test_archiving_at_any_moment_changes_nothing_that_is_told(tmp_path_factory, 
             assert histories.find(id) == [record for record in seen if record.id == id]
     assert [path.name for path in story.folder.iterdir() if path.name.endswith(".tmp")] == []
     story.close()
-
-
-def test_nothing_behind_what_the_horizon_knows_is_moved(agent, submit):
-    submit_many(agent, submit, range(20))
-
-    assert archive_segments(agent.folder, 10_000, 3, SystemIO(), durable=False) == []

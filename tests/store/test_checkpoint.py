@@ -126,18 +126,6 @@ def test_an_id_is_never_used_twice_however_long_ago(open_journal, submit):
     assert agent.commit([submit("s200")])[0].id == "s200"
 
 
-def test_memory_holds_what_is_live_and_what_is_recent(open_journal, submit):
-    agent = open_journal(segment_bytes=20_000)
-    for number in range(300):
-        agent.commit([submit(f"s{number}", goal="")])
-        agent.commit([Entry(f"s{number}", "cancel")])
-    ledger = agent.open_ledger()
-
-    assert len(agent._cache.admission._known) < 60
-    assert len(ledger.sessions) == 50
-    assert ledger.session_count == 300
-
-
 def fill(journal, count=30):
     for number in range(count):
         journal.commit([submit_entry(f"s{number}")])
@@ -203,13 +191,6 @@ def test_a_checkpoint_ahead_of_the_segments_tells_that_their_end_is_gone(lane, o
     assert find_checkpoint(lane) is None  # the same number of records, but others
 
 
-def test_a_checkpoint_of_another_lane_is_ignored(lane):
-    other = lane.with_name("other")
-    lane.rename(other)
-
-    assert find_checkpoint(other) is None
-
-
 def test_it_is_written_after_a_thousand_records_a_minute_and_at_the_end(tmp_path, submit):
     clock = ManualClock(1_000_000.0)
     journal = Journal(tmp_path, side=Side.AGENT, by="a", clock=clock, durable=False)
@@ -229,15 +210,6 @@ def test_it_is_written_after_a_thousand_records_a_minute_and_at_the_end(tmp_path
     assert step(300) == PERIOD_RECORDS + 1
     journal.close()
     assert find_checkpoint_seq(journal.folder) == PERIOD_RECORDS + 302
-
-
-def test_a_process_without_a_ledger_leaves_one_behind_too(open_journal):
-    journal = open_journal()
-    fill(journal, 60)
-    journal.close()
-
-    assert find_checkpoint_seq(journal.folder) == 120
-    assert describe(start(journal.folder)) == describe(read_all(journal.folder))
 
 
 @pytest.mark.slow

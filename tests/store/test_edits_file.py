@@ -1,12 +1,12 @@
 """A file that is rendered and edited at the same time: every version of another writer is found once."""
 
 import os
-import shutil
 
 import pytest
 
 from phyagentos.store import shared_file
-from phyagentos.store.shared_file import GRACE_S, MISSING_S, SharedFile, may_be_written
+from phyagentos.store.shared_file import GRACE_S, MISSING_S, SharedFile
+from tests.protocol.test_regular_files import lay_sparse
 
 MARK = "<!-- end of view -->\n"
 
@@ -190,30 +190,6 @@ def test_a_file_system_without_leases_is_given_time(shelf, monkeypatch):
 
     assert shelf.take(2.0) == []
     assert shelf.take(5.0) == [("theirs\n" + MARK, True)]
-
-
-def test_the_folder_aside_may_be_deleted(shelf):
-    shutil.rmtree(shelf.aside)
-    shelf.path.write_text("theirs\n" + MARK)
-    assert shelf.put("two\n")
-
-    assert shelf.take() == [("theirs\n" + MARK, True)]
-
-
-def test_the_system_tells_who_may_write(tmp_path):
-    path = tmp_path / "one"
-    path.write_text("1")
-    with path.open("rb") as reader:
-        assert may_be_written(reader.fileno()) is False
-        with path.open("r+"):
-            assert may_be_written(reader.fileno()) is True
-        with path.open("rb"):
-            assert may_be_written(reader.fileno()) is False
-
-
-def lay_sparse(path):
-    with path.open("wb") as file:
-        file.truncate(10**9)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ import threading
 import pytest
 
 from phyagentos.clock import SystemClock
-from phyagentos.store import shared_file
 from phyagentos.store.views.page_history import History
 from phyagentos.store.views.sessions import END_MARK
 
@@ -76,13 +75,3 @@ def list_lost(root, save):
 @pytest.mark.parametrize("save", [rename_over, write_in_place, move_away])
 def test_no_edit_is_lost_while_the_file_is_rendered(tmp_path, save):
     assert list_lost(tmp_path, save) == []
-
-
-@pytest.mark.slow
-def test_a_renderer_that_renames_over_would_lose_edits(tmp_path, monkeypatch):
-    def rename(fresh, path):
-        fresh.replace(path)
-        fresh.touch()
-
-    monkeypatch.setattr(shared_file, "_swap", rename)
-    assert list_lost(tmp_path, rename_over)

@@ -98,31 +98,6 @@ def test_an_archived_journal_reads_as_before(open_journal, agree, clock):
     assert agree()["seq"] == before["seq"] + 4
 
 
-def test_a_torn_end_is_waited_for(open_journal, agree):
-    journal = open_journal()
-    fill(journal, 2)
-    (path,) = journal.folder.glob("*.md")
-    whole = path.read_bytes()
-    start = whole.rindex(b"<!-- phy1 0000000005")  # the second of a batch of two; one more batch follows
-    for size in (start, start + 1, start + 40, start + 41, start + 200):
-        path.write_bytes(whole[:size])
-        found = agree()
-        assert (found["tail"], found["seq"]) == ("torn", 3)
-
-
-@pytest.mark.slow
-def test_damage_is_told_with_its_place(open_journal, agree):
-    journal = open_journal(segment_bytes=2000)
-    fill(journal, 5)
-    _, before, path, *_ = sorted(journal.folder.glob("*.md"))
-    whole = path.read_bytes()
-    in_hash = whole.index(b"prev_sha256: ") + 20  # either file may be the changed one
-    for place, segment in ((10, path), (in_hash, before), (300, path), (len(whole) - 3, path)):
-        path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
-        found = agree()
-        assert (found["tail"], found["segment"]) == ("damaged", segment.stem)
-
-
 @pytest.mark.slow
 def test_a_frame_that_holds_no_record_is_damage_for_both(open_journal, agree):
     journal = open_journal()
@@ -154,18 +129,6 @@ def test_a_journal_copied_to_another_lane_is_not_believed(open_journal, agree, t
     journal.folder.rename(tmp_path / "sessions" / "elsewhere")
 
     assert (agree()["tail"], agree()["offset"]) == ("damaged", 0)
-
-
-def test_the_second_reader_reads_many_workspaces_in_one_process(tmp_path, clock, read_with_node):
-    for name in ("a", "b"):
-        journal = Journal(tmp_path / name, side=Side.AGENT, by=name, clock=clock, durable=False)
-        journal.commit([make_submit("s")])
-        journal.close()
-
-    one, two = read_with_node(tmp_path / "a", tmp_path / "b")
-
-    assert (one["workspace"], one["seq"], two["seq"]) == (str(tmp_path / "a"), 1, 1)
-    assert one["sha256"] != two["sha256"]
 
 
 def test_the_second_reader_follows_records_as_they_come(open_journal, node, tmp_path):

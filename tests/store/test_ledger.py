@@ -55,16 +55,6 @@ def test_a_session_carries_what_its_records_said(open_journal, contract, submit)
     assert status.updated_at.startswith("1970-01-12T")
 
 
-@pytest.mark.parametrize(("side", "trigger"), [(Side.RUNTIME, "reject"), (Side.OPERATOR, "cancel")])
-def test_a_reason_is_kept(open_journal, submit, side, trigger):
-    open_journal().commit([submit("s")])
-    journal = open_journal(side)
-    journal.commit([Entry("s", trigger, {"reason": "not today"})])
-
-    status = fold(journal).sessions["s"]
-    assert (status.reason, status.problems) == ("not today", ())
-
-
 def test_the_problems_of_a_rejection_stay_typed_and_stand_in_the_view(open_journal, submit):
     open_journal().commit([submit("s")])
     journal = open_journal(Side.RUNTIME)

@@ -11,6 +11,7 @@ import pytest
 from phyagentos.protocol.sessions import stop_signals as mailbox
 from phyagentos.protocol.sessions.stop_signals import DONE_KEPT, Signal, SignalReader, drop_signal, take_signals
 from phyagentos.testing import ManualClock
+from tests.protocol.test_regular_files import lay_sparse
 
 
 def make_old(path):
@@ -26,16 +27,6 @@ def test_a_signal_arrives_once_and_is_kept(tmp_path, clock):
     assert take_signals(tmp_path) == []
     assert not path.exists()
     assert (tmp_path / "done" / path.name).exists()
-
-
-def test_signals_come_in_the_order_they_were_dropped(tmp_path, clock):
-    for reason in "abc":
-        drop_signal(tmp_path / "new", Signal(kind="cancel", reason=reason), clock)  # the same instant
-    clock.advance(1)
-    drop_signal(tmp_path, Signal(kind="estop", reason="d"), clock)
-
-    assert [signal.reason for signal in take_signals(tmp_path / "new")] == ["a", "b", "c", "d"]
-    assert len(list((tmp_path / "done").iterdir())) == 4
 
 
 @pytest.mark.parametrize("text", ["kind: cancel\nsession: g.red\n", '{"kind": "cancel", "session": "g.red"}'])
@@ -73,11 +64,6 @@ def test_what_cannot_be_read_is_put_aside_with_the_reason(tmp_path, text, reason
     assert list((tmp_path / "new").iterdir()) == []
 
 
-def lay_sparse(path):
-    with path.open("wb") as file:
-        file.truncate(10**9)
-
-
 @pytest.mark.parametrize(
     ("make", "reason"),
     [
@@ -100,38 +86,11 @@ def test_what_is_no_small_regular_file_is_moved_aside_unread_and_a_stop_beside_i
     assert reason in (tmp_path / "rejected" / "a.reason.txt").read_text()
 
 
-def test_a_request_is_read_no_further_than_its_first_list_or_alias(tmp_path, monkeypatch):
-    seen = []
-    parse = mailbox.yaml.parse
-    monkeypatch.setattr(mailbox.yaml, "parse", lambda *a, **k: (seen.append(e) or e for e in parse(*a, **k)))
-    for text in ("a: &a [x]\n" + "b: [*a, *a]\n" * 5000, "k: v\n" * 10_000):
-        with pytest.raises(ValueError, match="only one mapping, of words to words"):
-            mailbox.parse_signal(text.encode())
-        assert len(seen) < 60
-        seen.clear()
-
-
 def test_the_taker_goes_on_with_its_other_work_between_two_hundred_requests_and_the_next(tmp_path):
     lay(tmp_path / "new", 450, 1_000)
     turns = [mailbox.take_some(tmp_path) for _ in range(3)]
 
     assert [(len(taken), goes_on) for taken, goes_on in turns] == [(200, True), (200, True), (50, False)]
-
-
-def test_a_file_that_grows_all_the_time_holds_up_no_reader(tmp_path, monkeypatch):
-    (tmp_path / "new").mkdir()
-    path = tmp_path / "new" / "log"
-    path.touch()
-    opened = mailbox.open_regular
-
-    def open_grown(*args, **options):
-        with path.open("a") as file:
-            file.write("x\n")
-        return opened(*args, **options)
-
-    monkeypatch.setattr(mailbox, "open_regular", open_grown)
-    (tmp_path / "new" / "stop").write_text("kind: estop")
-    assert SignalReader(tmp_path).read_new() == [Signal(kind="estop")]
 
 
 def test_every_reader_gets_every_signal_once_whoever_is_faster(tmp_path, clock):

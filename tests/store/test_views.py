@@ -165,15 +165,6 @@ def test_what_is_shown_no_more_is_forgotten(open_journal, submit):
     assert len(cache) <= 3 * FINISHED_SHOWN + 2
 
 
-def test_a_block_that_did_not_change_is_not_rendered_again(ledger, monkeypatch):
-    cache = {}
-    first = render_sessions(ledger, cache)
-    monkeypatch.setattr("phyagentos.store.views.sessions.render_session", lambda status: "rendered again\n")
-
-    assert render_sessions(ledger, cache) == first
-    assert "rendered again" in render_sessions(ledger)
-
-
 def test_a_task_shows_goal_nodes_criteria_and_verdict(run, ledger):
     verdict = {"verdict": "success", "reason": "both cubes are in", "criteria": ATTEMPT.criteria}
     for record in run.commit([Entry("goal:tidy-7", "goal_verdict", verdict)]):

@@ -122,4 +122,4 @@ def _convert(formula: Formula, value: bool, things: Sequence[str], text: str, ad
 
 def _unplannable(text: str, address: str) -> DefinitionError:
     expected = "statements, 'not', 'and', 'or', and 'count' of one statement"
-    return DefinitionError.of("NOT_PLANNABLE", address, repr(text), expected, "Write a goal graph instead.")
+    return DefinitionError.of("NO_CANDIDATE", address, repr(text), expected, "Write a goal graph instead.")

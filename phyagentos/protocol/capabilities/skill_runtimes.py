@@ -276,7 +276,7 @@ def read_skill(path: Path) -> tuple[SkillRuntime, Located]:
     skill = validate(SkillRuntime, located)
     if skill.skill != path.parent.name:
         raise DefinitionError(
-            located.problem("NAME_MISMATCH", ("skill",), repr(skill.skill), f"the folder's name {path.parent.name!r}")
+            located.problem("INVALID_VALUE", ("skill",), repr(skill.skill), f"the folder's name {path.parent.name!r}")
         )
     return skill, located
 

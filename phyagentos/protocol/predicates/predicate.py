@@ -193,7 +193,7 @@ def read_formula(text: str, template: bool) -> tuple[Predicate | None, tuple[_Fi
     try:
         formula = parse(text)
     except PredicateSyntaxError as error:
-        return None, ((error.column, Problem("PREDICATE_SYNTAX", "", error.found, error.expected, error.hint)),)
+        return None, ((error.column, Problem("SYNTAX", "", error.found, error.expected, error.hint)),)
     findings = [finding for call in syntax.iter_calls(formula) for finding in _iter_call_findings(call, template)]
     findings += _iter_use_findings(formula)
     return Predicate(formula), tuple(sorted(findings, key=lambda finding: finding[0]))
@@ -207,10 +207,10 @@ def _iter_call_findings(call: syntax.Call, template: bool) -> Iterator[_Finding]
         return
     least = sum(argument.default is None for argument in definition.arguments)
     if not least <= len(call.terms) <= len(definition.arguments):
-        yield call.column, Problem("WRONG_ARGUMENTS", "", f"{len(call.terms)} arguments", definition.signature)
+        yield call.column, Problem("INVALID_VALUE", "", f"{len(call.terms)} arguments", definition.signature)
     for argument, term in zip(definition.arguments, call.terms, strict=False):
         if argument.kind not in _TAKES[type(term)]:
-            yield term.column, Problem("WRONG_ARGUMENT", "", format_term(term), f"{argument.kind} {argument.name!r}")
+            yield term.column, Problem("INVALID_VALUE", "", format_term(term), f"{argument.kind} {argument.name!r}")
         elif isinstance(term, syntax.Variable) and not template:
             expected, hint = (
                 "a parameter that is known here",
@@ -233,12 +233,12 @@ def _iter_use_findings(formula: syntax.Formula) -> Iterator[_Finding]:
             elif (definition := _find(left)) and not definition.is_number:
                 hint = f"Write {syntax.render(left)!r} or 'not {syntax.render(left)}'."
                 found = f"{left.name!r} compared"
-                yield left.column, Problem("NOT_A_NUMBER", "", found, "a number, or no comparison", hint)
+                yield left.column, Problem("INVALID_VALUE", "", found, "a number, or no comparison", hint)
         case syntax.Count(_, column):
-            yield column, Problem("NOT_COMPARED", "", "'count'", "a comparison such as '>= 1'")
+            yield column, Problem("INVALID_VALUE", "", "'count'", "a comparison such as '>= 1'")
         case syntax.Call(name, _, column):
             if (definition := _find(formula)) and definition.is_number:
-                yield column, Problem("NOT_COMPARED", "", repr(name), "a comparison such as '< 0.2'")
+                yield column, Problem("INVALID_VALUE", "", repr(name), "a comparison such as '< 0.2'")
         case syntax.Not(body):
             yield from _iter_use_findings(body)
         case syntax.And(parts) | syntax.Or(parts):

@@ -29,10 +29,10 @@ _GOAL_ID = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{GOAL_ID_MAX - 1}}}")
 
 
 def check_goal_id(id: str, address: str) -> GoalId:
-    """The id of a goal, which names files and folders; raises DefinitionError `INVALID_NAME` at `address`."""
+    """The id of a goal, which names files and folders; raises DefinitionError `INVALID_VALUE` at `address`."""
     if _GOAL_ID.fullmatch(id) is None:
         expected = f"letters, digits, '.', '_', '-', the first a letter or digit, at most {GOAL_ID_MAX}"
-        raise DefinitionError.of("INVALID_NAME", address, repr(id), expected)
+        raise DefinitionError.of("INVALID_VALUE", address, repr(id), expected)
     return GoalId(id)
 
 

@@ -304,7 +304,7 @@ def _parse_scene(text: str, path: Path) -> SceneSpec:
         raise DefinitionError(problems)
     problems += [*_find_dangling(spec, located), *_iter_misnamed(spec, located), *_iter_oversized(spec, located)]
     if not path.with_suffix("").as_posix().endswith(f"scenes/{spec.scene}"):
-        problems.append(located.problem("NAME_MISMATCH", ("scene",), repr(spec.scene), "the file's path below scenes/"))
+        problems.append(located.problem("INVALID_VALUE", ("scene",), repr(spec.scene), "the file's path below scenes/"))
     if problems:
         raise DefinitionError(problems)
     return spec
@@ -317,7 +317,7 @@ def _iter_misnamed(spec: SceneSpec, located: Located) -> Iterator[Problem]:
             if not NAME.fullmatch(name):
                 hint = f"Write {(re.sub(r'[^A-Za-z0-9_]+', '_', name).strip('_') or 'thing')!r}."
                 expected = "letters, digits and '_', with a letter first, as in predicates"
-                yield located.problem("INVALID_NAME", (kind, name), repr(name), expected, hint)
+                yield located.problem("INVALID_VALUE", (kind, name), repr(name), expected, hint)
 
 
 def _iter_oversized(spec: SceneSpec, located: Located) -> Iterator[Problem]:

@@ -74,7 +74,7 @@ def measure_hand(profile: TargetProfile, folder: Path) -> HandMotion:
     if len(gripper.pads) != 2 or len(gripper.travel) != len(gripper.joints):
         found = f"{len(gripper.pads)} pads, {len(gripper.joints)} joints and {len(gripper.travel)} values of travel"
         expected = "two pads that face each other, and a value for each joint"
-        raise DefinitionError.of("WRONG_LENGTH", f"{profile.target}/target.yaml: gripper", found, expected)
+        raise DefinitionError.of("INVALID_VALUE", f"{profile.target}/target.yaml: gripper", found, expected)
     return _measure(profile, folder, find_model(profile.model, folder).stat().st_mtime_ns)
 
 

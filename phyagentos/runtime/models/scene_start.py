@@ -89,7 +89,7 @@ def _iter_unsupported(
         if gap_m > DROP_M:
             found = f"{name!r}, {f'{gap_m:.3f} m above {below!r}' if gaps else 'with nothing below it'}"
             hint = f"Lower it by {gap_m:.3f} m, or move it to where something bears it." if gaps else "Move it."
-            yield located.problem("UNSUPPORTED", ("bodies", name, "place"), found, "something to stand on", hint)
+            yield located.problem("SCENE_INVALID", ("bodies", name, "place"), found, "something to stand on", hint)
 
 
 def _compute_bounds(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> tuple[np.ndarray, np.ndarray]:

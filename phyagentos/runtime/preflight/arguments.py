@@ -44,9 +44,9 @@ def iter_parameter_problems(session: Session, skill: SkillRuntime) -> Iterator[P
         if value is None:
             if parameter.is_needed:
                 fix = f"Give {name!r} under 'with'."
-                yield make_problem("MISSING_PARAMETER", address, "nothing", parameter.type, by, fix)
+                yield make_problem("MISSING_VALUE", address, "nothing", parameter.type, by, fix)
         elif reason := find_mismatch(parameter, value):
-            yield make_problem("PARAMETER_INVALID", address, repr(str(value)), reason, by)
+            yield make_problem("INVALID_VALUE", address, repr(str(value)), reason, by)
 
 
 def iter_limit_problems(session: Session, limits: TargetLimits) -> Iterator[Problem]:
@@ -54,7 +54,7 @@ def iter_limit_problems(session: Session, limits: TargetLimits) -> Iterator[Prob
     for name in session.limits.__struct_fields__:
         value = getattr(session.limits, name)
         if not math.isfinite(value) or value <= 0.0:
-            yield make_problem("INVALID_CONTRACT", f"limits.{name}", value, "a number of seconds above 0")
+            yield make_problem("INVALID_VALUE", f"limits.{name}", value, "a number of seconds above 0")
     allowed_s = limits.session_duration_max.value
     if isinstance(allowed_s, float | int) and session.limits.timeout_s > allowed_s:
         expected = f"at most {allowed_s:g} s"
@@ -98,10 +98,10 @@ def iter_name_problems(
                     found = f"{value}, which has {f'a {moves.kind}' if moves else 'no joint'}"
                     expected = f"an object with a {parameter.mechanism}"
                     fix = "Choose another object, or another skill."
-                    yield make_problem("PARAMETER_INVALID", f"parameters.{name}", found, expected, by, fix)
+                    yield make_problem("INVALID_VALUE", f"parameters.{name}", found, expected, by, fix)
                 if parameter.kinds and kind not in parameter.kinds:
                     yield make_problem(
-                        "PARAMETER_INVALID", f"parameters.{name}", f"{value}: {kind}", " or ".join(parameter.kinds), by
+                        "INVALID_VALUE", f"parameters.{name}", f"{value}: {kind}", " or ".join(parameter.kinds), by
                     )
                 continue
             reported.add(value)
@@ -186,7 +186,7 @@ def iter_ambiguity_problems(session: Session, skill: SkillRuntime | None, now: E
             fix = "Mark one of them, ask for a number of them, or write them into 'interchangeable' of the goal."
             address = f"accept[{index}]"
             yield make_problem(
-                "AMBIGUOUS", address, found, "objects that can be distinguished", f"accept: {text}", fix, text
+                "AMBIGUOUS", address, found, "objects that can be told apart", f"accept: {text}", fix, text
             )
 
 

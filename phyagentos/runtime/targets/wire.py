@@ -323,7 +323,7 @@ class End(OfSession[Ended], frozen=True, tag=True):
 class Observe(RequestFor[Observation], frozen=True, tag=True):
     """Ask for an observation without moving time, and for the driver's snapshot of the moment.
 
-    `truth` adds ground truth of entities and regions; refused where it is not offered (`NO_GROUND_TRUTH`).
+    `truth` adds ground truth of entities and regions; refused where it is not offered (`REQUEST_INVALID`).
     """
 
     truth: bool = False

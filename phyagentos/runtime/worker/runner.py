@@ -254,7 +254,7 @@ class SessionRunner:
         """Nothing was commanded: the tree is unsound, or there is no target."""
         if isinstance(error, DefinitionError):
             try:
-                outcome = Outcome(ended=Ended.SKILL_FAILED, code="TREE_INVALID", message=str(error))
+                outcome = Outcome(ended=Ended.SKILL_FAILED, code="BROKEN_TREE", message=str(error))
                 return self._close_unmoved(session, outcome, recorder, evidence)
             except ExecutionError as lost:
                 error = lost

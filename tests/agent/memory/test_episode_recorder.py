@@ -151,13 +151,6 @@ def test_without_its_memory_the_same_goal_fails_as_before(lab):
     assert [session.state for session in report.sessions] == ["replanned", "succeeded"]
 
 
-def test_a_frozen_run_writes_nothing(lab):
-    lab.run(1)
-    before = {path: path.read_bytes() for path in lab.workspace.memory.rglob("*.md")}
-    lab.run(2, learns=False)
-    assert {path: path.read_bytes() for path in lab.workspace.memory.rglob("*.md")} == before
-
-
 def test_what_a_killed_agent_could_not_remember_is_remembered_by_the_next(lab):
     lab.run(1, learns=False)
     lab.run(2)

@@ -62,12 +62,6 @@ def test_a_child_before_its_failure_verifies_nothing(memory):
     assert memory.experience.corrections == {}
 
 
-def test_a_success_corrects_nothing(memory):
-    first = make_episode(ok=True)
-    memory.record([first, make_episode(parent=first, strategy=SLOW)])
-    assert memory.experience.corrections == {}
-
-
 def test_the_same_session_counts_once(memory):
     pair = make_correction()
     memory.record(pair)

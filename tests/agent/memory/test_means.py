@@ -5,7 +5,7 @@ from msgspec.structs import replace
 from phyagentos.agent.memory.episodes import Features
 from phyagentos.protocol.sessions.means import Means, Preparation
 from phyagentos.protocol.sessions.memory_entries import Standing
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.strategy import OWN_WAY
 
 from .conftest import ask, make_episode
 
@@ -81,12 +81,6 @@ def test_a_first_attempt_that_memory_prepared_counts_for_the_lesson_and_not_for_
     assert (counted.applied.successes, counted.applied.trials) == (1, 1)
     assert memory.experience.find_baseline(lesson) == before
     assert all(not each.count.successes for each in memory.experience.patterns.values())
-
-
-def test_a_way_and_other_means_are_one_lesson(memory):
-    failed, clear, again = make_cleared()
-    lesson = learn(memory, failed, clear, replace(again, strategy=Strategy(speed=0.5)))
-    assert (lesson.advice.speed, lesson.means.prepare) == (0.5, (ASIDE,))
 
 
 def test_a_session_of_another_run_with_the_same_id_corrects_nothing(memory):

@@ -8,10 +8,8 @@ import pytest
 from phyagentos.agent.memory import experience
 from phyagentos.agent.memory.experience import Experience
 from phyagentos.agent.memory.experience_log import Edit
-from phyagentos.agent.memory.scopes import compute_id, compute_scope, widen
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.memory_entries import Scope, Standing
-from phyagentos.protocol.sessions.strategy import Strategy
 
 from .conftest import SLOW, ask, make_correction, make_episode
 
@@ -26,14 +24,6 @@ def find_segment(tmp_path):
 
 def find_cache(tmp_path):
     return next((tmp_path / ".cache").glob("memory-*.json"))
-
-
-def test_another_process_knows_what_was_recorded(memory, open_memory):
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
-    assert [each.lesson.id for each in open_memory().recall(ask(failed))] == [
-        each.lesson.id for each in memory.recall(ask(failed))
-    ]
 
 
 def test_a_deleted_cache_loses_nothing(memory, open_memory, tmp_path):
@@ -138,14 +128,6 @@ def test_a_person_may_say_where_a_lesson_holds(memory):
     assert memory.recall(ask(failed)) == ()
 
 
-def test_a_lesson_that_a_person_opened_to_everything_is_told_of_anything(memory):
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
-    id = memory.recall(ask(failed))[0].lesson.id
-    memory.record([Edit(entry=id, scope=Scope(), by="a person")])
-    assert id in {each.lesson.id for each in memory.recall(ask(make_episode(thing="tin", place="rack"), skill="stack"))}
-
-
 def test_words_find_lessons_for_people(memory):
     memory.record([*make_correction(thing="soap"), *make_correction(thing="tin", place="rack")])
     assert {each.scope.object for each in memory.search("rack")} == {"tin"}
@@ -165,14 +147,6 @@ def test_it_stays_small_however_much_is_remembered(monkeypatch):
     assert max(sizes) <= 20
     assert any(lesson.scope.object == "thing99" for lesson in known.corrections.values())
     assert len(known.list_lessons()) == len(known.list_facts()) == 10
-
-
-def test_what_was_counted_stands_in_the_order_of_its_records(memory):
-    for number in range(6):
-        memory.record([make_episode(thing=f"thing{number}", place=f"place{number}")])
-    scopes = [compute_scope(make_episode(thing=f"thing{number}", place=f"place{number}")) for number in range(6)]
-    ways = [(scope, widen(scope, SLOW), widen(scope, Strategy(avoid_sites=("any",)))) for scope in scopes]
-    assert list(memory.experience.baselines) == [compute_id("scope", each, "", {}) for way in ways for each in way]
 
 
 def test_a_retracted_lesson_is_not_let_go(monkeypatch):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from phyagentos.agent.memory.semantic import ALPHA, P_BAD, P_GOOD, STARTS_MIN, Rank, Trial
+from phyagentos.agent.memory.semantic import ALPHA, P_BAD, P_GOOD, Rank, Trial
 
 from .conftest import SLOW, ask, make_episode
 
@@ -40,13 +40,6 @@ def test_the_same_start_proves_nothing_twice():
     for _ in range(200):
         trial = trial.add(7, success=True)
     assert (trial.rank, trial.starts) == (Rank.TRIAL, (7,))
-
-
-def test_no_way_is_promoted_from_few_starts():
-    trial = Trial()
-    for seed in range(STARTS_MIN - 1):
-        trial = trial.add(seed, success=True)
-    assert trial.rank is Rank.TRIAL
 
 
 def test_a_promoted_way_that_becomes_bad_is_demoted_and_one_that_stays_good_is_not():

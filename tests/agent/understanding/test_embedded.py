@@ -85,11 +85,6 @@ def test_a_word_too_few_is_never_made_up(understand, missing):
     assert not isinstance(understand(" ".join(words)), Understood)
 
 
-def test_the_nearest_word_is_told(understand):
-    assert understand("put the rde cube into the red tray").lacks[0].nearest in {"red", "side"}
-    assert understand("put the bottel into the red tray").lacks[0].nearest == "bottle"
-
-
 @pytest.mark.parametrize(
     ("request_", "kind"),
     [

@@ -47,17 +47,6 @@ def ask(server, request=REQUEST, vocabulary=None, *, key="", answers=None, **lim
     return understander.understand(request, vocabulary or get_vocabulary(), answers or {})
 
 
-def test_a_right_answer_becomes_the_goal(serve):
-    server = serve(RIGHT)
-    found = ask(server)
-
-    assert found.goal.accept == ("inside(red_cube, red_tray)",)
-    assert found.goal.constraints == ("upright(bottle)",)
-    assert (found.goal.objective, found.goal.scene) == (REQUEST, "tabletop/cubes_and_trays")
-    assert server.data["question"]["request"] == REQUEST
-    assert server.asked[0]["response_format"]["type"] == "json_schema"
-
-
 def test_prose_around_the_answer_is_no_part_of_it(serve):
     prose = f"Sure! Here it is:\n```json\n{json.dumps(RIGHT)}\n```\nAnything else?"
 
@@ -110,7 +99,7 @@ def test_a_slow_server_costs_no_more_than_the_time_allowed(serve):
     found = ask(serve(RIGHT, delay_s=30.0), time_s=0.3)
 
     assert time.perf_counter() - started_s < 10.0
-    assert "MODEL_UNREACHABLE" in found.lacks[0].words
+    assert "MODEL_FAILED" in found.lacks[0].words
 
 
 @pytest.mark.slow
@@ -127,7 +116,7 @@ def test_a_server_that_never_answers_ends_in_time(way):
 
 
 def test_a_server_that_refuses_is_told_about(serve):
-    assert "MODEL_REFUSED" in ask(serve(RIGHT, status=500)).lacks[0].words
+    assert "MODEL_FAILED" in ask(serve(RIGHT, status=500)).lacks[0].words
 
 
 def test_tokens_are_limited(serve):

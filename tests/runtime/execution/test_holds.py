@@ -28,16 +28,6 @@ def test_the_worst_sample_is_kept_with_its_time():
     assert (criterion.text, criterion.truth, criterion.at_s) == (TEXT, Truth.TRUE, 0.2)
 
 
-def test_a_violation_is_reported_and_stays_the_worst():
-    monitor = HoldMonitor([TEXT], build_world(0.0, 0.0), "panda")
-
-    violated = monitor.sample(build_world(0.1, 0.5))
-    assert violated.truth is Truth.FALSE
-    monitor.sample(build_world(0.2, 0.1))
-
-    assert monitor.read_worst() == (violated,)
-
-
 def test_samples_are_due_as_often_as_asked_and_never_without_conditions():
     world = build_world(0.0, 0.0)
 

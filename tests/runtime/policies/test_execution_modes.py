@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from phyagentos.runtime.actions.chunks import TemporalEnsemble
 from phyagentos.runtime.execution.skill_runtime import SkillStatus
 from tests.runtime.policies.stand import PERIOD_S, ROWS, Stand
 
@@ -61,12 +60,6 @@ def test_a_policy_is_asked_again_at_the_horizon_of_its_mode(profile, execution, 
     assert read_rows_done(stand) == expected
 
 
-def test_the_last_chunk_is_carried_out_beyond_the_horizon(profile):
-    stand = Stand(profile, walk(profile, last=1), execution={"mode": "receding_horizon", "horizon": 8}, **LOCKSTEP)
-    assert stand.run() is SkillStatus.SUCCEEDED
-    assert len(stand.joint) == 8 + ROWS
-
-
 @pytest.mark.parametrize(("mode", "late"), [("hard_switch", 1), ("receding_horizon", 5)])
 def test_a_chunk_that_comes_early_waits_for_the_horizon_or_takes_over_at_once(profile, mode, late):
     how = {"mode": mode, "horizon": 8}
@@ -93,12 +86,6 @@ def test_an_ensemble_commands_the_weighted_mean_of_all_that_speak_of_a_moment(pr
         speaking = offsets[max(0, now - 3) : now + 1]  # chunks of four rows, the oldest first
         weights = np.exp(-decay * np.arange(len(speaking)))
         assert joint - profile.arm.home_rad[0] == pytest.approx(float(weights @ speaking / weights.sum()), abs=1e-9)
-
-
-def test_an_ensemble_of_chunks_that_agree_is_each_of_them():
-    ensemble, line = TemporalEnsemble(0.1), np.arange(30.0)[:, None]
-    for after in (0, 3, 9):
-        assert ensemble.blend(after, line[after : after + 12]) == pytest.approx(line[after : after + 12])
 
 
 @pytest.mark.parametrize(("expiry_s", "expected"), [(None, [0, 16, 32]), (0.1, [0, 6, 12]), (0.2, [0, 11, 22])])

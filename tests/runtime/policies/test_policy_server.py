@@ -139,12 +139,6 @@ def test_a_server_describes_itself_and_answers_with_chunks(where):
     assert chunk.rows == pytest.approx(np.array([[0.1, 0.2], [0.1, 0.2]]))
 
 
-def test_what_a_model_raises_is_a_fault_with_its_words(endpoint):
-    with pytest.raises(ExecutionError, match="ValueError: cannot see") as error:
-        converse(endpoint, infer(shown=(np.nan, 0.0)))
-    assert error.value.code == "POLICY_FAULT"
-
-
 def test_where_nobody_listens_the_server_is_unreachable():
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]

@@ -277,7 +277,7 @@ def test_a_worker_with_the_wrong_token_is_told_so(tmp_path):
 )
 def test_a_key_in_a_file_is_only_taken_when_it_is_ones_own(tmp_path, mode, text, found):
     path = tmp_path / "panda"
-    with pytest.raises(DefinitionError, match="NO_TOKEN: found no key"):
+    with pytest.raises(DefinitionError, match="NOT_SECURED: found no key"):
         read_secret(path)
     path.write_text(text)
     path.chmod(mode)

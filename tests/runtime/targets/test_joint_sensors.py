@@ -26,13 +26,6 @@ def test_the_same_seed_and_time_measure_the_same():
     assert not np.array_equal(first, other)
 
 
-def test_what_is_not_declared_is_exact():
-    exact = ARM.model_copy(update={"position_noise_rad": 0.0, "velocity_noise_rad_s": 0.0, "state_delay_s": 0.0})
-    q, qd = JointSensors(exact, 3, 0.002).measure(Q, QD, 0.5)
-    assert np.array_equal(q, Q)
-    assert np.array_equal(qd, QD)
-
-
 def test_a_contact_force_is_estimated_with_a_bias_noise_and_a_dead_zone():
     estimates = [ForceEstimate(PANDA, seed, 0.002) for seed in range(40)]
     found = np.array([[each.measure(20.0, 0.002 * k) for k in range(200)] for each in estimates])

@@ -7,6 +7,7 @@ reason, or no frame with a code; never an error.
 import io
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 
 import mujoco
 import numpy as np
@@ -61,6 +62,11 @@ class PictureRenderer:
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
+
+    def __del__(self) -> None:
+        with suppress(RuntimeError):  # this process ends
+            self._thread.submit(self._close).result()
+        self._thread.shutdown(wait=False)
 
 
 def _open_renderer(model: mujoco.MjModel, width: int, height: int) -> mujoco.Renderer:
