@@ -119,7 +119,7 @@ def test_a_rehearsal_process_that_dies_is_an_error_and_the_next_question_starts_
 
 def test_a_question_that_nobody_wants_any_more_ends_the_process(careful):
     question = Case(session=careful, request=careful.lookahead, tree="pick", environment=WORLD)
-    forecasts = RehearsalProcess(["sh", "-c", "exec sleep 60"])
+    forecasts = RehearsalProcess(["-c", "import time; time.sleep(60)"])
 
     assert forecasts.ask(question, lambda: True) is None
     assert forecasts._child is None
