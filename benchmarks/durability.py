@@ -16,11 +16,11 @@ import pytest
 from typer import Option
 
 from benchmarks.runner import finish, run, show
-from phyagentos.bench.report import Ask
+from phyagentos.bench.report import Threshold
 
 ROOT = Path(__file__).resolve().parents[1]
 BROKEN_PROMISES = ("lost", "torn_exposed", "vanished", "broken_batches", "readers_differ", "folds_differ", "accepted")
-TOLD = ("kills", "images", "faults", "damages", "acknowledged", "cut", "repairs", *BROKEN_PROMISES)
+TOLD = ("kills", "cuts", "images", "faults", "damages", "acknowledged", "cut", "repairs", *BROKEN_PROMISES)
 
 
 class Collector:
@@ -54,7 +54,7 @@ def main(*, nightly: Annotated[bool, Option(help="large counts")] = False) -> in
 
     figures = {name: float(value) for name, value in totals.items()}
     figures |= {"tests": float(collector.tests), "tests_failed": float(collector.failed)}
-    never = Ask(0, at_least=False)
+    never = Threshold(0, at_least=False)
     asked = {"tests_failed": never, **dict.fromkeys(BROKEN_PROMISES, never)}
     return finish(figures, asked) or int(code)
 

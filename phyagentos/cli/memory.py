@@ -13,7 +13,7 @@ from phyagentos.operations import promote as promotion
 from phyagentos.operations import recall
 from phyagentos.operations.promote import Promoted, Revoked
 from phyagentos.operations.recall import Forgotten, Memories, Provenance
-from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Standing
+from phyagentos.protocol.sessions.memory_entries import EntryState, MemoryEntry
 
 Entry = Annotated[str, typer.Argument(help="Id of a lesson or fact, as LESSONS.md and KNOWLEDGE.md give it.")]
 
@@ -70,7 +70,7 @@ def revoke(
 
 
 def _describe(each: MemoryEntry) -> str:
-    mark = "" if each.state is Standing.ACTIVE else f" [{each.state}{': ' + each.reason if each.reason else ''}]"
+    mark = "" if each.state is EntryState.ACTIVE else f" [{each.state}{': ' + each.reason if each.reason else ''}]"
     return f"{each.id}{mark}\n    {each.statement}\n    {each.supported} for, {each.contradicted} against"
 
 

@@ -14,7 +14,7 @@ from phyagentos.bench.matrix import compile_suite
 from phyagentos.bench.records import EpisodeLog, EpisodeRecord, read_records
 from phyagentos.bench.scorers.scorer import FILE, OUTCOMES
 from phyagentos.bench.scoring import Taxon, classify_cause, classify_problems
-from phyagentos.bench.suite_file import Asked, Policy, Variant, merge
+from phyagentos.bench.suite_file import FigureThreshold, Policy, Variant, merge
 from phyagentos.bench.summary import compare, compute_figure
 from phyagentos.bench.sweep import begin_run, run_sweep
 from phyagentos.clock import SystemClock
@@ -235,12 +235,15 @@ def test_figures_are_those_of_the_records():
         make_record("a.2", seed=2, is_met=False, replans=1, parts={"x": True, "y": False}, first_parts={"x": False}),
         make_record("a.3", seed=3, is_met=True, replans=1, verdict="failure", parts={"x": True, "y": True}),
     ]
-    found = {name: compute_figure(Asked(figure=name), records) for name in ("final", "first", "parts", "first_parts")}
+    found = {
+        name: compute_figure(FigureThreshold(figure=name), records)
+        for name in ("final", "first", "parts", "first_parts")
+    }
 
     assert found == {"final": 2 / 3, "first": 1 / 3, "parts": 5 / 6, "first_parts": 0.5}
-    assert compute_figure(Asked(figure="parts", part="y"), records) == 2 / 3
-    assert compute_figure(Asked(figure="false_successes"), records) == 1.0
-    assert compute_figure(Asked(figure="false_failures"), records) == 1.0
+    assert compute_figure(FigureThreshold(figure="parts", part="y"), records) == 2 / 3
+    assert compute_figure(FigureThreshold(figure="false_successes"), records) == 1.0
+    assert compute_figure(FigureThreshold(figure="false_failures"), records) == 1.0
 
 
 def test_every_cause_of_a_verdict_has_a_kind_of_failure():

@@ -6,7 +6,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.operations.lint import lint_file
 from phyagentos.protocol.documents.document import iter_blocks
 from phyagentos.protocol.sessions.lessons import Lesson, render_lessons
-from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.memory_entries import EntryState, Scope
 from phyagentos.store.document_registry import FORMATS, check_document
 from tools.write_reference import render_pristine
 
@@ -144,7 +144,7 @@ def test_a_request_that_a_person_adds_is_checked_as_a_signal():
 
 
 def test_a_retracted_lesson_stays_in_the_document():
-    lesson = Lesson(id="grip", statement="s", scope=Scope(skill="pick"), state=Standing.RETRACTED, reason="by eye")
+    lesson = Lesson(id="grip", statement="s", scope=Scope(skill="pick"), state=EntryState.RETRACTED, reason="by eye")
     text = render_lessons([lesson])
     assert "state: retracted\nreason: by eye\n" in text
     check_document(text, "LESSONS.md")

@@ -13,7 +13,15 @@ from phyagentos.agent.goals.spec import GoalSpec, WantedGoal
 from phyagentos.agent.planning.goal_facts import list_places, make_fact, read_conditions
 from phyagentos.agent.planning.operators import Scope, list_operators
 from phyagentos.agent.planning.problem import Capacity, Condition, Fact, Literal, Operator, PlanningProblem
-from phyagentos.agent.planning.rooms import FILL, Spot, count_room, find_lid, find_spots, list_carried, place_spot
+from phyagentos.agent.planning.rooms import (
+    FILL,
+    PlacementPoint,
+    count_room,
+    find_lid,
+    find_spots,
+    list_carried,
+    place_spot,
+)
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.geometry import Vector
 from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
@@ -184,7 +192,9 @@ def _list_places(
     return list(known)
 
 
-def _list_spots(world: Environment, things: Sequence[str], calls: Iterable[Call], profile: TargetProfile) -> list[Spot]:
+def _list_spots(
+    world: Environment, things: Sequence[str], calls: Iterable[Call], profile: TargetProfile
+) -> list[PlacementPoint]:
     points = dict.fromkeys(term.position_m for call in calls for term in call.terms if isinstance(term, Point))
     named = [term.text for call in calls for term in call.terms if isinstance(term, Name)]
     away: list[Vector] = [*points, *(world.regions[name].pose.position_m for name in named if name in world.regions)]

@@ -12,7 +12,7 @@ from typing import Any
 from phyagentos.agent.goals.selector import find_lacks
 from phyagentos.agent.planning.goal_facts import list_defaults, list_places, make_fact
 from phyagentos.agent.planning.problem import Fact, Operator
-from phyagentos.agent.planning.rooms import Spot, count_room, find_in_lane, is_in_reach
+from phyagentos.agent.planning.rooms import PlacementPoint, count_room, find_in_lane, is_in_reach
 from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.plain_data import Fields
@@ -53,7 +53,7 @@ class Scope:
     world: Environment
     things: Sequence[str]
     places: Sequence[str]
-    spots: Sequence[Spot]
+    spots: Sequence[PlacementPoint]
     wanted: Sequence[Call]
     present: Sequence[Call]
     targets: Mapping[str, TargetProfile]
@@ -93,7 +93,7 @@ class _Draft:
     effects: tuple[Effect, ...]
     requires: tuple[Effect, ...]
     moved: str
-    place: str | Spot
+    place: str | PlacementPoint
 
     @property
     def gains(self) -> list[Call]:
@@ -157,7 +157,7 @@ class _Draft:
             return needs
         in_hands = (call for name in (moved, place) for call in known.get(str(name), ()))
         needs |= {make_fact(call): False for call in in_hands if _is_held(call)} | self._need_clear(moved, known)
-        if isinstance(place, Spot):
+        if isinstance(place, PlacementPoint):
             needs |= {state(Meaning.MOVED, name): True for name in place.blockers if name != moved}
         else:
             is_top = place in things and world.entities[place].interior is None
@@ -184,11 +184,11 @@ class _Draft:
         if not self.moved or not place:
             return True
         is_near = is_in_reach(world, place, self.scope.targets[self.target])
-        return is_near and (isinstance(place, Spot) or count_room(world, self.moved, place) > 0)
+        return is_near and (isinstance(place, PlacementPoint) or count_room(world, self.moved, place) > 0)
 
     def _make(self, requires: Mapping[Fact, bool], changes: Mapping[Fact, bool], source: str = "") -> Operator:
         skill, entities = self.skill, self.scope.world.entities
-        at_spot = isinstance(self.place, Spot)
+        at_spot = isinstance(self.place, PlacementPoint)
         is_exact = at_spot and all(_get_tolerance(call) < _EASY_M for call, _ in self.effects)
         kinds = {key: entities[v].kind for key, v in self.parameters.items() if isinstance(v, str) and v in entities}
         is_meant = any(each.kinds or kinds.get(key) == key for key, each in skill.parameters.items())
@@ -223,8 +223,8 @@ def _iter_drafts(skill: SkillRuntime, target: str, rank: int, scope: Scope) -> I
         choices = _list_choices(skill, [*literals, *needed], moved, target, scope)
         relations = {call.name for call, value in literals if value}
         for values in product(*choices.values()):
-            spot = next((value for value in values if isinstance(value, Spot)), None)
-            written = ([round(x, 4) for x in v.point_m] if isinstance(v, Spot) else v for v in values)
+            spot = next((value for value in values if isinstance(value, PlacementPoint)), None)
+            written = ([round(x, 4) for x in v.point_m] if isinstance(v, PlacementPoint) else v for v in values)
             given = dict(zip(choices, written, strict=True))
             given |= {k: c for k, p in skill.parameters.items() for c in p.choices if chosen and c in relations}
             thing = str(given.get(moved, ""))
@@ -300,7 +300,7 @@ def _list_values(
 
 
 def _find_support(
-    skill: SkillRuntime, thing: str, spot: Spot | None, given: Mapping[str, object], scope: Scope
+    skill: SkillRuntime, thing: str, spot: PlacementPoint | None, given: Mapping[str, object], scope: Scope
 ) -> dict[str, str]:
     """What an object is put on, where the skill asks for it and no guarantee says it: what is there."""
     key = find_parameter(skill, ParameterRole.SUPPORT)

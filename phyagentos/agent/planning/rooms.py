@@ -26,7 +26,7 @@ _REACH = 1.35  # of the band in which an arm grasps best
 
 
 @dataclass(frozen=True, slots=True)
-class Spot:
+class PlacementPoint:
     """A point where an object can be put, what it is put on, and what stands there now."""
 
     point_m: Vector
@@ -70,9 +70,9 @@ def _measure_sides(entity: Entity) -> tuple[float, float]:
 
 def find_spots(
     world: Environment, things: Sequence[str], profile: TargetProfile, away_from: Sequence[Vector]
-) -> list[Spot]:
+) -> list[PlacementPoint]:
     """Free spots on what the objects stand on, apart from each other."""
-    spots: list[Spot] = []
+    spots: list[PlacementPoint] = []
     for name in things:
         support = find_support(world, name) if name in world.entities else None
         if support is None:
@@ -82,18 +82,18 @@ def find_spots(
             point = find_free_spot(world, name, places, profile.mount_position_m, profile.grasp_band_m)
             if point is None:
                 break
-            spots.append(Spot(point, support.name))
+            spots.append(PlacementPoint(point, support.name))
             taken = replace(world.entities[name], name=f"at spot {len(spots)}", pose=Pose(point))
             world = replace(world, entities=world.entities | {taken.name: taken})
     return spots
 
 
-def place_spot(world: Environment, point: Vector, things: Sequence[str]) -> Spot:
+def place_spot(world: Environment, point: Vector, things: Sequence[str]) -> PlacementPoint:
     """The spot at a point of a goal."""
     known = [world.entities[name] for name in things if name in world.entities]
     blockers = [e.name for e in known if math.dist(compute_center(e)[:2], point[:2]) < ROOM_M]
     supports = [support.name for each in known if (support := find_support(world, each.name)) is not None]
-    return Spot(point, max(supports, key=supports.count, default=""), tuple(blockers))
+    return PlacementPoint(point, max(supports, key=supports.count, default=""), tuple(blockers))
 
 
 def find_lid(world: Environment, place: str) -> str:
@@ -133,9 +133,9 @@ def _bound(entity: Entity) -> NDArray[np.float64]:
     return np.array([below, [compute_reach(entity, axis) for axis in AXES]]) + entity.pose.position_m
 
 
-def is_in_reach(world: Environment, place: str | Spot, profile: TargetProfile) -> bool:
+def is_in_reach(world: Environment, place: str | PlacementPoint, profile: TargetProfile) -> bool:
     """Whether a place is not farther than an arm may reach; a base can come nearer."""
-    if isinstance(place, Spot):
+    if isinstance(place, PlacementPoint):
         near: Vector | None = place.point_m
     elif place in world.entities:
         near = compute_center(world.entities[place])

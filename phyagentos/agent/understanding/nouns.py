@@ -11,7 +11,7 @@ from enum import StrEnum
 from lark import Token, Tree
 
 from phyagentos.agent.understanding.reading import pluralise
-from phyagentos.agent.understanding.understanding import Lack, LackKind, Question, QuestionKind
+from phyagentos.agent.understanding.understanding import Question, QuestionKind, RequestProblem, RequestProblemKind
 from phyagentos.agent.understanding.vocabulary import LOOSE, SURFACES, Thing, Vocabulary
 from phyagentos.errors import find_nearest
 
@@ -68,7 +68,7 @@ class Discourse:
     vocabulary: Vocabulary
     answers: Mapping[str, str]
     questions: list[Question] = field(default_factory=list)
-    lacks: list[Lack] = field(default_factory=list)
+    lacks: list[RequestProblem] = field(default_factory=list)
     reasons: list[str] = field(default_factory=list)
     chosen: list[str] = field(default_factory=list)
     unsaid: list[str] = field(default_factory=list)
@@ -77,11 +77,11 @@ class Discourse:
     heads: dict[Slot, str] = field(default_factory=dict)
     unmet: str = ""
 
-    def lack(self, kind: LackKind, words: str | Node, possible: Iterable[str] = ()) -> tuple[str, ...]:
+    def lack(self, kind: RequestProblemKind, words: str | Node, possible: Iterable[str] = ()) -> tuple[str, ...]:
         """Note that something is missing: words, or those of a phrase; there is nothing then."""
         words, known = words if isinstance(words, str) else self.quote(words), tuple(possible)
         near = find_nearest(words.replace(" ", "_"), known) or ""
-        self.lacks.append(Lack(kind=kind, words=words, nearest=near, possible=known))
+        self.lacks.append(RequestProblem(kind=kind, words=words, nearest=near, possible=known))
         return ()
 
     def ask(self, kind: QuestionKind, phrase: Node, candidates: Iterable[str], about: str = "") -> tuple[str, ...]:
@@ -127,7 +127,7 @@ class Discourse:
         for exception in (child for child in list_children(phrase) if child.data == "except"):
             excepted = self.resolve_except(exception, slot)
             if names and not set(excepted) <= set(names):
-                self.lack(LackKind.THING, exception, names)
+                self.lack(RequestProblemKind.THING, exception, names)
             names = tuple(name for name in names if name not in excepted)
         return names
 
@@ -165,7 +165,7 @@ class Discourse:
             return objects
         names = tuple(each.name for each in self._list_standing(map(self.get, objects.names), owners))
         if not names:
-            self.lack(LackKind.THING, f"{objects.words} from {self.quote(source)}", objects.names)
+            self.lack(RequestProblemKind.THING, f"{objects.words} from {self.quote(source)}", objects.names)
         return replace(objects, names=names)
 
     def find_it(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
@@ -174,13 +174,13 @@ class Discourse:
             found = [name for name in before if name not in self.recent[-1] and slot.takes(self.get(name))]
             if found:
                 return (found[0],) if len(found) == 1 else self.ask(QuestionKind.WHICH, phrase, found)
-        return self.lack(LackKind.SENTENCE, phrase)
+        return self.lack(RequestProblemKind.SENTENCE, phrase)
 
     def find_them(self, noun: Node, _: Slot) -> tuple[str, ...]:
         """The movable objects of the latest clause with several; else all that were moved."""
         groups = [tuple(name for name in before if self.get(name).movable) for before in reversed(self.recent[:-1])]
         found = next((group for group in groups if len(group) > 1), tuple(dict.fromkeys(self.moved)))
-        return found if len(found) > 1 else self.lack(LackKind.SENTENCE, noun)
+        return found if len(found) > 1 else self.lack(RequestProblemKind.SENTENCE, noun)
 
     def find_everything(self, noun: Node, slot: Slot) -> tuple[str, ...]:
         """All that fits; without a slot, all that can be moved or opened."""
@@ -189,7 +189,7 @@ class Discourse:
         found = [thing for thing in fitting if colours <= thing.words]
         for tail in list_children(noun):
             found = self._filter(found, tail)
-        return tuple(thing.name for thing in found) or self.lack(LackKind.THING, noun)
+        return tuple(thing.name for thing in found) or self.lack(RequestProblemKind.THING, noun)
 
     def find_everything_else(self, noun: Node, slot: Slot) -> tuple[str, ...]:
         """All that fits and was not moved."""
@@ -201,7 +201,7 @@ class Discourse:
         found = self._list_alike(head) if head else self.list_fitting(slot)
         found = self._find_candidates(plain, slot, "")[0] if plain is not None else found
         names = tuple(each.name for each in found if each.name not in self.moved) if self.moved else ()
-        return names or self.lack(LackKind.THING, noun, (each.name for each in found))
+        return names or self.lack(RequestProblemKind.THING, noun, (each.name for each in found))
 
     def _resolve_parts(self, parts: Sequence[Node], slot: Slot, **how: bool) -> list[Named]:
         """Each phrase of a list; `the red and the green cube` lends its noun to the first."""
@@ -236,7 +236,7 @@ class Discourse:
             is_all = kind == "all" and not number
             return Named(names=found, number=self._count_contents(found) if is_all else number)
         if not found:
-            self.lack(LackKind.THING, words, self.vocabulary.things)
+            self.lack(RequestProblemKind.THING, words, self.vocabulary.things)
         named = Named(names=found, words=words, by_colour=by_colour)
         if kind == "their" and slot is Slot.PLACE and len(found) > 1 and not by_colour:
             self.reasons.append(f"{words}: the one of the same colour")
@@ -259,7 +259,7 @@ class Discourse:
     def _choose(self, named: Named, number: int, *, keeps_rest: bool) -> Named:
         """The first of several, where any will do; those that were moved already come last."""
         if number > len(named.names):
-            return Named(names=self.lack(LackKind.THING, named.words, named.names))
+            return Named(names=self.lack(RequestProblemKind.THING, named.words, named.names))
         ordered = sorted(named.names, key=lambda name: name in self.moved)
         names = tuple(name for name in named.names if name in ordered[:number])
         if number < len(named.names):

@@ -16,7 +16,7 @@ Count = Annotated[int, msgspec.Meta(ge=0)]
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 
 
-class Standing(StrEnum):
+class EntryState(StrEnum):
     """Whether an entry counts."""
 
     HYPOTHESIS = "hypothesis"
@@ -112,7 +112,7 @@ class MemoryEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     supported: Count = 0
     contradicted: Count = 0
     confidence: Share = 0.0
-    state: Standing = Standing.ACTIVE
+    state: EntryState = EntryState.ACTIVE
     reason: str = ""
     note: str = ""
     by: str = ""

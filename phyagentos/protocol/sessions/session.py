@@ -16,7 +16,7 @@ from phyagentos.protocol.documents.document import DocumentFormat, FrontMatter
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.library import View
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 from phyagentos.protocol.sessions.verdicts import Attempt
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.idealisations import Idealisation
@@ -164,7 +164,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     requires: tuple[str, ...] = ()
     hold: tuple[str, ...] = ()
     limits: Limits = Limits()
-    strategy: Strategy = OWN_WAY
+    strategy: Strategy = DEFAULT_STRATEGY
     priority: int = 0
     resources: tuple[str, ...] = ()
     reset_policy: ResetPolicy = ResetPolicy.ON_NEW_EPISODE

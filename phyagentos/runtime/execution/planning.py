@@ -24,7 +24,7 @@ from phyagentos.runtime.motion.requests import (
     NoPlan,
     Payload,
     PlanMove,
-    Situation,
+    PlanningState,
     World,
 )
 from phyagentos.runtime.perception.world_model import HAND
@@ -32,7 +32,7 @@ from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.wire import Step
 
 AnswerT = TypeVar("AnswerT", Approaches, Motion)
-RequestT = TypeVar("RequestT", bound=Situation)
+RequestT = TypeVar("RequestT", bound=PlanningState)
 PRESSED_MORE = 1.2  # of the force of a contact that is about to be left
 BESIDE = PortInformation(data_type=str, required=False, description="Robot to which the hand comes near on purpose.")
 WAIT_S = 0.2  # for another robot that is in the way, until it is tried again

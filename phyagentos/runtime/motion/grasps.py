@@ -20,7 +20,7 @@ from phyagentos.protocol.capabilities.targets import Gripper
 from phyagentos.protocol.world.entity_geometry import compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity, ShapeKind
 from phyagentos.protocol.world.mechanisms import compute_motion
-from phyagentos.runtime.motion.approaches import Screen, Way, find_approaches
+from phyagentos.runtime.motion.approaches import ApproachCandidate, Screen, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.pad_contacts import PadContact, find_pad_contact
@@ -68,11 +68,11 @@ def find_grasps(
     gripper = scene.robot.profile.gripper
     entity = settle(entity, request.world.entities)
     touching = frozenset((jaw, entity.name) for jaw in scene.robot.jaws)
-    make_way = partial(Way, hover_m=request.hover_m, tolerate=touching, tolerate_m=STRADDLE_M)
+    make_way = partial(ApproachCandidate, hover_m=request.hover_m, tolerate=touching, tolerate_m=STRADDLE_M)
     turns = request.then is not None and request.then.up is not None
     is_whole = turns or len(entity.shapes) == 1  # what is turned is held across its middle
     ways, poor = _compute_ways(entity, gripper, make_way, whole=is_whole)
-    corners: list[Way] = []
+    corners: list[ApproachCandidate] = []
     if is_whole and not is_round(entity):
         corners, _ = _compute_ways(entity, gripper, make_way, whole=True, corners=True)
     solids = list(_iter_solid_ways(entity, gripper, make_way))
@@ -101,7 +101,7 @@ def find_grasps(
     return job.fail("NO_IK", f"None of {len(tried)} ways to grasp {entity.name} works{avoided}.")
 
 
-def _is_wanted(way: Way, entity: Entity, request: FindGrasps) -> bool:
+def _is_wanted(way: ApproachCandidate, entity: Entity, request: FindGrasps) -> bool:
     """Whether it closes as asked, and the hand still points down once another side of the object is up."""
     if request.then is not None and request.then.up is not None:
         up = np.array(rotate(entity.pose.quaternion_wxyz, request.then.up))
@@ -132,8 +132,12 @@ def foresee_payload(entity: Entity, approach: Approach) -> Payload:
 
 
 def _iter_batches(
-    ways: list[Way], corners: list[Way], solids: list[Way], last: Iterator[list[Way]], entity: Entity
-) -> Iterator[list[Way]]:
+    ways: list[ApproachCandidate],
+    corners: list[ApproachCandidate],
+    solids: list[ApproachCandidate],
+    last: Iterator[list[ApproachCandidate]],
+    entity: Entity,
+) -> Iterator[list[ApproachCandidate]]:
     """What is tried together, the better first."""
     yield from _iter_tilted(ways, TILTS_DEG)
     for share in SHIFTS:
@@ -147,7 +151,7 @@ def _iter_batches(
     yield from last
 
 
-def _iter_tilted(ways: list[Way], tilts_deg: tuple[int, ...]) -> Iterator[list[Way]]:
+def _iter_tilted(ways: list[ApproachCandidate], tilts_deg: tuple[int, ...]) -> Iterator[list[ApproachCandidate]]:
     """Upright ones with the fingers as wide as they go, less wide, and tilted ones."""
     yield ways
     yield from (_narrow(ways, further_m) for further_m in NARROW_M)
@@ -157,14 +161,14 @@ def _iter_tilted(ways: list[Way], tilts_deg: tuple[int, ...]) -> Iterator[list[W
         yield _narrow(tilted, NARROW_M[0])
 
 
-def _tilt(ways: list[Way], degrees: int) -> list[Way]:
+def _tilt(ways: list[ApproachCandidate], degrees: int) -> list[ApproachCandidate]:
     return [
         replace(way, label=f"{way.label}.tilt{degrees:+03d}", end=tilt_tool(way.end, np.radians(degrees)))
         for way in ways
     ]
 
 
-def _lay(ways: list[Way], entity: Entity, degrees: int) -> Iterator[Way]:
+def _lay(ways: list[ApproachCandidate], entity: Entity, degrees: int) -> Iterator[ApproachCandidate]:
     """The same with a hand that lies and comes along its own axis: under what covers the object."""
     box = compute_entity_box(entity)
     for way in ways:
@@ -173,7 +177,9 @@ def _lay(ways: list[Way], entity: Entity, degrees: int) -> Iterator[Way]:
         yield replace(way, label=f"{way.label}.lying{degrees:+03d}", end=end, back=tuple((-end[:3, 2]).tolist()))
 
 
-def _iter_edge_ways(entity: Entity, gripper: Gripper, make_way: Callable[..., Way]) -> Iterator[list[Way]]:
+def _iter_edge_ways(
+    entity: Entity, gripper: Gripper, make_way: Callable[..., ApproachCandidate]
+) -> Iterator[list[ApproachCandidate]]:
     """Tool poses of a lying hand that closes from above and below, at each edge that may jut out over what bears it."""
     box = compute_entity_box(entity)
     vertical = int(np.argmax(np.abs(box.pose[2, :3])))
@@ -189,8 +195,8 @@ def _iter_edge_ways(entity: Entity, gripper: Gripper, make_way: Callable[..., Wa
 
 
 def _iter_front_ways(
-    request: FindGrasps, entity: Entity, gripper: Gripper, make_way: Callable[..., Way]
-) -> Iterator[list[Way]]:
+    request: FindGrasps, entity: Entity, gripper: Gripper, make_way: Callable[..., ApproachCandidate]
+) -> Iterator[list[ApproachCandidate]]:
     """Tool poses that take a handle from where it opens to, across one solid of it, at rising angles to the level."""
     whole = next((each for each in request.world.entities if each.name == entity.part_of and each.mechanism), None)
     if whole is None or whole.mechanism is None:
@@ -215,7 +221,7 @@ def _iter_front_ways(
         yield ways
 
 
-def _shift(way: Way, entity: Entity, share: float) -> Iterator[Way]:
+def _shift(way: ApproachCandidate, entity: Entity, share: float) -> Iterator[ApproachCandidate]:
     """The same beside the middle, by a share of the longest way along the object; none where there is none."""
     box = compute_entity_box(entity)
     reach_m = float(np.abs(way.end[:3, 0] @ box.pose[:3, :3]) @ box.half_m)
@@ -230,7 +236,7 @@ def _shift(way: Way, entity: Entity, share: float) -> Iterator[Way]:
         )
 
 
-def _narrow(ways: list[Way], further_m: float) -> list[Way]:
+def _narrow(ways: list[ApproachCandidate], further_m: float) -> list[ApproachCandidate]:
     """The same with the fingers so much further apart than the object is wide; none where that is no less."""
     return [
         replace(way, openings_m=(low_m, low_m + further_m))
@@ -241,8 +247,8 @@ def _narrow(ways: list[Way], further_m: float) -> list[Way]:
 
 
 def _compute_ways(
-    entity: Entity, gripper: Gripper, make_way: Callable[..., Way], *, whole: bool, corners: bool = False
-) -> tuple[list[Way], list[Way]]:
+    entity: Entity, gripper: Gripper, make_way: Callable[..., ApproachCandidate], *, whole: bool, corners: bool = False
+) -> tuple[list[ApproachCandidate], list[ApproachCandidate]]:
     """Every tool pose that grasps an entity from above with the opening of the gripper, the good and the poor ones.
 
     `whole` closes on the middle of the box around it, whatever is there; `corners` closes on opposite edges of a box
@@ -254,7 +260,7 @@ def _compute_ways(
     opening_m = widest_m - (LEAST_CLEARANCE_M if is_wide else WIDTH_CLEARANCE_M)
     contacts = {label: each for label, each in contacts.items() if each.width_m <= opening_m}
     most_m = min((each.lever_m for each in contacts.values()), default=0.0) + LEVER_M
-    ways: tuple[list[Way], list[Way]] = ([], [])
+    ways: tuple[list[ApproachCandidate], list[ApproachCandidate]] = ([], [])
     for label, each in contacts.items():
         is_clear = not whole and np.isfinite(each.lever_m)
         way = make_way(label=label, end=each.end, openings_m=(each.width_m, widest_m), is_clear=is_clear)
@@ -288,7 +294,9 @@ def _iter_contacts(entity: Entity, gripper: Gripper, *, whole: bool, corners: bo
         yield f"yaw+{degrees:03d}", contact
 
 
-def _iter_solid_ways(entity: Entity, gripper: Gripper, make_way: Callable[..., Way]) -> Iterator[Way]:
+def _iter_solid_ways(
+    entity: Entity, gripper: Gripper, make_way: Callable[..., ApproachCandidate]
+) -> Iterator[ApproachCandidate]:
     """Tool poses that close on one thin solid of several, along its own axes; the fingers touch nothing else of it."""
     boxes = compute_shape_boxes(entity) if len(entity.shapes) > 1 else []
     low_m = min((box.bottom_m for box in boxes), default=0.0) + gripper.fingertip_m

@@ -42,7 +42,7 @@ from phyagentos.runtime.motion.requests import (
     NoPlan,
     Payload,
     PlanMove,
-    Stance,
+    PostureCheck,
     TimeLine,
     World,
 )
@@ -235,7 +235,7 @@ class DryRun:
         """
         movable = tuple(each.name for each in course.world.entities if each.movable)
         answer, ms = self._ask(CheckPosture(course.world, q_rad, course.session.seed, ignore=movable))
-        if not isinstance(answer, Stance):
+        if not isinstance(answer, PostureCheck):
             return _judge(f"{name} posture", answer, ms, proves=False)
         if not answer.contacts:
             return Trial(motion=f"{name} posture", outcome="possible", ms=ms)

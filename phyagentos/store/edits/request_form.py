@@ -94,17 +94,12 @@ def read_contract(located: Located, id: str) -> Session:
     session = convert_located(Session, whole, path)
     read_amendment(located, session.id, filled)
     problems = [
-        located.problem(code, (*path, key), repr(contract.get(key, id)), expected)
-        for key, holds, code, expected in (
-            ("id", session.id == id, "INVALID_VALUE", f"{id!r}, as the heading or the file is called"),
-            (
-                "id",
-                _ID.fullmatch(id) and id != JOURNAL_ID,
-                "INVALID_VALUE",
-                "letters, digits, '.', '_', '-', at most 120",
-            ),
-            ("accept", session.accept, "INVALID_VALUE", "at least one predicate"),
-            ("strategy", session.strategy.speed > 0, "INVALID_VALUE", "a speed greater than 0"),
+        located.problem("INVALID_VALUE", (*path, key), repr(contract.get(key, id)), expected)
+        for key, holds, expected in (
+            ("id", session.id == id, f"{id!r}, as the heading or the file is called"),
+            ("id", _ID.fullmatch(id) and id != JOURNAL_ID, "letters, digits, '.', '_', '-', at most 120"),
+            ("accept", session.accept, "at least one predicate"),
+            ("strategy", session.strategy.speed > 0, "a speed greater than 0"),
         )
         if not holds
     ]

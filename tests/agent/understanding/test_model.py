@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from phyagentos.agent.understanding.model import ModelUnderstander, replay_answers, write_answers
-from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, LackKind, Understood
+from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, RequestProblemKind, Understood
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.network.chat import OpenAiEndpoint
@@ -68,7 +68,7 @@ def test_three_wrong_answers_are_enough(serve):
     found = ask(server)
 
     assert isinstance(found, Impossible)
-    assert {lack.kind for lack in found.lacks} == {LackKind.MODEL}
+    assert {lack.kind for lack in found.lacks} == {RequestProblemKind.MODEL}
     assert "crimson_cube" in found.lacks[0].words
     assert len(server.asked) == 3
 
