@@ -1,7 +1,7 @@
 """The rows of the table of error codes, by phase: a code, then what it means. `codes` reads them."""
 
 AUTHORED = """
-NO_CANDIDATE         No skill and target together guarantee what is asked, or nothing plans for its form.
+NO_CANDIDATE         No skill and target together guarantee what is required, or nothing plans for its form.
 WRONG_KIND           A file or document is of another kind than a command takes, or of none that is known.
 SCENE_INVALID        No collision-free placement was found, or bodies hang in the air, or cannot be meant so.
 BROKEN_TREE          A tree cannot be built: an output that nothing writes, two actions at once, a wrong subtree.
@@ -16,7 +16,7 @@ BROKEN_PLUGIN        What an installed package announces does not load, or is of
 CYCLE                Nodes wait for each other, or goal graphs or trees contain each other or themselves.
 LEADS_OUT            A workspace, or the model of a target, names a file outside.
 MODEL_MISSING        A target names a model file that is not there.
-ALIKE                A goal names one of several things that look alike; a warning.
+ALIKE                A goal names one of several objects that look alike; a warning.
 NOTHING_SEEN         A node decides on what is seen, and no session before it sees anything.
 OVERLAP              Two bodies of a scene begin inside of each other, or one inside the robot.
 UNKNOWN_NAME         Nothing of the kind that stands in brackets has such a name there.
@@ -78,7 +78,7 @@ HOLD_BROKEN              A hold condition, or a constraint of the goal, is false
 NOT_CHECKED              A session was to run without a preflight.
 OPERATION_FORBIDDEN      runtime_contract.yaml does not permit an operation that the skill needs.
 OUT_OF_REACH             The session's object is beyond the arm's reach, for every grasp.
-OUTSIDE_WORKSPACE        Every way to do it would bring the tool beyond the workspace of safety.yaml.
+OUTSIDE_WORKSPACE        Every candidate would bring the tool beyond the workspace of safety.yaml.
 POLICY_MISMATCH      A policy, or its server, is not as SKILL.md describes it, or is too slow for its chunks.
 POLICY_UNREACHABLE       No policy server answers.
 PRECONDITION_UNMET       A precondition is false or unknown in the world as observed.
@@ -100,17 +100,17 @@ RESOURCE_UNAVAILABLE    A resource that the session needs is held by a target th
 PLANNING = """
 IN_COLLISION            The arm, or every goal posture, touches something.
 NO_FREE_SITE            There is no free room at the destination.
-LOAD_LOST               What was to travel on a thing did not arrive with it.
-LOOKAHEAD_FAILED        The look-ahead that was asked for could not be carried out.
+LOAD_LOST               What was to travel on an object did not arrive with it.
+LOOKAHEAD_FAILED        The requested look-ahead could not be carried out.
 LOOKAHEAD_LOW           The chance of success that was foreseen is too low, so nothing was moved.
-NO_IK                   No joint posture reaches what is asked.
-NO_MODEL                The planner was asked before it was given a robot.
-NO_PATH_FOUND           No way between start and goals was found in the budget.
-NO_SLIDE                The thing to open or close neither slides nor turns.
+NO_IK                   No joint posture reaches the requested pose.
+NO_MODEL                The planner got a request before it was given a robot.
+NO_PATH_FOUND           No path between start and goals was found in the budget.
+NO_SLIDE                The object to open or close neither slides nor turns.
 NO_SPACE                The destination is too small for the object.
 TILT                    No carrying motion within the tilt limit was found.
-TOO_SHORT               The way to push is shorter than the fingers need.
-TOO_TALL                The thing to push is so tall that the palm would meet it, or the push topple it.
+TOO_SHORT               The push is shorter than the fingers need.
+TOO_TALL                The object to push is so tall that the palm would meet it, or the push topple it.
 TOO_WIDE                The object is wider than the gripper opens.
 UNKNOWN_ENTITY          A request names something that the world does not hold.
 """
@@ -150,8 +150,8 @@ EXECUTION_MISSING   The bundle does not record how the execution ended.
 NOT_JUDGED          A session has no verdict yet to which a judgement could be added.
 JUDGES_DISAGREE     One judge calls true what another calls false.
 JUDGE_FAILED        A judge gave no usable answer, and nothing else is open.
-MODEL_MALFORMED     A model's answer has another form than the one asked for.
-IMPOSSIBLE          This skill has no motion for what was asked; another one may.
+MODEL_MALFORMED     A model's answer has another form than the requested one.
+IMPOSSIBLE          This skill has no motion for this request; another one may.
 NO_PLAN             No motion was found.
 OBJECT_HIDDEN       The object is believed to exist and was not seen.
 OBJECT_MOVED        The object was not where it had been when the motion was planned.
@@ -164,7 +164,7 @@ UNKNOWN             None of the other causes.
 WITHOUT_EFFECT      The robot moved, the object did not."""
 
 HOPELESS = """
-AMBIGUOUS               The contract depends on which of several things that look alike is which.
+AMBIGUOUS               The contract depends on which of several objects that look alike is which.
 CANCELLED               An end was requested.
 CRITERIA_CONTRADICT     Two criteria exclude one another, so that no world meets the contract.
 NOTHING_CHANGED         No command was executed and nothing moved, although the skill reported success.
@@ -207,7 +207,7 @@ WRONG_SHAPE         An array of a command has another shape or type than one con
 """
 
 TARGET = """
-NO_EPISODE           The target was asked before an episode began, or before it gave a state.
+NO_EPISODE           The target got a request before an episode began, or before it gave a state.
 REQUEST_INVALID      The target has no such camera or tool, offers no ground truth, or a window leaves the picture.
 DETECTOR_FAILED      A detector cannot be reached, gave no answer in time, or answered with an HTTP error.
 BAD_TOKEN               A client of the target has no token of the newest key, or not that of the epoch.
@@ -226,7 +226,7 @@ NO_GRAPHICS             This machine cannot draw; sensors.yaml may have `backend
 OUT_OF_SEQUENCE         A command's number does not follow the one before.
 PLANE_ENDED             The agent or the runtime ended before the verdict.
 PLANNER_LOST            The planner process died or broke its protocol.
-PROTOCOL_BROKEN         The target answered something that was not asked.
+PROTOCOL_BROKEN         The target sent an answer to no request.
 RUNNER_LOST             The worker died.
 RUNTIME_LOST            No runtime runs the sessions that the agent waits for.
 STALE_TOKEN             A command came under a claim that is no longer in force.

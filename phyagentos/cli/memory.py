@@ -20,7 +20,9 @@ Entry = Annotated[str, typer.Argument(help="Id of a lesson or fact, as LESSONS.m
 
 def show(
     workspace: Space,
-    words: Annotated[list[str] | None, typer.Argument(help="Kinds of things, causes, scenes; all without any.")] = None,
+    words: Annotated[
+        list[str] | None, typer.Argument(help="Kinds of objects, causes, scenes; all without any.")
+    ] = None,
     everything: Annotated[bool, typer.Option("--all", help="Hypotheses, expired and retracted entries too.")] = False,
 ) -> Reply[Memories]:
     """Lessons in force and what was counted, the most useful first."""
@@ -84,7 +86,7 @@ def _explain(found: Provenance) -> Iterator[str]:
     for each in found.episodes:
         advised = ", advised by it" if each.advised_by else ""
         yield f"  episode     {each.session}: {' '.join(filter(None, (each.verdict.value, each.cause)))}"
-        yield f"              {each.objective} {each.strategy or 'the own way of the skill'}{advised}"
+        yield f"              {each.objective} {each.strategy or 'the default strategy of the skill'}{advised}"
         yield f"              {each.evidence}"
     for edit in found.edits:
         said = " ".join(filter(None, ("retracted." if edit.retracts else "", edit.reason, edit.note)))

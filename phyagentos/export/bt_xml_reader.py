@@ -158,7 +158,7 @@ class _Reader:
         names, children = Counter[str](), list[Any]()
         for index, child in enumerate(element.children):
             default = _classify(child)[1].rsplit("/", 1)[-1]
-            numbered = f"{default}.{names[default] + 1}" if names[default] else default  # as siblings are told apart
+            numbered = f"{default}.{names[default] + 1}" if names[default] else default  # to distinguish siblings
             name = child.attributes.get("name", numbered)
             names[default if name == numbered else name] += 1
             step = (holds, index) if holds == "children" else (holds,)

@@ -42,7 +42,7 @@ class Choice:
     Attributes:
         target: Only sessions of this target; empty for the one that there is.
         cameras: Whose recorded pictures are wanted.
-        entities: Whose pose, as believed before the first command, is wanted: things, or parameters that name one.
+        entities: Whose pose, as believed before the first command, is wanted: objects, or parameters that name one.
         fps: Steps a second; 0 for the control rate.
     """
 

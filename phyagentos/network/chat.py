@@ -1,4 +1,4 @@
-"""An OpenAI-compatible server of language or vision-language models; whoever asks bounds what an answer may cost.
+"""An OpenAI-compatible server of language or vision-language models; the caller bounds what an answer may cost.
 
 It connects to its URL only: redirects and proxies of the environment are not followed. A whole answer is bounded in
 time and size (see `network.http`).

@@ -1,7 +1,7 @@
 """One session over time, from its evidence alone: states of the world, paths of the tool, what was believed.
 
 Where a bundle holds `motion.npz` (simulated targets) every body is where it was. Elsewhere the robot moves as it was
-measured, and things stand where they stood at the start, until the end.
+measured, and objects stand where they stood at the start, until the end.
 """
 
 from collections.abc import Sequence

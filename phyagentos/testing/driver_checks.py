@@ -89,7 +89,7 @@ class ReachedTarget:
 class DriverSubject:
     """One driver under test, which moves `joint` (an index) by `way` [rad or m]; `open` makes a fresh one each time.
 
-    A target that is served elsewhere is started by `open`, and told of emergency stops by `set_stop`.
+    A target that is served elsewhere is started by `open`, and notified of emergency stops by `set_stop`.
 
     Attributes:
         noise: By how much measurements differ while a real robot stands [rad, rad/s, m]; a simulation repeats its own.

@@ -1,4 +1,4 @@
-"""Camera frames as perceived: the whole pictures of a session's looks, and where in them things were seen."""
+"""Camera frames as perceived: the whole pictures of a session's looks, and where in them objects were seen."""
 
 from collections import defaultdict
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from phyagentos.protocol.sessions.looks import (
 
 @dataclass(frozen=True, slots=True)
 class SeenFrame:
-    """A picture that perception has used; `seen` are the windows of things in it, by name."""
+    """A picture that perception has used; `seen` are the windows of objects in it, by name."""
 
     look: LookEntry
     frame: StoredFrame

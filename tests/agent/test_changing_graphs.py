@@ -121,7 +121,7 @@ def test_a_condition_that_cannot_be_told_blocks_its_node_and_says_why(make_stage
     report = stage.pursue(write_graph(HEAD + MAYBE % "inside(yellow_cube, red_tray)"))
     assert report.verdict == "failure"
     assert report.reason.startswith(
-        "node maybe cannot be done: its condition cannot be told: inside(yellow_cube, red_tray)"
+        "node maybe cannot be done: its condition is unknown: inside(yellow_cube, red_tray)"
     )
 
 

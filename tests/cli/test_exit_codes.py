@@ -70,6 +70,7 @@ def test_every_command_explains_itself(paos, word):
 
 
 NO_EFFECT = "targets.amr: UNKNOWN_NAME (role): found 'amr'; expected arm. Did you mean 'arm'?"
+NEAREST = "found no such file; expected a path or a name in goal_graphs/. Did you mean 'tidy_table'?"
 SEED_MAX = str(2**63 - 1)
 
 
@@ -77,8 +78,8 @@ SEED_MAX = str(2**63 - 1)
     ("arguments", "said"),
     [
         (("why", "red", "-w", "nowhere"), "NOT_A_WORKSPACE"),
-        (("run", "tidy_tabel"), "tidy_tabel: UNKNOWN_NAME (file): found no such file; expected a path, or one of:"),
-        (("run", "tidy_tabel"), "Did you mean 'tidy_table'?"),
+        *(((command, "tidy_tabel"), NEAREST) for command in ("run", "lint")),
+        (("run", "quite_other"), "UNKNOWN_NAME (file): found no such file; expected a path, or one of: carry_cup"),
         (("fly",), "No such command 'fly'"),
         (
             ("compile", "tidy_table", "--set", "arm=panda"),

@@ -90,7 +90,7 @@ def test_a_suite_of_ones_own_project_knows_it(paos, project):
     )
 
     assert (done := paos("bench", "run", "suite.yaml", "--dry-run")).code == 0, done.err
-    assert "1 episodes" in done.out
+    assert "1 episode," in done.out
 
 
 def test_a_workspace_carries_a_copy_which_elsewhere_runs_only_with_the_option(project, tmp_path, monkeypatch):

@@ -128,6 +128,13 @@ def test_problems_stand_in_the_text_that_was_given(registry):
     assert not registry.call("lint", {"text": TIDY}).facts["problems"]
 
 
+def test_a_suite_is_checked_with_the_goal_graphs_that_it_names(registry):
+    score = "score: {red: {in_tray: [red_cube, red_tray]}}"
+    suite = f"suite: s\nobjective: O.\ntasks:\n  tidy: {{graph: tidy_tabel, {score}}}\nseeds: {{count: 1}}\n"
+    (problem,) = registry.call("lint", {"text": suite}).facts["problems"]
+    assert (problem.code, problem.hint) == ("UNKNOWN_NAME", "Did you mean 'tidy_table'?")
+
+
 @pytest.mark.parametrize("path", ["/etc/passwd", "../secret", "goal_graphs/tidy_table.yaml", "~/x"])
 def test_a_path_is_a_text_and_never_read(registry, path):
     assert refuse(registry, "compile", graph=path).code in {"INVALID_VALUE", "MISSING_VALUE", "SYNTAX"}

@@ -64,7 +64,7 @@ def test_an_unknown_posture_is_refused_with_the_nearest_name(ask, profile, libra
         ("UNKNOWN_NAME (posture)", "parameters.posture"),
         ("UNKNOWN_NAME (posture)", "accept[0]"),
     ]
-    assert "expected aside, floor; asked for by target panda: postures. Did you mean 'aside'?" in str(problems[0])
+    assert "expected aside, floor; required by target panda: postures. Did you mean 'aside'?" in str(problems[0])
 
 
 @pytest.mark.sim

@@ -99,7 +99,7 @@ def _read_active(path: Path, format: DocumentFormat[Any], _changed_ns: int) -> t
 
 
 def _iter_world(world: Snapshot, goal: GoalStatus | None) -> Iterator[Section]:
-    """The snapshot as a whole, then its things: those that the goal names, what is movable, what is fixed."""
+    """The snapshot as a whole, then its objects: those that the goal names, what is movable, what is fixed."""
     named = {name for text in (*goal.accept, *goal.constraints) for name in find_entities(text)} if goal else set()
     true_of: dict[str, list[str]] = {}
     for each in world.relations:

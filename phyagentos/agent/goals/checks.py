@@ -145,7 +145,7 @@ class Checks:
             yield replace(problem, address=self.located.address_of(("worlds",)))
 
     def _check_interchangeable(self) -> Iterator[Problem]:
-        """Groups of two or more things of the scene that look alike."""
+        """Groups of two or more objects of the scene that look alike."""
         for index, names in enumerate(self.spec.interchangeable):
             path: Path = ("interchangeable", index)
             if self._kinds is None:
@@ -160,7 +160,7 @@ class Checks:
                     )
 
     def iter_warnings(self) -> Iterator[Problem]:
-        """Things that the goal names and no picture tells from others, unless they are interchangeable."""
+        """Objects that the goal names and no picture tells from others, unless they are interchangeable."""
         used: dict[str, Path] = {}
         for path, text in self._iter_predicates():
             for reference in parse_predicate(text, template=True).iter_references():
@@ -174,7 +174,7 @@ class Checks:
             if not any({name, *others} <= names for names in agreed):
                 hint = "Mark one of them, ask for a number of them, or write them into 'interchangeable'."
                 found = f"{name!r}, which looks as {', '.join(others)} does"
-                yield self.located.problem("ALIKE", used[name], found, "a thing that can be told from others", hint)
+                yield self.located.problem("ALIKE", used[name], found, "an object that differs from the others", hint)
 
     def _iter_predicates(self) -> Iterator[tuple[Path, str]]:
         yield from ((("constraints", index), text) for index, text in enumerate(self.spec.constraints))

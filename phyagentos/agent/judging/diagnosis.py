@@ -27,8 +27,8 @@ from phyagentos.protocol.world.environment import SURE, Environment, Status
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.wording import count, format_length
 
-DISTURBED_M = 0.03  # fingers that close beside a thing shift it by less
-GONE_M = 0.55  # a thing so far from where it stood is not within reach any more
+DISTURBED_M = 0.03  # fingers that close beside an object shift it by less
+GONE_M = 0.55  # an object so far from where it stood is not within reach any more
 FELL_M = 0.1  # nor is one that lies so much lower
 ROLLED_M = 0.2  # what slides or rolls off where it was put down comes no further
 
@@ -130,7 +130,7 @@ def diagnose_after_looking(bundle: Bundle, criteria: Sequence[Criterion]) -> Dia
 
 
 def find_object(session: Session, world: Environment | None, criteria: Sequence[Criterion] = ()) -> str | None:
-    """What a session acts on, or else the first movable thing that its criteria name."""
+    """What a session acts on, or else the first movable object that its criteria name."""
     if world is None:
         return None
     mentioned = (name for criterion in criteria for name in find_entities(criterion.text))
@@ -188,7 +188,7 @@ def _find_disturbance(bundle: Bundle, timeline: ManipulationTimeline) -> Diagnos
     if not touched and _is_out_of_reach(timeline):
         fact = f"{name} was carried off by {format_length(moved_m)} without being held; {_describe_end(bundle)}"
         return Diagnosis(Cause.OBJECT_GONE, fact)
-    pushes = not timeline.grips  # a skill that only pushes moves things without holding them
+    pushes = not timeline.grips  # a skill that only pushes moves objects without holding them
     if not touched and not pushes and moved_m > DISTURBED_M:
         return Diagnosis(
             Cause.OBJECT_MOVED, f"{name} moved {format_length(moved_m)} without being held; {_describe_end(bundle)}"

@@ -157,7 +157,7 @@ class MemoryAdvisor:
 
 
 def make_scope(session: Session, features: Features, surroundings: Surroundings, graph: str = "") -> Scope:
-    """The case of a contract: its goal, scene, skill, things, body, and what is at stake."""
+    """The case of a contract: its goal, scene, skill, objects, body, and what is at stake."""
     return Scope(
         scene=session.scene.name,
         skill=session.skill,

@@ -1,6 +1,6 @@
 """Memory: the records of experience, what follows from them, and what that says of a case. Paper section 4.3.
 
-Retrieval by goal, scene, things, body and risk is ranked and bounded, and a function of the experience alone, so the
+Retrieval by goal, scene, objects, body and risk is ranked and bounded, and a function of the experience alone, so the
 same snapshot gives the same answers.
 """
 

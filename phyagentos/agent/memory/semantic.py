@@ -100,7 +100,7 @@ class Pattern(Entry, frozen=True, kw_only=True, omit_defaults=True):
 
     def describe(self, seq: int) -> Fact:
         """Its entry of KNOWLEDGE.md at record `seq` of memory."""
-        way = str(self.strategy) or "the skill's own way"
+        way = str(self.strategy) or "the skill's default strategy"
         worst = max(self.causes, key=lambda cause: (self.causes[cause], cause), default="")
         failing = f"; most often {worst}" if worst else ""
         what = f"{self.scope.skill} of {name_objects(self.scope)} by {self.scope.target}, {way}"

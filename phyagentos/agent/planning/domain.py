@@ -99,7 +99,7 @@ def build_domain(
 ) -> Domain:
     """The problem of a goal in a world, `without` sessions that no plan may have.
 
-    Things may go `everywhere`, or only to places of the goal and free spots.
+    Objects may go `everywhere`, or only to places of the goal and free spots.
 
     Raises:
         DefinitionError: A predicate that cannot be planned for, or `UNKNOWN_NAME`.
@@ -181,7 +181,7 @@ def _read_goal(
 def _list_places(
     world: Environment, things: Sequence[str], calls: Iterable[Call], present: Iterable[Call], *, everywhere: bool
 ) -> list[str]:
-    """Those that the goal names; `everywhere` all vessels and regions, and what movable or used things may stand on."""
+    """Those that the goal names; `everywhere` all vessels and regions, and what movable or used ones may stand on."""
     named = [term.text for call in calls for term in list_places(call) if isinstance(term, Name)]
     known = dict.fromkeys(name for name in named if name in world.entities or name in world.regions)
     if everywhere:
@@ -240,7 +240,7 @@ def _is_exact(group: frozenset[Fact], operators: Sequence[Operator]) -> bool:
 
 
 def _iter_exclusive(operators: Sequence[Operator], initial: frozenset[Fact]) -> Iterator[frozenset[Fact]]:
-    """Places of one thing, and things in one hand, of which at most one is ever true: by start and operators."""
+    """Places of one object, and objects in one hand, of which at most one is ever true: by start and operators."""
     groups: dict[str, set[Fact]] = {}
     for fact in dict.fromkeys(fact for each in operators for fact in each.changes):
         said = read_statement(formula := parse_predicate(fact).formula)

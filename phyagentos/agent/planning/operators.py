@@ -1,7 +1,7 @@
-"""Skills as operators: what each needs and guarantees for which arguments, and what it undoes because it moves a thing.
+"""Skills as operators: what each needs and guarantees for which arguments, and what it undoes by what it moves.
 
-No skill is known by name. A thing that is taken or put somewhere leaves every place it was at; nothing may stand on it;
-the hand that does it must be empty, unless the skill begins with the thing in it; what hides a place must be open.
+No skill is known by name. An object that is taken or put somewhere leaves every place it was at; nothing may stand on
+it; the hand that does it must be empty, unless the skill begins with the object in it; what hides a place must be open.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -42,11 +42,11 @@ _GRIPPER = "gripper_width"  # the action that a hand is opened and closed by
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scope:
-    """What arguments may be: things that can be carried, places and spots where they may go, targets of the goal.
+    """What arguments may be: objects that can be carried, places and spots where they may go, targets of the goal.
 
     Attributes:
         wanted: Calls of the goal and its constraints; numbers and postures come from them.
-        present: Calls that say where things are now.
+        present: Calls that say where objects are now.
         lids: Place -> what has to be open before it is reached.
     """
 
@@ -79,9 +79,9 @@ def list_operators(skills: Mapping[str, SkillRuntime], scope: Scope) -> list[Ope
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Draft:
-    """A skill with its arguments, as it is declared; methods say what follows from calls `known` of a thing or target.
+    """A skill with its arguments, as it is declared; methods say what follows from calls `known` of a subject.
 
-    It takes or puts the thing that is `moved`, if any, to a `place`, or keeps it in a hand. Of skills that are equal
+    It takes or puts the object that is `moved`, if any, to a `place`, or keeps it in a hand. Of skills that are equal
     otherwise the one of least `rank` is preferred.
     """
 
@@ -101,7 +101,7 @@ class _Draft:
         return [call for call, value in self.effects if value]
 
     def iter_operators(self, known: Mapping[str, Sequence[Call]]) -> Iterator[Operator]:
-        """One operator, and another for each hidden place that its thing may come out of."""
+        """One operator, and another for each hidden place that its object may come out of."""
         if not self._is_exact() or not self._fits():
             return
         lids = self.scope.lids
@@ -115,7 +115,7 @@ class _Draft:
                 yield self._make(requires | declared | source, changes, f" out of {place}")
 
     def _find_hidden(self, known: Mapping[str, Sequence[Call]]) -> dict[Fact, str]:
-        """Facts that its thing is in a place which a lid hides, and that place."""
+        """Facts that its object is in a place which a lid hides, and that place."""
         lids = {place: rank for rank, place in enumerate(self.scope.lids)}
         said = {make_fact(call): read_statement(call) for call in known.get(self.moved, ())}
         inside = {
@@ -167,7 +167,7 @@ class _Draft:
         return needs if is_near else needs | {state(Meaning.MOVED, moved): True}
 
     def _need_clear(self, name: str, known: Mapping[str, Sequence[Call]]) -> dict[Fact, bool]:
-        """Nothing stands on a thing but what is put there."""
+        """Nothing stands on an object but what is put there."""
         said = ((call, read_statement(call)) for call in known.get(name, ()))
         others = {*self.scope.things} - {name, self.moved}
         return {make_fact(c): False for c, each in said if each.meaning is Meaning.ON and each.name_object() in others}
@@ -290,7 +290,7 @@ def _list_values(
         return [n for n, each in entities.items() if each.mechanism and each.mechanism.kind == parameter.mechanism]
     if key == moved:
         values = list(scope.things)
-    elif (said := read_statement(call)).relates:  # a vessel takes things in, a top bears them, a region both
+    elif (said := read_statement(call)).relates:  # a vessel takes objects in, a top bears them, a region both
         held, is_in = ((name, entities.get(name)) for name in scope.places), said.meaning is Meaning.INSIDE
         values = [name for name, each in held if each is None or (each.interior is not None) == is_in]
     else:
@@ -302,7 +302,7 @@ def _list_values(
 def _find_support(
     skill: SkillRuntime, thing: str, spot: PlacementPoint | None, given: Mapping[str, object], scope: Scope
 ) -> dict[str, str]:
-    """What a thing is put on, where the skill asks for it and no guarantee says it: what is there."""
+    """What an object is put on, where the skill asks for it and no guarantee says it: what is there."""
     key = find_parameter(skill, ParameterRole.SUPPORT)
     if not key or key in given:
         return {}
@@ -312,7 +312,7 @@ def _find_support(
 
 
 def _is_whole(skill: SkillRuntime, given: Mapping[str, object], world: Environment) -> bool:
-    """Whether every argument is there, each another thing, and parts are of the thing that is opened or closed."""
+    """Whether every argument is there, each another object, and parts are of the object that is opened or closed."""
     names = [value for value in given.values() if isinstance(value, str)]
     wholes = {given.get(key) for key, parameter in skill.parameters.items() if parameter.mechanism}
     parts = {world.entities[name].part_of for name in names if name in world.entities} - {""}
@@ -333,7 +333,7 @@ def _iter_bound(literals: Iterable[Effect], given: Mapping[str, object], target:
 
 
 def _is_undone(call: Call, moved: str) -> bool:
-    """Whether a fact is no more once a thing was moved: where it was, and what was measured from it."""
+    """Whether a fact is no more once an object was moved: where it was, and what was measured from it."""
     kinds = [kind for term, kind in zip(call.terms, list_kinds(call), strict=True) if term == Name(moved)]
     said = read_statement(call)
     return said.relates and (said.name_object() == moved or ArgumentKind.CONTAINER not in kinds)
@@ -349,7 +349,7 @@ def _get_tolerance(call: Call) -> float:
 
 
 def _find_place(effects: Iterable[Effect], moved: str) -> str:
-    """Where a thing is put; empty where it is taken."""
+    """Where an object is put; empty where it is taken."""
     calls = (call for call, value in effects if value and not _is_held(call))
     about = (call for call in calls if read_statement(call).name_object() == moved)
     return next((term.text for call in about for term in list_places(call) if isinstance(term, Name)), "")

@@ -39,13 +39,13 @@ class UnreachableReason(StrEnum):
     CAPABILITY = "capability"
     """A skill guarantees it, and no target of the goal offers what that needs."""
     ARGUMENT = "argument"
-    """Skills guarantee it of other things or places: what it names does not fit, or is not here."""
+    """Skills guarantee it of other objects or places: what it names does not fit, or is not here."""
     PRECONDITION = "precondition"
     """Skills guarantee it, and what they need first cannot come true."""
     ROOM = "room"
     """It needs more free room than there is."""
     CONSTRAINT = "constraint"
-    """A constraint forbids every way."""
+    """A constraint forbids every plan."""
     CONTRADICTION = "contradiction"
     """Its parts and their order exclude each other."""
     TIME = "time"
@@ -54,7 +54,7 @@ class UnreachableReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Missing:
-    """One thing that a goal lacks, or one predicate of it; `names` are skills, predicates or places, by `lack`."""
+    """A lack of a goal, or one predicate of it; `names` are skills, predicates or places, by `lack`."""
 
     lack: UnreachableReason
     subject: Fact = ""
@@ -71,7 +71,7 @@ _TEXTS = {
     UnreachableReason.ARGUMENT: "{0}: {1} cannot be used for what it names",
     UnreachableReason.PRECONDITION: "{0}: it needs {1} first, which cannot come true",
     UnreachableReason.ROOM: "no free spot in {1}",
-    UnreachableReason.CONSTRAINT: "{1} forbids every way",
+    UnreachableReason.CONSTRAINT: "{1} forbids every plan",
     UnreachableReason.CONTRADICTION: "these exclude each other, or their order does: {1}",
     UnreachableReason.TIME: "no plan was found within the planner's limits",
 }
@@ -120,7 +120,7 @@ def plan_goal(
         DefinitionError: A predicate cannot be parsed or planned for, or a target is unknown.
     """
     planner = planner or AnswerSetPlanner()
-    for everywhere in (False, True):  # things may also go where the goal names no place
+    for everywhere in (False, True):  # objects may also go where the goal names no place
         domain = build_domain(wanted, catalogue, world, everywhere=everywhere, without=without)
         answer = planner.solve(domain.problem)
         if isinstance(answer, Plan):

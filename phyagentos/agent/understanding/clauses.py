@@ -1,7 +1,7 @@
 """What clauses mean: each becomes predicates that shall come true, or that must hold all through.
 
 Upstream: a reading. Downstream: the embedded understander. One method a rule of the grammar; rules that say the same of
-each thing stand in the lexicon. Clauses are steps where the request says an order, or where they exclude each other.
+each object stand in the lexicon. Clauses are steps where the request says an order, or where they exclude each other.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -35,8 +35,8 @@ class Clauses(Discourse):
     """Predicates of a plan, collected clause by clause.
 
     Attributes:
-        placed: Things that the latest placement has put.
-        again: Whether the goal before is meant, and things that this time are excepted.
+        placed: Objects that the latest placement has put.
+        again: Whether the goal before is meant, and objects that this time are excepted.
     """
 
     constraints: list[str] = field(default_factory=list)
@@ -82,7 +82,7 @@ class Clauses(Discourse):
         return [text for step in self._read_steps(clause) for text in step]
 
     def _say(self, rule: str, things: Node, *, constraint: bool = False) -> Step:
-        """What the lexicon says of each thing; a part stands for what opens."""
+        """What the lexicon says of each object; a part stands for what opens."""
         meaning = read_lexicon()["meanings"][rule]
         constraint = constraint or meaning.get("constraint", False)
         slot = Slot(meaning["slot"])
@@ -116,7 +116,7 @@ class Clauses(Discourse):
         picked = self.resolve(things, Slot.MOVED).names
         self.recent.append([])
         wanted = self._read_wish_place(placing, *list_children(placing))
-        if {*picked} != {*self.placed}:  # another thing is put down: that is no one clause
+        if {*picked} != {*self.placed}:  # another object is put down: that is no one clause
             self.lack(RequestProblemKind.SENTENCE, things)
         return wanted
 
@@ -192,7 +192,7 @@ class Clauses(Discourse):
     def _relate(self, name: str, place: str) -> str:
         return f"{'inside' if self.get(place).has_interior else 'on'}({name}, {place})"
 
-    # doing other things
+    # doing other objects
 
     def _read_take(self, _: Node, things: Node, source: Node) -> Step:
         objects = self.restrict(self.resolve(things, Slot.MOVED), source)
@@ -368,7 +368,7 @@ def _says(text: str, *meanings: Meaning, is_true: bool = True) -> bool:
 
 
 def _get_object(text: str) -> str:
-    """What a predicate is about, the first thing that it names."""
+    """What a predicate is about, the first object that it names."""
     return next(iter(find_entities(text)), "")
 
 

@@ -1,6 +1,6 @@
 """From text to its readings: words looked up, then every tree that the grammar of requests has for them.
 
-The grammar (request.lark) is of the language, the words of things are of the scene. An Earley parser keeps every
+The grammar (request.lark) is of the language, the words of objects are of the scene. An Earley parser keeps every
 reading, so that a sentence with two meanings is found out instead of decided by the order of rules.
 """
 

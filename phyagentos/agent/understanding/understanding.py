@@ -1,6 +1,6 @@
 """What understanders of requests answer: a goal, questions or what is missing; and the checks that a goal has to pass.
 
-What a model writes passes no easier than what the grammar makes: names, what things are fit for, what skills bring
+What a model writes passes no easier than what the grammar makes: names, what objects are fit for, what skills bring
 about, contradictions. Paper section 3.3.
 """
 
@@ -31,7 +31,7 @@ _MOVERS = _DEMANDS.keys() - {Meaning.CONTAINS}  # what comes true by moving the 
 
 
 class _Kind(StrEnum):
-    """A kind, with what a person is told of it before or after the words that it is about."""
+    """A kind, with what is printed of it before or after the words that it is about."""
 
     told: str
 
@@ -57,7 +57,7 @@ class RequestProblemKind(_Kind):
     WORD = "word", "is no word of this scene or of requests"
     SENTENCE = "sentence", "is not understood as a sentence"
     THING = "thing", "is not here"
-    FIT = "fit", "is not possible with this thing"
+    FIT = "fit", "is not possible with this object"
     CAPABILITY = "capability", "is what no skill here brings about"
     CONTRADICTION = "contradiction", "cannot hold together"
     PAST = "past", "means something done before, and nothing was"
@@ -67,7 +67,7 @@ class RequestProblemKind(_Kind):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """One thing to ask back, about some words; any number may be answered where it has no candidates.
+    """A question to ask back, about some words; any number may be answered where it has no candidates.
 
     An answer refers to the key: the words, and where in the request they begin.
     """
@@ -80,7 +80,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RequestProblem:
-    """One thing that is missing: a word, name or predicate, the known one most like it, and what would be possible."""
+    """What is missing: a word, name or predicate, the known one most like it, and what would be possible."""
 
     kind: RequestProblemKind
     words: str
@@ -94,9 +94,9 @@ class Understood:
 
     Attributes:
         reasons: Which words became what; for people.
-        left_out: Things that the request names and the goal leaves as they are, each with the missing place.
+        left_out: Objects that the request names and the goal leaves as they are, each with the missing place.
         unsaid: Words without an effect on the goal, as `carefully`.
-        chosen: Things that stand for `a cube` or `two of the cubes`, where the choice was left open.
+        chosen: Objects that stand for `a cube` or `two of the cubes`, where the choice was left open.
     """
 
     goal: WantedGoal
@@ -179,7 +179,7 @@ def _find_unknown(predicate: Predicate, goal: WantedGoal, vocabulary: Vocabulary
 
 
 def _find_unfit(call: syntax.Call, vocabulary: Vocabulary) -> Iterator[RequestProblem]:
-    """Things of a predicate that cannot be used so, with those that can."""
+    """Objects of a predicate that cannot be used so, with those that can."""
     said = read_statement(call)
     demands = _DEMANDS.get(said.meaning, ()) if said.meaning is not None else ()
     for term, fact in zip((said.object, said.place), demands, strict=False):
@@ -195,7 +195,7 @@ def _find_unfit(call: syntax.Call, vocabulary: Vocabulary) -> Iterator[RequestPr
 
 
 def _find_incapable(formula: syntax.Formula, vocabulary: Vocabulary) -> Iterator[RequestProblem]:
-    """Literals that no skill brings about. To end a place is to bring the thing to another."""
+    """Literals that no skill brings about. To end a place is to bring the object to another."""
     able = vocabulary.capabilities
     places = {each.name for each in get_predicate_library() if each.meaning in _PLACES}
     for is_true, call in ((is_true, normalize(call)) for is_true, call in iter_literals(formula)):

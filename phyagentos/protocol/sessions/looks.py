@@ -107,7 +107,7 @@ class StoredLook(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Pointer:
-    """Where a thing was seen: left, top, width and height in pixels of a whole picture, and the stamp of that [s]."""
+    """Where an object was seen: left, top, width and height in pixels of a whole picture, and the stamp of that [s]."""
 
     camera: str
     time_s: float

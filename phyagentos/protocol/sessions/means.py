@@ -14,7 +14,7 @@ class Preparation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     Attributes:
         purpose: As in a contract: `clear`.
         skill: That did it.
-        kind: Kind of the thing that it acted on; empty for the thing of the attempt itself.
+        kind: Kind of the object that it acted on; empty for the object of the attempt itself.
     """
 
     purpose: str

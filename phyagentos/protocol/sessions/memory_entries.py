@@ -68,9 +68,9 @@ class Scope(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         scene: Name of a scene (`tabletop/cubes_and_trays`).
         skill: Name of a skill.
         target: Name of a target.
-        object: Kind of the thing that is acted on.
+        object: Kind of the object that is acted on.
         destination: Kind of the place where it goes.
-        entities: Names or kinds of the things it is about.
+        entities: Names or kinds of the objects it is about.
         body: Of the target where it was learned: another target must have one that matches.
         goal: Name of a goal graph.
         risk: At which it was verified: at a higher one it does not hold.

@@ -99,13 +99,13 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Scene(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Which world a session acts in, and what its goal calls the things in it.
+    """Which world a session acts in, and what its goal calls the objects in it.
 
     Attributes:
         name: Scene file, without suffix (`tabletop/cubes_and_trays`).
         seed: Seed of the scene's randomisation.
         episode: Sessions of one episode share one world; a new episode begins with a fresh one.
-        described: Names for unnamed things, each with the description that one of them fits (`a red box`).
+        described: Names for unnamed objects, each with the description that one of them fits (`a red box`).
     """
 
     name: str
@@ -144,9 +144,9 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         lookahead: What is to be simulated before it starts; None for nothing.
         goal_left_s: Simulated time that the goal's budget left for it [s]; None where that bounds nothing.
         unless_met: Whether it ends with `ALREADY_MET`, and nothing is commanded, when its acceptance is true before.
-        interchangeable: Groups of things that the goal lets stand for each other.
-        coming: Things that the goal brings to the same place, in other sessions: room is left for them.
-        kept: Things that are not moved to make room, since the goal says something about them.
+        interchangeable: Groups of objects that the goal lets stand for each other.
+        coming: Objects that the goal brings to the same place, in other sessions: room is left for them.
+        kept: Objects that are not moved to make room, since the goal says something about them.
     """
 
     id: SessionId
@@ -186,7 +186,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return own_s if self.goal_left_s is None else min(own_s, self.goal_left_s)
 
     def find_object(self, world: Environment) -> str | None:
-        """The movable thing that it acts on; without a declared one, the first among its arguments. None without any.
+        """The movable object that it acts on; without a declared one, the first among its arguments. None without any.
 
         Of a list, the first.
         """

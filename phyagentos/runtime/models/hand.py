@@ -1,4 +1,4 @@
-"""How a gripper's joints stand at an opening, and what its drive is told: plain for slides, else measured.
+"""How a gripper's joints stand at an opening, and what its drive is commanded: plain for slides, else measured.
 
 A jaw that turns, or a linkage, is driven through a series of set-points in a copy of the robot without contacts; at
 each one the gap between the pads and the posture of all its joints are taken. Between them is interpolated.

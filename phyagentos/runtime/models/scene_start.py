@@ -1,6 +1,6 @@
 """How a scene begins: which bodies are sunk into each other, have nothing to stand on, or are seen by no camera.
 
-Authors are told by lint, which draws a few seeds; preflight asks for the seed of the session, with the robot.
+Authors learn it from lint, which draws a few seeds; preflight asks for the seed of the session, with the robot.
 """
 
 from collections.abc import Iterator

@@ -4,7 +4,7 @@ A box offers four yaws, which close on its faces; a round entity eight. Labels c
 survive a nudge. Where something is beside the object, the fingers open only as wide as is needed. Where no upright
 grasp fits, the hand tilts about its closing axis; then it closes on opposite edges; then on one solid of the entity
 alone, as on the wall of a bowl or on the handle of a mug; then it lies and comes along its own axis, under a board;
-at last, from where a handle opens to, across it, or to an edge that juts out. A thing of several solids is closed on
+at last, from where a handle opens to, across it, or to an edge that juts out. An object of several solids is closed on
 where both pads meet it alike, near its weight; elsewhere only where nothing else is left.
 """
 
@@ -34,24 +34,24 @@ LEAST_CLEARANCE_M = 0.002  # of what is nearly as wide as the hand opens: it is 
 NARROW_M = (0.02, 0.012)  # further open than the object is wide, where there is no room for more
 TILTS_DEG = (20, -20, 40, -40)  # about the closing axis; the smaller ones first
 SIDE_DEG = (65, -65)  # from the side, where nothing else is free
-LYING_DEG = (80, -80, 65, -65)  # of a hand that comes along its own axis; it rises on the way back, with the thing
-HAND_HALF_M = 0.036  # of a lying hand, above what the thing stands on
+LYING_DEG = (80, -80, 65, -65)  # of a hand that comes along its own axis; it rises on the way back, with the object
+HAND_HALF_M = 0.036  # of a lying hand, above what the object stands on
 EDGE_DEPTH_M = 0.008  # of the tool centre point within an edge; the pads reach a centimetre further
-SHIFTS = (0.5, -0.5, 1.0, -1.0)  # along a thing, as shares of the longest way
+SHIFTS = (0.5, -0.5, 1.0, -1.0)  # along an object, as shares of the longest way
 SHIFT_MAX_M = 0.025  # from the middle: its weight turns it between the pads
-DEAD_ENDS_MAX = 6  # groups of grasps after which the thing cannot be put down, until the first is taken
+DEAD_ENDS_MAX = 6  # groups of grasps after which the object cannot be put down, until the first is taken
 LEVER_M = 0.005  # further from the weight than the best grasp is poor
-SHIFT_PAD_M = 0.012  # of the thing that is left beside the middle of the pads
+SHIFT_PAD_M = 0.012  # of the object that is left beside the middle of the pads
 STRADDLE_M = 0.05  # over this last part of the way the fingers are beside the object
 RIM_DEPTH_M = 0.006  # of the tool centre point under the edge of a single solid; its pads reach a centimetre further
 SOLID_OPEN_M = 0.016  # further open than a single solid is wide: there is little room in a vessel
 LEANS = (1.0, 0.5, 0.0)  # of the hand with a leaning wall: as it leans, by half, upright
 SOLID_MAX_M = 0.03  # a thicker solid is no wall or handle
-TURNED_COS = 0.3  # least, of the way that the hand points with straight down once the thing is turned
+TURNED_COS = 0.3  # least, of the way that the hand points with straight down once the object is turned
 UP_COS = 0.966  # 15 degrees: the side that is up by that much need not be brought up
 ALONG_COS = 0.9  # of the closing axis with the direction that is asked for
 FRONT_DEG = (0, 8, 16, 30, 50)  # below the level, of a hand that takes a handle from its front
-OPENING_STEP = 0.01  # [m or rad] by which a thing is opened to see where its handle goes
+OPENING_STEP = 0.01  # [m or rad] by which an object is opened to see where its handle goes
 ALONG_SINE = 0.3  # of the closing axis with the way of a handle
 LEVEL_SINE, DOWN_COS = 0.6, 0.7  # of the closing axis, and of the way down to a single solid
 
@@ -102,7 +102,7 @@ def find_grasps(
 
 
 def _is_wanted(way: ApproachCandidate, entity: Entity, request: FindGrasps) -> bool:
-    """Whether it closes as asked, and the hand still points down once another side of the thing is up."""
+    """Whether it closes as asked, and the hand still points down once another side of the object is up."""
     if request.then is not None and request.then.up is not None:
         up = np.array(rotate(entity.pose.quaternion_wxyz, request.then.up))
         if up[2] > UP_COS or up @ way.end[:3, 2] > -TURNED_COS:
@@ -169,7 +169,7 @@ def _tilt(ways: list[ApproachCandidate], degrees: int) -> list[ApproachCandidate
 
 
 def _lay(ways: list[ApproachCandidate], entity: Entity, degrees: int) -> Iterator[ApproachCandidate]:
-    """The same with a hand that lies and comes along its own axis: under what covers the thing."""
+    """The same with a hand that lies and comes along its own axis: under what covers the object."""
     box = compute_entity_box(entity)
     for way in ways:
         end = tilt_tool(way.end, np.radians(degrees))
@@ -222,7 +222,7 @@ def _iter_front_ways(
 
 
 def _shift(way: ApproachCandidate, entity: Entity, share: float) -> Iterator[ApproachCandidate]:
-    """The same beside the middle, by a share of the longest way along the thing; none where there is none."""
+    """The same beside the middle, by a share of the longest way along the object; none where there is none."""
     box = compute_entity_box(entity)
     reach_m = float(np.abs(way.end[:3, 0] @ box.pose[:3, :3]) @ box.half_m)
     by_m = share * min(SHIFT_MAX_M, reach_m - SHIFT_PAD_M)

@@ -49,13 +49,13 @@ from phyagentos.runtime.motion.sites import (
 from phyagentos.runtime.motion.standing import find_standing_sites, fit_tight
 
 DROP_M = 0.004  # released this far above the support, so that errors do not press
-PART_M = 0.015  # by which a thing is wider than the fingers that hold a part of it only, as its rim
-RELEASE_M = 0.02  # further open than around the thing, where there is no room for more
+PART_M = 0.015  # by which an object is wider than the fingers that hold a part of it only, as its rim
+RELEASE_M = 0.02  # further open than around the object, where there is no room for more
 LEAST_RELEASE_M = 0.008  # the same where there is least
 TOUCH_DOWN_M = 0.02  # contact of the payload with its support is intended over this last part of the way
-FALL_STEP_M = 0.015  # between the heights from which a thing may be dropped
+FALL_STEP_M = 0.015  # between the heights from which an object may be dropped
 FALL_MAX_M = 0.13  # a longer fall has not been measured
-OVER_RIM_M = 0.02  # lowest point of a dropped thing above the walls; higher up it might come to rest on them
+OVER_RIM_M = 0.02  # lowest point of a dropped object above the walls; higher up it might come to rest on them
 FINE_DEG = 15  # between yaws where boxes find no room
 KEPT_SHARE = 0.5  # of its height that walls must have to keep what falls between them
 OUT_OF_REACH = {"ik", "line", "far"}  # reasons that no finer site changes
@@ -79,7 +79,7 @@ def find_placements(
     with job.stage("sites"):
         space = space or find_space(request, held)
         if space is None:
-            return job.fail("NO_SPACE", f"{request.destination} has no interior to put things into.")
+            return job.fail("NO_SPACE", f"{request.destination} has no interior to put objects into.")
         tilt = measure_tilt(world_T_tcp) if request.up is None else point_up(tcp_T_entity[:3, :3] @ request.up)
         footprint = measure_footprint(held, DOWN @ tilt @ tcp_T_entity[:3, :3])
         attitudes = _list_attitudes(tilt @ tcp_T_entity[:3, :3])
@@ -124,7 +124,7 @@ def _fits_alone(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> b
 class _Search:
     """Looks for postures over sites of a hand with a `tilt` (3, 3).
 
-    `releases_m` are openings at which the thing is let go, the better first.
+    `releases_m` are openings at which the object is let go, the better first.
     """
 
     placing: Placing
@@ -180,7 +180,7 @@ def _list_attitudes(tcp_R_entity: Array, step_deg: int = 45) -> dict[int, Array]
 
 
 def _list_falls(placing: Placing) -> list[float]:
-    """Heights [m] from which a thing may fall onto its support: none, and rising ones between walls that keep it."""
+    """Heights [m] from which an object may fall onto its support: none, and rising ones between walls that keep it."""
     space = placing.space
     if not placing.request.may_fall or space.depth_m < KEPT_SHARE * placing.footprint.height_m:
         return [0.0]

@@ -35,7 +35,7 @@ class World(msgspec.Struct, frozen=True):
 
 
 class Load(msgspec.Struct, frozen=True):
-    """What a held entity asks of the grip; each value stands at the bad end of its doubt.
+    """What a held entity asks of the grip; each value stands at the unfavourable end of its uncertainty.
 
     `center_m` (3,) is in the tool frame, `gyration_m` about the closing axis, `press_n` of a finger.
     """
@@ -90,7 +90,7 @@ class Trajectory(msgspec.Struct, frozen=True):
 
 
 class Destination(msgspec.Struct, frozen=True):
-    """Where a thing is put after it was grasped, and which side up; as in `FindPlacements`."""
+    """Where an object is put after it was grasped, and which side up; as in `FindPlacements`."""
 
     name: str
     relation: Meaning = Meaning.INSIDE

@@ -36,7 +36,7 @@ WALL_BAND_M = 0.02  # a wall is this near to the side of an interior
 
 @dataclass(frozen=True, slots=True)
 class Space:
-    """A level rectangle to put things on, at the height of its support.
+    """A level rectangle to put objects on, at the height of its support.
 
     Attributes:
         yaw_rad: Direction of its first side; `half_m` (2,) are half lengths of its sides.
@@ -161,7 +161,7 @@ class Placing:
 
     @property
     def middle_m(self) -> Array:
-        """(3,) the point of the held thing that comes over a site: its box's middle, or its centroid on an open top."""
+        """(3,) point of the held object that comes over a site: its box's centre, or its centroid on an open top."""
         return compute_bounds(self.held.shapes)[0] if self.space.walled else np.array(compute_centroid(self.held))
 
     @property
@@ -176,7 +176,7 @@ class Placing:
 
 
 def find_space_above(placing: Placing) -> Space | None:
-    """The room between the walls above the things that lie there; None where nothing does."""
+    """The room between the walls above the objects that lie there; None where nothing does."""
     space, tops_m = placing.space, dict[str, float]()
     for each in placing.request.world.entities:
         is_loose = each.movable and each.mechanism is None and not each.part_of and each.name != placing.held.name

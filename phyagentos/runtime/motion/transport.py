@@ -1,6 +1,6 @@
 """Timing of a carry: as fast as grip and contents allow, shaped with casadi.
 
-A held thing feels the apparent gravity f = p'' + g e_z. It slips when the tangential force and the torque about the
+A held object feels the apparent gravity f = p'' + g e_z. It slips when the tangential force and the torque about the
 closing axis leave the grip's limit surface, an ellipsoid; an open vessel spills when f leans too far from its axis.
 Only the progress s(t) along the path is optimised. In b = s'^2, piecewise linear, the largest b is the fastest motion:
 a convex program with linear costs, one stage a knot, which fatrop solves. Its graph is built once for each number of

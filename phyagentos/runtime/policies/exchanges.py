@@ -128,7 +128,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
         time_s: Of the observations, in the target's time [s].
         recorded: Shape of the recorded rows; `given` is that of the rows now, empty where there was no chunk.
         difference: Greatest of any number, in the policy's own units, at row and column `where`; else infinite.
-        done: Whether the policy says now that it is done, where it said the other thing then; None otherwise.
+        done: Whether the policy says now that it is done, where it said the other object then; None otherwise.
         fault: Why there is no chunk.
     """
 

@@ -178,7 +178,7 @@ def _open(endpoint: str, tls: ssl.SSLContext | None) -> ClientConnection:
 
 
 def _check_encrypted(endpoint: str) -> None:
-    """Whoever reads a token may command."""
+    """A token lets its reader command."""
     parts = urlsplit(endpoint)
     host = parts.hostname or ""
     with contextlib.suppress(ValueError):

@@ -98,7 +98,7 @@ def test_the_forecast_is_asked_from_the_estimate(open_gate, careful):
     ("answer", "tree", "found"),
     [
         (ExecutionError("LOOKAHEAD_FAILED", "the rehearsal process ended with code -9"), "pick", "code -9"),
-        (None, "pick", "an end was asked for"),
+        (None, "pick", "a stop was requested"),
     ],
 )
 def test_what_cannot_be_foreseen_does_not_start(open_gate, careful, answer, tree, found):
