@@ -34,7 +34,7 @@ from rich.table import Table
 from typer import Option
 
 from benchmarks.runner import finish, run
-from phyagentos.bench.report import Ask
+from phyagentos.bench.report import Threshold
 from phyagentos.bench.scorers.simulator_state import is_in_tray
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.codes import CODES
@@ -68,7 +68,7 @@ LIMIT_S = 240.0  # nothing that recovers takes this long
 DISK_MB = 48
 CALM_LOOKS = 3  # a watchdog that is being killed holds its lock for an instant longer
 ASKED = {
-    name: Ask(0, at_least=False)
+    name: Threshold(0, at_least=False)
     for name in ("double_executions", "violations", "left_open", "false_success", "unattributed", "left_over")
 }
 

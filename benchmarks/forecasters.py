@@ -19,7 +19,7 @@ from typer import Argument, Option
 
 from benchmarks.runner import finish, run
 from phyagentos.bench.records import read_records
-from phyagentos.bench.report import Ask
+from phyagentos.bench.report import Threshold
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.calibration import Scored, compute_record
@@ -39,7 +39,7 @@ from learned_forecaster.training import train_model  # noqa: E402
 from rollout_forecaster.calibration import calibrate, render  # noqa: E402
 
 ARM, TREE = "panda", "pick_and_place"
-ASKED = {"skill_of_rollouts": Ask(0.0, at_least=True), "skill_of_learned": Ask(0.0, at_least=True)}
+ASKED = {"skill_of_rollouts": Threshold(0.0, at_least=True), "skill_of_learned": Threshold(0.0, at_least=True)}
 
 
 def read_cases(workspace: Workspace) -> Iterator[tuple[Case, bool]]:

@@ -20,7 +20,7 @@ from rich.console import Console
 from benchmarks.runner import finish, run, show
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.assembly.paths import open_project
-from phyagentos.bench.report import Ask, Spread
+from phyagentos.bench.report import Spread, Threshold
 from phyagentos.bench.scoring import measure
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
@@ -32,8 +32,8 @@ from phyagentos.store.journal import Journal
 ROOT = Path(__file__).resolve().parents[1]
 GRAPH = ROOT / "goal_graphs" / "tidy_table.yaml"
 ASKED = {
-    "goal_over_physics_alone_median": Ask(4.5, at_least=False),
-    "planning_per_pick_and_place_s_median": Ask(0.10, at_least=False),
+    "goal_over_physics_alone_median": Threshold(4.5, at_least=False),
+    "planning_per_pick_and_place_s_median": Threshold(0.10, at_least=False),
 }
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.recorded import Recording, Robot, open_robot, record_tidy_table
 from benchmarks.runner import finish, run, show, show_figures
 from benchmarks.safety_parts.hostile import iter_spoilt
-from phyagentos.bench.report import Ask
+from phyagentos.bench.report import Threshold
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange, describe_target_space
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.settings.safety import as_numbers
@@ -28,10 +28,10 @@ from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.targets.wire import Command
 
 ASKED = {
-    "guard_us_median": Ask(50.0, at_least=False),
-    "legitimate_refused": Ask(0.0, at_least=False),
-    "hostile_passed": Ask(0.0, at_least=False),
-    "collision_false_refusals": Ask(0.0, at_least=False),
+    "guard_us_median": Threshold(50.0, at_least=False),
+    "legitimate_refused": Threshold(0.0, at_least=False),
+    "hostile_passed": Threshold(0.0, at_least=False),
+    "collision_false_refusals": Threshold(0.0, at_least=False),
 }
 FAULTS = find_shipped_root() / "faults" / "one_random.yaml"
 HOSTILE_EACH = 40  # commands of every session that are spoilt in every way

@@ -51,7 +51,7 @@ from phyagentos.agent.repair.looking import propose_looking
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
 from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.assembly.agent_plane import Agent, MemoryUse
-from phyagentos.bench.report import Ask, Rate
+from phyagentos.bench.report import Rate, Threshold
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
@@ -64,12 +64,12 @@ TASKS, STATES = 10, 5
 WORDS = "words"
 SENSINGS = {"state": Sensing.TRUTH, "perceived": Sensing.PERCEIVED, WORDS: Sensing.PERCEIVED}
 ASKED = {
-    "libero_spatial_final": Ask(0.9, at_least=True),
-    "libero_object_final": Ask(0.9, at_least=True),
-    "libero_goal_final": Ask(0.75, at_least=True),
-    "libero_10_final": Ask(0.75, at_least=True),
-    "libero_pro_final": Ask(0.533, at_least=True),
-    "false_success_rate": Ask(0.01, at_least=False),
+    "libero_spatial_final": Threshold(0.9, at_least=True),
+    "libero_object_final": Threshold(0.9, at_least=True),
+    "libero_goal_final": Threshold(0.75, at_least=True),
+    "libero_10_final": Threshold(0.75, at_least=True),
+    "libero_pro_final": Threshold(0.533, at_least=True),
+    "false_success_rate": Threshold(0.01, at_least=False),
 }
 
 BUILTIN, LEARNED = "builtin skills", "a learned skill where something is put"
@@ -98,7 +98,7 @@ def main() -> int:
     chosen = [known[key] for key in keys if key in known]
     show(Console(), chosen, given.suites, of)
     figures = compute_figures(chosen) | {"missing": len(keys) - len(chosen)}
-    asked = {name: ask for name, ask in ASKED.items() if name in figures} | {"missing": Ask(0.0, at_least=False)}
+    asked = {name: ask for name, ask in ASKED.items() if name in figures} | {"missing": Threshold(0.0, at_least=False)}
     return finish(figures, asked)
 
 

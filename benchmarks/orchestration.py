@@ -27,7 +27,7 @@ from benchmarks.runner import finish, one_of, run
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.assembly.paths import open_project
 from phyagentos.assembly.process_tuning import collect_rarely
-from phyagentos.bench.report import Ask, Spread
+from phyagentos.bench.report import Spread, Threshold
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 
@@ -155,16 +155,16 @@ def show_rates(results: list[Result], n: int, sync_ms: float, console: Console) 
     console.print(table)
 
 
-def compare(ours: Result, peers: list[Result], n: int) -> tuple[dict[str, float], dict[str, Ask]]:
+def compare(ours: Result, peers: list[Result], n: int) -> tuple[dict[str, float], dict[str, Threshold]]:
     """Our rate over each peer's, the smaller one of the shapes that are compared."""
     figures: dict[str, float] = {}
-    asked: dict[str, Ask] = {}
+    asked: dict[str, Threshold] = {}
     for peer in peers:
         shapes = COMPARED.get(peer.name, SHAPES)
         if all(peer.seconds[shape] for shape in shapes):
             name = f"times_{peer.name}"
             figures[name] = min(ours.compute_rate(shape, n) / peer.compute_rate(shape, n) for shape in shapes)
-            asked[name] = Ask(PEERS[peer.name], at_least=True)
+            asked[name] = Threshold(PEERS[peer.name], at_least=True)
     return figures, asked
 
 
@@ -204,7 +204,7 @@ def main(
             seconds = time_ours(folder / "constancy", [*[("layered", small)] * 5, ("layered", large)])
             figures["cost_ratio_10000_to_100"] = (seconds[-1] / large) / (Spread.of(seconds[:-1]).median / small)
             figures["ms_per_session_10000"] = 1e3 * seconds[-1] / large
-            asked["cost_ratio_10000_to_100"] = Ask(1.3, at_least=False)
+            asked["cost_ratio_10000_to_100"] = Threshold(1.3, at_least=False)
     show_rates([ours, *others], n, sync_ms, console)
     figures |= {f"{shape}_per_s": ours.compute_rate(shape, n) for shape in SHAPES}
     return finish(figures | {"sessions": float(n), "sync_ms": sync_ms}, asked)

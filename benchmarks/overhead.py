@@ -31,7 +31,7 @@ from typing_extensions import override
 from benchmarks.libero_parts import tasks as libero
 from benchmarks.libero_parts.served import KIT, serve
 from benchmarks.runner import finish, one_of, run, show_figures
-from phyagentos.bench.report import Ask
+from phyagentos.bench.report import Threshold
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
@@ -58,9 +58,9 @@ from phyagentos.runtime.worker.recorder import Bundles
 from phyagentos.runtime.worker.runner import SessionRunner
 
 ASKED = {
-    "meta_world_added_ms": Ask(1.0, at_least=False),
-    "libero_added_share": Ask(0.05, at_least=False),
-    "libero_added_share_unobserved": Ask(0.05, at_least=False),
+    "meta_world_added_ms": Threshold(1.0, at_least=False),
+    "libero_added_share": Threshold(0.05, at_least=False),
+    "libero_added_share_unobserved": Threshold(0.05, at_least=False),
 }
 META_WORLD = find_shipped_root() / "examples" / "projects" / "08_meta_world"
 SCENES = {"meta_world": "reach-v3", "libero": "libero_object/0"}

@@ -30,7 +30,7 @@ from benchmarks.worlds.goals import draw_case
 from benchmarks.worlds.projects import write_case
 from benchmarks.worlds.rooms import Thing
 from benchmarks.worlds.table import render_table
-from phyagentos.bench.report import Ask, Spread
+from phyagentos.bench.report import Spread, Threshold
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.settings.sensors import Sensors, read_sensors
@@ -49,13 +49,15 @@ ROOMS_FROM = 70_000  # seeds of rooms that nothing else uses
 PRIOR_LEVEL, PRIOR_SEEDS = "nominal", 2  # so many seeds of each scene are seen with less prior knowledge, too
 PLAIN = {"cube", "box", "slab", "bar"}  # kinds that are left out of an inventory: their sides are known
 ASKED = {
-    "nominal_position_mm_median": Ask(5.0, at_least=False),
-    "nominal_position_mm_p95": Ask(15.0, at_least=False),
-    "nominal_found": Ask(0.99, at_least=True),
-    "nominal_sequence_mix_ups": Ask(0, at_least=False),
-    "scenes_looked_at": Ask(100, at_least=True),
+    "nominal_position_mm_median": Threshold(5.0, at_least=False),
+    "nominal_position_mm_p95": Threshold(15.0, at_least=False),
+    "nominal_found": Threshold(0.99, at_least=True),
+    "nominal_sequence_mix_ups": Threshold(0, at_least=False),
+    "scenes_looked_at": Threshold(100, at_least=True),
 }
-RELIABLE = Ask(0.95, at_least=True)  # share of truths within two stated deviations, of every number at every level
+RELIABLE = Threshold(
+    0.95, at_least=True
+)  # share of truths within two stated deviations, of every number at every level
 TWINS = """
   first: &cube
     kind: cube
@@ -294,7 +296,7 @@ def main(
     figures, asked = {"scenes_looked_at": float(scenes)}, dict(ASKED)
     for level, tally in tallies.items():
         figures |= describe(level, tally)
-        asked |= {f"{level}_frozen_told": RELIABLE, f"{level}_honest_suspected": Ask(0, at_least=False)}
+        asked |= {f"{level}_frozen_told": RELIABLE, f"{level}_honest_suspected": Threshold(0, at_least=False)}
         asked |= {name: RELIABLE for name in figures if name.startswith(level) and name.endswith("_within_2")}
         for text in (*tally.missed[:8], *tally.mixed_up[:8], *tally.sequence_mix_ups[:8]):
             Console().print(f"{level}: {text}", style="dim")

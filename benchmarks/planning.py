@@ -32,7 +32,7 @@ from benchmarks.planning_parts.query_sets import Query, draw_clutter_queries, dr
 from benchmarks.planning_parts.solver_calls import tabulate_calls
 from benchmarks.recorded import Robot, open_robot
 from benchmarks.runner import finish, run
-from phyagentos.bench.report import Ask, Spread
+from phyagentos.bench.report import Spread, Threshold
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
@@ -255,11 +255,11 @@ def main(
     figures["missed"] = sum(each.length_rad is None and each.peer_length_rad is not None for each in everything)
     figures["first_plan_wall_s"], figures["first_plan_s"] = measure_first_plan(*firsts[0])
     asked = {
-        "missed": Ask(0, at_least=False),
-        "recorded_ms": Ask(25, at_least=False),
-        "hard_ms": Ask(45, at_least=False),
-        "first_plan_s": Ask(1, at_least=False),
-        **{f"{name}_path_times_as_fast": Ask(5, at_least=True) for name in SETS},
+        "missed": Threshold(0, at_least=False),
+        "recorded_ms": Threshold(25, at_least=False),
+        "hard_ms": Threshold(45, at_least=False),
+        "first_plan_s": Threshold(1, at_least=False),
+        **{f"{name}_path_times_as_fast": Threshold(5, at_least=True) for name in SETS},
     }
     return finish(figures, asked)
 

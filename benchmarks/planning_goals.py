@@ -25,7 +25,7 @@ from benchmarks.worlds.kinematics import find_fault
 from benchmarks.worlds.puzzles import SOLVABLE, UNSOLVABLE, Task, write_forgotten, write_task
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import read_goal_graph
-from phyagentos.bench.report import Ask
+from phyagentos.bench.report import Threshold
 from phyagentos.protocol.capabilities.library import Library
 
 STEPS = range(3, 13)
@@ -74,13 +74,13 @@ def measure(folder: Path, count: int, first_seed: int, *, runs: int, verbose: bo
         "median_s": statistics.median(times),
         "slowest_s": max(times),
     }
-    asked = {name: Ask(1.0, at_least=True) for name in ("solved", "said_unsolvable", "valid")} | {
-        "median_s": Ask(1.0, at_least=False)
+    asked = {name: Threshold(1.0, at_least=True) for name in ("solved", "said_unsolvable", "valid")} | {
+        "median_s": Threshold(1.0, at_least=False)
     }
     if executed:
         again = [execute(write_forgotten(seed, folder), seed) for seed in range(FORGOTTEN)]
         figures |= {"executed": float(len(executed)), "met_on_physics": mean(executed), "met_anew": mean(again)}
-        asked |= {name: Ask(1.0, at_least=True) for name in ("met_on_physics", "met_anew")}
+        asked |= {name: Threshold(1.0, at_least=True) for name in ("met_on_physics", "met_anew")}
     return finish(figures, asked)
 
 

@@ -18,7 +18,7 @@ from rich.console import Console
 from typer import Option
 
 from benchmarks.runner import finish, run, show_figures
-from phyagentos.bench.report import Ask, Spread
+from phyagentos.bench.report import Spread, Threshold
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.motion.planner import MotionPlanner
@@ -40,13 +40,13 @@ from preflight_corpus.corpus import (
 from preflight_corpus.recording import record
 
 ASKED = {
-    "cases": Ask(60, at_least=True),
-    "least_cases_of_a_side": Ask(6, at_least=True),
-    "rejected_rate": Ask(1.0, at_least=True),
-    "right_code_rate": Ask(1.0, at_least=True),
-    "false_rejections": Ask(0.0, at_least=False),
-    "session_ms_median": Ask(100.0, at_least=False),
-    "first_session_ms_median": Ask(100.0, at_least=False),
+    "cases": Threshold(60, at_least=True),
+    "least_cases_of_a_side": Threshold(6, at_least=True),
+    "rejected_rate": Threshold(1.0, at_least=True),
+    "right_code_rate": Threshold(1.0, at_least=True),
+    "false_rejections": Threshold(0.0, at_least=False),
+    "session_ms_median": Threshold(100.0, at_least=False),
+    "first_session_ms_median": Threshold(100.0, at_least=False),
 }
 
 

@@ -28,7 +28,7 @@ from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
 from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, Understanding, Understood
 from phyagentos.agent.understanding.vocabulary import Vocabulary
 from phyagentos.assembly.project import open_library
-from phyagentos.bench.report import Ask
+from phyagentos.bench.report import Threshold
 from phyagentos.protocol.predicates.predicate import parse_predicate
 
 REQUESTS = Path(__file__).parent.parent / "tests" / "requests"
@@ -129,7 +129,9 @@ def main(
             if found is not Grade.RIGHT:
                 Console().print(f"{found}: {case.say}\n    {answer}", markup=False, highlight=False)
     asked = {
-        key: Ask(0.0, at_least=False) if key.endswith("wrong") else Ask(LEAST.get(key, LEAST_UNSEEN), at_least=True)
+        key: Threshold(0.0, at_least=False)
+        if key.endswith("wrong")
+        else Threshold(LEAST.get(key, LEAST_UNSEEN), at_least=True)
         for key in figures
     }
     show_figures("requests in English", figures, asked)

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from phyagentos.bench.report import Ask
+from phyagentos.bench.report import Threshold
 
 
 def run(measure: Callable[..., int]) -> None:
@@ -47,13 +47,13 @@ def show(title: str, columns: Iterable[str], rows: Iterable[Iterable[object]], w
     Console(width=width, highlight=False).print(table)
 
 
-def show_figures(title: str, figures: Mapping[str, float], asked: Mapping[str, Ask]) -> None:
+def show_figures(title: str, figures: Mapping[str, float], asked: Mapping[str, Threshold]) -> None:
     """Print every figure beside what is asked of it."""
     rows = ((name, f"{value:.4g}", asked.get(name, "")) for name, value in figures.items())
     show(title, ("figure", "found", "asked"), rows)
 
 
-def finish(figures: Mapping[str, float], asked: Mapping[str, Ask]) -> int:
+def finish(figures: Mapping[str, float], asked: Mapping[str, Threshold]) -> int:
     """Print the closing line, and return the exit code: 0 when every asked figure holds, else 1."""
     holds = all(ask.holds(figures[name]) for name, ask in asked.items())
     rounded = {name: round(value, 6) for name, value in figures.items()}

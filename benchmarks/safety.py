@@ -2,7 +2,6 @@
 
     python benchmarks/safety.py                  # 100 000 hostile commands, 1000 stops: some ten minutes
     python benchmarks/safety.py --quick          # small numbers, for a look; only the counts mean anything
-    python benchmarks/safety.py --remote         # the world behind a WebSocket, commanded by the driver `remote`
 
 One world process at a time, over its own wire. What is counted as outside was seen by an eye inside the physics process
 that shares no code with what limits (`safety_parts/observed_world.py`). The stops are made in real time, one world
@@ -21,28 +20,28 @@ from benchmarks.recorded import Robot, open_robot, record_tidy_table
 from benchmarks.runner import finish, run, show_figures
 from benchmarks.safety_parts.campaign import Tally, attack
 from benchmarks.safety_parts.stops import measure_stops
-from phyagentos.bench.report import Ask
+from phyagentos.bench.report import Threshold
 
 ASKED_OF_ATTACK = {
-    "rows_outside_position": Ask(0.0, at_least=False),
-    "rows_outside_velocity": Ask(0.0, at_least=False),
-    "rows_outside_torque": Ask(0.0, at_least=False),
-    "rows_outside_workspace": Ask(0.0, at_least=False),
-    "hostile_passed": Ask(0.0, at_least=False),
-    "legitimate_refused": Ask(0.0, at_least=False),
+    "rows_outside_position": Threshold(0.0, at_least=False),
+    "rows_outside_velocity": Threshold(0.0, at_least=False),
+    "rows_outside_torque": Threshold(0.0, at_least=False),
+    "rows_outside_workspace": Threshold(0.0, at_least=False),
+    "hostile_passed": Threshold(0.0, at_least=False),
+    "legitimate_refused": Threshold(0.0, at_least=False),
 }
 ASKED_OF_STOPS = {
-    "silence_p99_periods": Ask(2.0, at_least=False),
-    "commands_after_asked": Ask(0.0, at_least=False),
-    "stops_still_moving": Ask(0.0, at_least=False),
+    "silence_p99_periods": Threshold(2.0, at_least=False),
+    "commands_after_asked": Threshold(0.0, at_least=False),
+    "stops_still_moving": Threshold(0.0, at_least=False),
 }
 
 
-def run_attack(robot: Robot, commands: int, seeds: range, console: Console, *, is_remote: bool) -> dict[str, float]:
+def run_attack(robot: Robot, commands: int, seeds: range, console: Console) -> dict[str, float]:
     """Figures of the campaign."""
     recordings = record_tidy_table(robot, seeds)
     with tempfile.TemporaryDirectory() as folder:
-        tally, seen = attack(Path(folder), robot, seeds, recordings, commands, is_remote=is_remote)
+        tally, seen = attack(Path(folder), robot, seeds, recordings, commands)
     outside = seen.count_outside(robot.profile, robot.folder)
     console.print(_tabulate(tally))
     return {
@@ -81,21 +80,20 @@ def main(
     trials: Annotated[int, Option(help="Emergency stops.")] = 1000,
     seeds: Annotated[int, Option(help="Runs of tidy_table that go on meanwhile.")] = 10,
     only: Annotated[Literal["attack", "stops"] | None, Option(help="One half.")] = None,
-    remote: Annotated[bool, Option(help="By the driver `remote`, over WebSocket.")] = False,
     quick: Annotated[bool, Option(help="600 commands, 6 stops, one run.")] = False,
 ) -> int:
     """Print the tables and the closing line."""
     commands, trials, seeds = (600, 6, 1) if quick else (commands, trials, seeds)
     robot, console = open_robot(), Console()
     figures: dict[str, float] = {}
-    asked: dict[str, Ask] = {}
+    asked: dict[str, Threshold] = {}
     if only != "stops":
-        figures |= run_attack(robot, commands, range(1, seeds + 1), console, is_remote=remote)
-        asked |= ASKED_OF_ATTACK | {"hostile": Ask(float(commands), at_least=True)}
+        figures |= run_attack(robot, commands, range(1, seeds + 1), console)
+        asked |= ASKED_OF_ATTACK | {"hostile": Threshold(float(commands), at_least=True)}
     if only != "attack":
         with tempfile.TemporaryDirectory() as folder:
-            figures |= measure_stops(Path(folder), robot.profile, trials, is_remote=remote)
-        asked |= ASKED_OF_STOPS | {"stops": Ask(float(trials), at_least=True)}
+            figures |= measure_stops(Path(folder), robot.profile, trials)
+        asked |= ASKED_OF_STOPS | {"stops": Threshold(float(trials), at_least=True)}
     show_figures("Safety: one control period is 20 ms", figures, asked)
     return finish(figures, asked)
 

@@ -19,15 +19,15 @@ from store_parts.transitions import measure_transitions
 from typer import Option
 
 from benchmarks.runner import finish, run, show, show_figures
-from phyagentos.bench.report import Ask
+from phyagentos.bench.report import Threshold
 
 ASKED = {
-    "cpu_ms_per_session": Ask(0.35, at_least=False),
-    "waits_per_session": Ask(3, at_least=False),
-    "transition_p50_in_waits": Ask(2, at_least=False),
-    "transition_p50_growth": Ask(1.2, at_least=False),
-    "start_ms_above_interpreter": Ask(100, at_least=False),
-    "start_bytes_per_known_session": Ask(1000, at_least=False),
+    "cpu_ms_per_session": Threshold(0.35, at_least=False),
+    "waits_per_session": Threshold(3, at_least=False),
+    "transition_p50_in_waits": Threshold(2, at_least=False),
+    "transition_p50_growth": Threshold(1.2, at_least=False),
+    "start_ms_above_interpreter": Threshold(100, at_least=False),
+    "start_bytes_per_known_session": Threshold(1000, at_least=False),
 }
 
 

@@ -21,7 +21,7 @@ from typer import Argument, BadParameter
 
 from benchmarks.runner import finish, run, show
 from phyagentos.bench.records import EpisodeRecord, read_records
-from phyagentos.bench.report import Ask
+from phyagentos.bench.report import Threshold
 from phyagentos.protocol.capabilities.targets import BASE_JOINTS
 
 ARM = tuple(f"joint{k}" for k in range(1, 8))
@@ -144,7 +144,7 @@ def main(run: Annotated[Path, Argument(help="folder of a run of two_arms or fetc
         "worst_share": max(together[seed] / in_turn[seed] for seed in both),
         "pairs": float(len(both)),
     }
-    return finish(figures, {"share_of_serial": Ask(example.share, at_least=False)})
+    return finish(figures, {"share_of_serial": Threshold(example.share, at_least=False)})
 
 
 if __name__ == "__main__":

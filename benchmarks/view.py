@@ -22,17 +22,17 @@ from rich.console import Console
 from view_parts.thousand import measure_refreshes
 
 from benchmarks.runner import finish, run, show
-from phyagentos.bench.report import Ask
+from phyagentos.bench.report import Threshold
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
 
 ROOT = Path(__file__).resolve().parents[1]
 GRAPH, VIEWERS, REFRESHES = "goal_graphs/tidy_table.yaml", 8, 40
 ASKED = {
-    "page_ms_median": Ask(200, at_least=False),
-    "page_ms_worst": Ask(200, at_least=False),
-    "run_wall_ratio": Ask(1.03, at_least=False),
-    "run_cpu_ratio": Ask(1.03, at_least=False),
+    "page_ms_median": Threshold(200, at_least=False),
+    "page_ms_worst": Threshold(200, at_least=False),
+    "run_wall_ratio": Threshold(1.03, at_least=False),
+    "run_cpu_ratio": Threshold(1.03, at_least=False),
 }
 
 

@@ -10,8 +10,8 @@ root:
   sequence:
     children:
       - close_gripper
-      - verify_grasp: {object: $object}
-      - wait: {seconds: $seconds}
+      - verify_grasp: {object: "${object}"}
+      - wait: {seconds: "${seconds}"}
       - open_gripper
 """
 

@@ -26,7 +26,7 @@ inputs:
   seconds: {type: number, default: 0.2, description: How long.}
 root:
   sequence:
-    children: [close_gripper, {verify_grasp: {object: $object}}, {wait: {seconds: $seconds}}, open_gripper]
+    children: [close_gripper, {verify_grasp: {object: "${object}"}}, {wait: {seconds: "${seconds}"}}, open_gripper]
 """
 
 if __name__ == "__main__":

@@ -54,10 +54,9 @@ SLIDE = d.DriverSpec(open=lambda site: SlideDriver(site.profile), kinds=("simula
 if __name__ == "__main__":
     from pathlib import Path
 
-    from phyagentos.protocol.capabilities.registries import read_target
     from phyagentos.testing import DRIVER_CHECKS, DriverSubject
 
-    profile = read_target(Path(__file__).parents[1] / "benchmarks/library/robots/counter/target.yaml")
+    profile = d.read_target(Path(__file__).parents[1] / "benchmarks/library/robots/counter/target.yaml")
     for check in DRIVER_CHECKS:
         check(DriverSubject(open=lambda: SlideDriver(profile), scene="any"))
         print(f"{check.__name__}: satisfied")

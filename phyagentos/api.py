@@ -166,7 +166,7 @@ def lint(*paths: str | Path, run_python: bool = False) -> "LintReport":
 def why(subject: str = "", *, workspace: str | Path | None = None) -> "Explanation":
     """Explain the verdict on a session, node or goal, the latest one without, of a workspace, the newest without.
 
-    Raises `NOT_A_WORKSPACE`, `UNKNOWN_NAME`, `EVIDENCE_UNREADABLE`.
+    Raises `NOT_A_WORKSPACE`, `UNKNOWN_NAME`, `EVIDENCE_DAMAGED`.
     """
     from phyagentos.operations import why as explaining
     from phyagentos.operations.workspaces import get_newest
@@ -221,7 +221,7 @@ class SessionView:
 
         `time_s` (n,) end of each period [s]; `q_commanded`, `q_measured` (n, j) positions [rad; m of a sliding joint];
         `qd_measured` (n, j) velocities [rad/s; m/s]; `gripper_commanded_m`, `gripper_measured_m` (n,) [m]; `force_n`
-        (n,) greatest contact force [N], where the target feels one. Raises ExecutionError `EVIDENCE_UNREADABLE`.
+        (n,) greatest contact force [N], where the target feels one. Raises ExecutionError `EVIDENCE_DAMAGED`.
         """
         from phyagentos.protocol.workspace.array_files import decode_arrays
 
@@ -229,7 +229,7 @@ class SessionView:
         try:
             return decode_arrays(path.read_bytes())
         except (OSError, ValueError) as error:
-            raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: {error}") from error
+            raise ExecutionError("EVIDENCE_DAMAGED", f"{path}: {error}") from error
 
     @property
     def tree(self) -> Figure:
@@ -295,7 +295,7 @@ class WorkspaceView:
         return "\n".join(explain_subject(Workspace(self.root), self._ledger, subject).explanation)
 
     def replay(self, session: str) -> "Playback":
-        """Its times, joint positions and tree over time, from evidence alone; raises `EVIDENCE_UNREADABLE`."""
+        """Its times, joint positions and tree over time, from evidence alone; raises `EVIDENCE_DAMAGED`."""
         from phyagentos.pictures.playback import read_playback
 
         return read_playback(Workspace(self.root), self[session].status)

@@ -21,9 +21,9 @@ class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
         found: The offending value, as a person wrote it.
         expected: What would have been possible.
         hint: What to do next; often the nearest valid name.
-        triggered_by: What requires the missing thing (a skill, a policy, a settings file), unless the address shows it.
+        triggered_by: What requires what is missing (a skill, a policy, a settings file), unless the address shows it.
         subject: The predicate or name that the finding is about, for programs; the other texts are for people.
-        kind: What an unknown name should be the name of, for programs as for people: `skill`, `noise level`.
+        kind: What of it: what an unknown name should be the name of (`skill`), which property does not fit (`unit`).
     """
 
     code: str
@@ -49,7 +49,7 @@ class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def label(self) -> str:
-        """The code and, in brackets, the kind of name."""
+        """The code and, in brackets, the kind."""
         return f"{self.code} ({self.kind})" if self.kind else self.code
 
     def __str__(self) -> str:
@@ -60,7 +60,7 @@ class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
         if self.expected:
             parts.append(f"expected {self.expected}")
         if self.triggered_by:
-            parts.append(f"asked for by {self.triggered_by}")
+            parts.append(f"required by {self.triggered_by}")
         line = ": ".join((parts[0], "; ".join(parts[1:]))) if len(parts) > 1 else parts[0]
         return f"{line}. {self.hint}" if self.hint else line
 

@@ -178,17 +178,19 @@ class Fork:
 
 @contextlib.contextmanager
 def fork_server(load: Sequence[str]) -> Iterator[None]:
-    """While the block runs, `start_python` forks, in this process and in those that it starts.
+    """While the block runs, `start_python` forks, in this process and in those that it starts. Blocks within share it.
 
     Args:
         load: What the server imports before it forks for the first time; it calls what has the form `MODULE:FUNCTION`.
     """
+    if ADDRESS in os.environ:
+        yield
+        return
     with tempfile.TemporaryDirectory(prefix="paos-fork-") as folder, contextlib.ExitStack() as ends:
         address = str(Path(folder) / "socket")
         listener = ends.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET))
         listener.bind(address)
         listener.listen(MANY)
-        before = os.environ.get(ADDRESS)
         os.environ[ADDRESS] = address
         command = [sys.executable, "-m", "phyagentos.fork_server", str(listener.fileno()), *load]
         server = subprocess.Popen(command, stdin=subprocess.PIPE, pass_fds=(listener.fileno(),), start_new_session=True)
@@ -196,9 +198,7 @@ def fork_server(load: Sequence[str]) -> Iterator[None]:
         try:
             yield
         finally:
-            os.environ.pop(ADDRESS)
-            if before is not None:
-                os.environ[ADDRESS] = before
+            del os.environ[ADDRESS]
             server.communicate()
 
 

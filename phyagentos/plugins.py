@@ -106,10 +106,10 @@ def import_object(reference: str, noun: str, address: str) -> object:
         raise DefinitionError.of("UNKNOWN_NAME", address, f"{reference!r}: {error}", expected, kind=noun) from error
 
 
-def run_file(path: Path, code: str) -> dict[str, Any]:
+def run_file(path: Path) -> dict[str, Any]:
     """The names that a Python file of a project defines, which is executed; never a cached `.pyc` beside it.
 
-    Raises DefinitionError with the given code.
+    Raises DefinitionError `BROKEN_PYTHON`.
     """
     names: dict[str, Any] = {"__name__": f"phyagentos_project_{path.parent.name}_{path.stem}", "__file__": str(path)}
     try:
@@ -117,17 +117,19 @@ def run_file(path: Path, code: str) -> dict[str, Any]:
     except DefinitionError:
         raise
     except Exception as error:  # foreign code
-        raise DefinitionError.of(code, str(path), f"{type(error).__name__}: {error}", "Python that loads") from error
+        raise DefinitionError.of(
+            "BROKEN_PYTHON", str(path), f"{type(error).__name__}: {error}", "Python that loads"
+        ) from error
     return names
 
 
-def read_source(path: Path, code: str) -> ast.Module:
-    """The syntax tree of a Python file, which is not executed; raises DefinitionError with the given code."""
+def read_source(path: Path) -> ast.Module:
+    """The syntax tree of a Python file, which is not executed; raises DefinitionError `BROKEN_PYTHON`."""
     try:
         return ast.parse(path.read_bytes())
     except (SyntaxError, ValueError, RecursionError, MemoryError, OSError) as error:
         address = f"{path}:{getattr(error, 'lineno', None) or 1}:{getattr(error, 'offset', None) or 1}"
-        raise DefinitionError.of(code, address, f"{type(error).__name__}: {error}", "Python") from error
+        raise DefinitionError.of("BROKEN_PYTHON", address, f"{type(error).__name__}: {error}", "Python") from error
 
 
 @lru_cache(maxsize=64)

@@ -145,7 +145,7 @@ class Run:
         return sorted(pairs, key=lambda pair: pair[0].at)
 
 
-class Way:
+class ApproachCandidate:
     """Grows waypoint by waypoint and keeps the hops between them.
 
     Args:
@@ -238,9 +238,9 @@ def _read(file: Path) -> Iterator[Event]:
         yield Event(process=int(file.stem), role=role, stack=stack, **told)
 
 
-def walk_node_to_motor(run: Run) -> Way:
+def walk_node_to_motor(run: Run) -> ApproachCandidate:
     """From the loop of the mission to the first physics step of the first planned motion."""
-    way = Way(run, run.find_call("compile", "agent", 0), loop="Mission")
+    way = ApproachCandidate(run, run.find_call("compile", "agent", 0), loop="Mission")
     way.call("append to the journal", "agent")
     way.follow("watchdog")
     way.call("queue", "watchdog")
@@ -252,10 +252,10 @@ def walk_node_to_motor(run: Run) -> Way:
     return way
 
 
-def walk_question_to_rows(run: Run) -> Way:
+def walk_question_to_rows(run: Run) -> ApproachCandidate:
     """From a leaf that asks for its first motion to the rows that it commands."""
     sent, receipt = run.find_sent("PlanMove", "worker", "planner", 0)
-    way = Way(run, sent, loop="Leaf")
+    way = ApproachCandidate(run, sent, loop="Leaf")
     way.cross(receipt, "message PlanMove")
     way.call("find a path", "planner")
     way.call("time it", "planner")
@@ -264,13 +264,13 @@ def walk_question_to_rows(run: Run) -> Way:
     return way
 
 
-def walk_camera_to_verdict(run: Run) -> Way:
+def walk_camera_to_verdict(run: Run) -> ApproachCandidate:
     """From the loop of the worker to the last picture of the first session, and on to its verdict in the journal."""
     finished, _ = run.find_sent("Finished", "worker", "watchdog", 0)
     asked = [pair for pair in run.iter_sent("Capture", "worker", "world") if pair[0].at < finished.at]
     if not asked:
         raise WaypointMissing("no picture was asked for before the end of the first session")
-    way = Way(run, asked[-1][0], loop="WorkerLoop")
+    way = ApproachCandidate(run, asked[-1][0], loop="WorkerLoop")
     way.cross(asked[-1][1], "message Capture")
     way.call("expose", "world")
     way.send("Frames", "world", "worker")
@@ -287,10 +287,10 @@ def walk_camera_to_verdict(run: Run) -> Way:
     return way
 
 
-def walk_verdict_to_child(run: Run) -> Way:
+def walk_verdict_to_child(run: Run) -> ApproachCandidate:
     """From the judgement of the first session to its child in the journal."""
     chosen = run.find_call("choose a repair", "agent", 0)
-    way = Way(run, run.find_call("judge", "agent", 0, before=chosen.at))
+    way = ApproachCandidate(run, run.find_call("judge", "agent", 0, before=chosen.at))
     way.call("choose a repair", "agent")
     way.call("compile", "agent")
     way.call("append to the journal", "agent")
@@ -326,7 +326,7 @@ def record(root: Path, folder: Path) -> Run:
     return Run(folder / "hops")
 
 
-def print_way(title: str, way: Way) -> None:
+def print_way(title: str, way: ApproachCandidate) -> None:
     """One line a hop: process, file, function."""
     print(f"{title}: {len(way.hops)} hops")
     for number, hop in enumerate(way.hops, 1):

@@ -90,7 +90,7 @@ class Effect:
 
 
 def parse_bddl(text: str) -> list[Expression]:
-    """The expressions of a text; raises `PREDICATE_SYNTAX` where parentheses do not match."""
+    """The expressions of a text; raises `SYNTAX` where parentheses do not match."""
     stack: list[list[Expression]] = [[]]
     for token in _TOKEN.findall(re.sub(r";[^\n]*", "", text)):
         if token == "(":
@@ -99,24 +99,20 @@ def parse_bddl(text: str) -> list[Expression]:
             done = stack.pop()
             stack[-1].append(done)
         elif token == ")":
-            raise DefinitionError.of(
-                "PREDICATE_SYNTAX", "goal", "a ')' without its '('", "an expression in parentheses"
-            )
+            raise DefinitionError.of("SYNTAX", "goal", "a ')' without its '('", "an expression in parentheses")
         else:
             stack[-1].append(token)
     if len(stack) > 1:
-        raise DefinitionError.of(
-            "PREDICATE_SYNTAX", "goal", f"{len(stack) - 1} '(' without their ')'", "a whole expression"
-        )
+        raise DefinitionError.of("SYNTAX", "goal", f"{len(stack) - 1} '(' without their ')'", "a whole expression")
     return stack[0]
 
 
 def read_goal(text: str) -> list[list[str]]:
-    """The atoms of a problem's `:goal`, in its order: `["on", "a", "b"]`; raises `PREDICATE_SYNTAX`."""
+    """The atoms of a problem's `:goal`, in its order: `["on", "a", "b"]`; raises `SYNTAX`."""
     goal = _find_section(parse_bddl(text), ":goal")
     goal = goal[0] if goal is not None and len(goal) == 1 else None
     if goal is None:
-        raise DefinitionError.of("PREDICATE_SYNTAX", "goal", "no (:goal ...)", "a problem with a goal")
+        raise DefinitionError.of("SYNTAX", "goal", "no (:goal ...)", "a problem with a goal")
     return list(_iter_atoms(goal))
 
 
@@ -148,13 +144,11 @@ def _iter_atoms(goal: Expression) -> Iterator[list[str]]:
                 yield from _iter_atoms(part)
         case [str(head), *terms] if head.lower() in _MEANINGS and all(isinstance(term, str) for term in terms):
             if len(terms) != (arity := 2 if head.lower() in _PUTS else 1):
-                raise DefinitionError.of(
-                    "PREDICATE_SYNTAX", "goal", f"{head} of {len(terms)} terms", f"{head} of {arity}"
-                )
+                raise DefinitionError.of("SYNTAX", "goal", f"{head} of {len(terms)} terms", f"{head} of {arity}")
             yield [head.lower(), *(str(term) for term in terms)]
         case _:
             found = goal if isinstance(goal, str) else " ".join(str(each) for each in goal)
-            raise DefinitionError.of("PREDICATE_SYNTAX", "goal", f"({found})", f"and, or {format_names(_MEANINGS)}")
+            raise DefinitionError.of("SYNTAX", "goal", f"({found})", f"and, or {format_names(_MEANINGS)}")
 
 
 def _put_in(inventory: Inventory, thing: str, place: str) -> Effect:
@@ -187,7 +181,7 @@ _MEANINGS: dict[str, Meaning] = _PUTS | {"open": _open, "close": _close, "turnon
 
 
 def translate(text: str, inventory: Inventory) -> list[Effect]:
-    """The wanted effects of a problem, in its order; raises `PREDICATE_SYNTAX` and `UNKNOWN_NAME`."""
+    """The wanted effects of a problem, in its order; raises `SYNTAX` and `UNKNOWN_NAME`."""
     return [_MEANINGS[head](inventory, *terms) for head, *terms in read_goal(text)]
 
 

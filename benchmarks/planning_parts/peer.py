@@ -22,7 +22,7 @@ from phyagentos.runtime.motion.planning_scene import PlanningScene, PlanningScen
 from phyagentos.runtime.motion.requests import Array, PlanMove
 from phyagentos.runtime.motion.robot_model import RobotModel
 from phyagentos.runtime.motion.timing import JointLimits, Timed, time_path
-from phyagentos.runtime.motion.transport import Care, time_carry
+from phyagentos.runtime.motion.transport import CarryConstraints, time_carry
 
 RESOLUTION_RAD = 0.03  # of an edge, as our checks take it
 
@@ -129,4 +129,4 @@ class OmplPeer:
         limits = self._limits.scale(move.speed, move.speed**2)
         if move.payload is None or move.payload.load is None:
             return time_path(rows, limits)
-        return time_carry(rows, limits, self._chain, Care(move.payload.load))
+        return time_carry(rows, limits, self._chain, CarryConstraints(move.payload.load))

@@ -17,14 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.runtime.channel import Channel, Link
-from phyagentos.runtime.drivers.remote import RemoteDriver
+from phyagentos.runtime.channel import Link
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.handshake import greet, make_key, mint
-from phyagentos.runtime.targets.receive_log import ReceiveLog
-from phyagentos.runtime.targets.served_target import ServedTarget
-from phyagentos.runtime.targets.server import Loopback
-from phyagentos.runtime.targets.websocket import connect_websocket
 
 Array = NDArray[np.float64]
 
@@ -81,25 +76,19 @@ class Attacker:
         folder: For its socket and what the eye saw.
         profile: The robot.
         options: Further ones of `observed_world`.
-        is_remote: Whether it is served at a WebSocket, and handles command it by the driver `remote`.
     """
 
-    def __init__(
-        self, folder: Path, profile: TargetProfile, options: Sequence[str] = (), *, is_remote: bool = False
-    ) -> None:
+    def __init__(self, folder: Path, profile: TargetProfile, options: Sequence[str] = ()) -> None:
         self.profile = profile
         self.velocity = np.array(profile.arm.velocity_rad_s)
         self.acceleration = np.array(profile.arm.acceleration_rad_s2)
-        self.socket = "ws://127.0.0.1:0" if is_remote else str(folder / "world.sock")
+        self.socket = str(folder / "world.sock")
         self.record = folder / "record.npy"
         command = [sys.executable, str(EYE), self.socket, str(self.record), *options]
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE if is_remote else None}
-        self.process = subprocess.Popen(command, **pipes)  # the pipe ends it with this process
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE)  # the pipe ends it with this process
         self.key = make_key()
         self.process.stdin.write(self.key.hex().encode() + b"\n")
         self.process.stdin.flush()
-        if is_remote:
-            self.socket = self.process.stdout.readline().decode().strip()
         self.count, self.sequence, self.session = 0, 0, ""
         self.connect()
         self.load()
@@ -108,23 +97,13 @@ class Attacker:
         """Wait for the process to listen."""
         for _ in range(1200):
             try:
-                self.link: Any = (
-                    connect_websocket(self.socket)
-                    if self.socket.startswith("ws:")
-                    else Link(Client(self.socket, "AF_UNIX"))
-                )
+                self.link: Any = Link(Client(self.socket, "AF_UNIX"))
                 greet(self.link, mint(self.key))
             except (FileNotFoundError, ConnectionRefusedError):
                 time.sleep(0.05)  # noqa: TID251 - waits for a process to listen
             else:
                 return
         raise AssertionError("the world process does not listen")
-
-    def open_channel(self) -> Channel:
-        """What a handle commands over: this connection, by the driver `remote` where it is a WebSocket."""
-        if not self.socket.startswith("ws:"):
-            return self.link
-        return Loopback(ServedTarget(RemoteDriver(self.profile, self.link, self.key), ReceiveLog(None)))
 
     def ask(self, request: wire.Request) -> Any:
         """One request, its reply."""

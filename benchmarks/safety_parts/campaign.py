@@ -58,7 +58,7 @@ class Intruder:
 
     def __init__(self, attacker: Attacker, robot: Robot, rng: np.random.Generator) -> None:
         self.attacker, self.rng, self.tally = attacker, rng, Tally()
-        self.handle = TargetSessionHandle(attacker.open_channel(), robot.limits)
+        self.handle = TargetSessionHandle(attacker.link, robot.limits)
 
     def attack_handle(self, points: SetPoints) -> None:
         """One hostile command through handle and guard."""
@@ -181,8 +181,6 @@ def attack(
     recordings: Sequence[Recording],
     count: int,
     seed: int = 1,
-    *,
-    is_remote: bool = False,
 ) -> tuple[Tally, Seen]:
     """The whole campaign against one observed world process.
 
@@ -193,12 +191,11 @@ def attack(
         recordings: Those sessions, in order.
         count: Hostile commands.
         seed: Of what is hostile.
-        is_remote: Whether the world is reached by the driver `remote`.
 
     Raises:
         ExecutionError: `TARGET_LOST` when the world did not live through it.
     """
-    attacker = Attacker(folder, robot.profile, is_remote=is_remote)
+    attacker = Attacker(folder, robot.profile)
     intruder = Intruder(attacker, robot, np.random.default_rng(seed))
     driven, guarded = (round(share * count / len(KINDS)) for share in (DRIVEN_SHARE, GUARDED_SHARE))
     try:

@@ -129,9 +129,7 @@ def measure_trial(trial: Trial, commands: Sequence[Reception], seen: Seen, veloc
     }
 
 
-def measure_stops(
-    folder: Path, profile: TargetProfile, count: int, seed: int = 3, *, is_remote: bool = False
-) -> dict[str, float]:
+def measure_stops(folder: Path, profile: TargetProfile, count: int, seed: int = 3) -> dict[str, float]:
     """Stops at random phases of a motion, every other one asked for by a dropped file.
 
     Args:
@@ -139,15 +137,12 @@ def measure_stops(
         profile: The robot.
         count: Trials that are wanted; those whose stream broke off are made again.
         seed: Of the moments.
-        is_remote: Whether the world is served at a WebSocket.
 
     Returns:
         Figures; among them commands that were accepted after the request, and after the asking was done.
     """
     signals, log = folder / "signals", folder / "receive.jsonl"
-    attacker = Attacker(
-        folder, profile, ("--realtime", "--signals", str(signals), "--log", str(log)), is_remote=is_remote
-    )
+    attacker = Attacker(folder, profile, ("--realtime", "--signals", str(signals), "--log", str(log)))
     rng, trials, repeated = np.random.default_rng(seed), list[Trial](), 0
     try:
         while len(trials) < count and repeated <= count:

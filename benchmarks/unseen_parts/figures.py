@@ -9,19 +9,19 @@ from scipy.stats import binomtest
 
 from benchmarks.runner import show
 from benchmarks.unseen_parts.records import GoalRecord, NodeRecord, SessionRecord, iter_findings
-from phyagentos.bench.report import Ask
+from phyagentos.bench.report import Threshold
 
 ASKED = {
-    "feasible_goals_met": Ask(0.90, at_least=True),
-    "feasible_nodes_first_attempt": Ask(0.90, at_least=True),
-    "false_successes": Ask(0, at_least=False),
-    "judged_sessions": Ask(1000, at_least=True),
-    "judged_unmet_in_truth": Ask(300, at_least=True),
-    "goals": Ask(300, at_least=True),
-    "false_failures": Ask(0.02, at_least=False),
-    "infeasible_refused": Ask(0.95, at_least=True),
-    "crashed": Ask(0, at_least=False),
-    "hung": Ask(0, at_least=False),
+    "feasible_goals_met": Threshold(0.90, at_least=True),
+    "feasible_nodes_first_attempt": Threshold(0.90, at_least=True),
+    "false_successes": Threshold(0, at_least=False),
+    "judged_sessions": Threshold(1000, at_least=True),
+    "judged_unmet_in_truth": Threshold(300, at_least=True),
+    "goals": Threshold(300, at_least=True),
+    "false_failures": Threshold(0.02, at_least=False),
+    "infeasible_refused": Threshold(0.95, at_least=True),
+    "crashed": Threshold(0, at_least=False),
+    "hung": Threshold(0, at_least=False),
 }
 
 

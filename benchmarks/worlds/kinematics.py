@@ -25,7 +25,6 @@ from phyagentos.protocol.world.truth import Truth
 
 GAP_M = 0.002  # between two things side by side
 STEP_M = 0.005
-LEVEL_M = 0.02  # between heights of what stands beside each other
 ORDERS_MAX = 24  # linear orders of one graph that are tried
 
 

@@ -28,7 +28,7 @@ class Task:
     """One problem.
 
     Attributes:
-        lack: Why it cannot be solved, as `Lack` says; empty for one that can.
+        lack: Why it cannot be solved, as `UnreachableReason` says; empty for one that can.
     """
 
     family: str

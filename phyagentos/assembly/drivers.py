@@ -117,7 +117,7 @@ def _open_gymnasium(site: DriverSite) -> "TargetPort":
 
 
 def read_secret(path: Path) -> bytes:
-    """The key of a remote target, in hexadecimal digits, from a file that only its owner reads; raises `NO_TOKEN`."""
+    """The key of a remote target, in hexadecimal digits, from a file of its owner alone; raises `NOT_SECURED`."""
     try:
         is_private = not path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO)
         key = bytes.fromhex(path.read_text(encoding="ascii").strip()) if is_private else b""
@@ -128,7 +128,7 @@ def read_secret(path: Path) -> bytes:
     found = "no key" if is_private else "a file that other users can read"
     hint = "Write the key that the serving side was started with there, with mode 0600."
     expected = f"{2 * KEY_BYTES} hexadecimal digits"
-    raise DefinitionError.of("NO_TOKEN", str(path), found, expected, hint)
+    raise DefinitionError.of("NOT_SECURED", str(path), found, expected, hint)
 
 
 DRIVERS = Plugins[DriverSpec](

@@ -29,7 +29,7 @@ class _Listener(event.Listener):  # type: ignore[misc]
 
     @override
     def on_end(self, event: "event.Event") -> None:
-        """The next one is told of."""
+        """Announces the next one."""
 
 
 def load_kernels() -> None:

@@ -56,7 +56,7 @@ def read_choice(workspace: Workspace) -> ChosenMemory | None:
 
 
 def find_memory_project(graph: Path, *folders: Path) -> Path | None:
-    """The project that a graph belongs to: a folder with `goal_graphs/`; what ships is nobody's project.
+    """The project that a graph belongs to: a folder with `goal_graphs/`; what ships belongs to no project.
 
     The folder of the graph comes first, then those named, as a rule the working directory.
     """

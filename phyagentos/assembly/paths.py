@@ -29,14 +29,14 @@ def open_project(root: Path, *projects: Path) -> Workspace:
 
 @contextlib.contextmanager
 def serve_alone(workspace: Workspace, clock: Clock) -> Iterator[None]:
-    """While the block runs, no other `paos run` or `paos watch` serves this workspace; raises `WATCHED_ALREADY`."""
+    """While the block runs, no other `paos run` or `paos watch` serves this workspace; raises `BUSY`."""
     try:
-        lock = become_sole(workspace.root / RUNTIME_LOCK, clock, "WATCHED_ALREADY", "another one", patience_s=0.0)
+        lock = become_sole(workspace.root / RUNTIME_LOCK, clock, "BUSY", "another one", patience_s=0.0)
     except ExecutionError as error:
         found = str(error).partition(": ")[2]
         expected = "one `paos run` or `paos watch` in a workspace"
         hint = f"To give that one another goal: paos agent GRAPH -w {workspace.root}. Or name another workspace."
-        raise DefinitionError.of("WATCHED_ALREADY", str(workspace.root), found, expected, hint) from error
+        raise DefinitionError.of("BUSY", str(workspace.root), found, expected, hint) from error
     try:
         yield
     finally:

@@ -41,7 +41,7 @@ def run_world(root: Path, world: str, socket: str, *, outlives: bool, certificat
 
     Raises:
         ExecutionError: `TARGET_BUSY` when another one lives.
-        DefinitionError: `NO_DRIVER`, `WORLD_CONFLICT`, `NOT_ENCRYPTED`, or problems of the targets' profiles.
+        DefinitionError: `NO_DRIVER`, `WORLD_CONFLICT`, `NOT_SECURED`, or problems of the targets' profiles.
     """
     from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole, is_held_by
     from phyagentos.runtime.supervision.workers import end_with_parent
@@ -167,7 +167,7 @@ def open_door(where: str, spin_s: float = SPIN_S, certificate: Path | None = Non
 
     parts = urlsplit(where)
     if parts.scheme == "wss" and certificate is None:
-        raise DefinitionError.of("NOT_ENCRYPTED", where, "no --certificate", "PEM file of a chain and its private key")
+        raise DefinitionError.of("NOT_SECURED", where, "no --certificate", "PEM file of a chain and its private key")
     door = WebSocketDoor(parts.hostname or "127.0.0.1", parts.port or 0, certificate)
     sys.stdout.write(f"{door.endpoint}\n")
     sys.stdout.flush()

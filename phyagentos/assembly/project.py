@@ -38,8 +38,8 @@ def get_file(argument: Path, folder: str) -> Path:
     if (found := next((root / name for root in roots for name in names if (root / name).is_file()), None)) is not None:
         return found
     known = sorted({path.stem for root in roots for path in (root / folder).glob("*.yaml")})
-    expected = f"a path, or one of: {format_names(known)}"
     hint = format_hint(argument.stem, known)
+    expected = f"a path or a name in {folder}/" if hint else f"a path, or one of: {format_names(known)}"
     raise DefinitionError.of("UNKNOWN_NAME", str(argument), "no such file", expected, hint, "file")
 
 

@@ -1,4 +1,4 @@
-"""A robot alone, at home, with the frame of its tool: for whoever writes its profile."""
+"""A robot alone, at home, with the frame of its tool: for authors of its profile."""
 
 from pathlib import Path
 

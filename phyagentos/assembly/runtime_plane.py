@@ -1,15 +1,15 @@
 """The runtime plane: what `paos watch` starts. Loads neither the agent nor a simulator: bodies are child processes."""
 
 import contextlib
-import os
 import shutil
 import signal
-import subprocess
-import sys
 import tempfile
+import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+
+import msgspec
 
 from phyagentos.assembly.drivers import choose_driver
 from phyagentos.assembly.paths import FAULTS, make_socket_folder, open_project, remove_socket_folders, serve_alone
@@ -17,7 +17,7 @@ from phyagentos.assembly.planes import STOP_S
 from phyagentos.assembly.process_tuning import ask_for_prompt_wakeups, collect_rarely
 from phyagentos.assembly.processes import make_command, reads_truth
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError, PhyAgentOSError
 from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.regular_files import read_regular
@@ -41,47 +41,52 @@ from phyagentos.store.edits.edit_intake import EditIntake
 from phyagentos.store.journal import Journal, Record
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.renderer import Views
+from phyagentos.store.retention import apply_retention, read_retention
 from phyagentos.store.runtime_signal import RuntimeSignal
 from phyagentos.store.turn_marks import TurnMarks
 
-LOWEST = 19  # nice value
 EVERY = 1000  # sessions that ended between two clean-ups
+PAUSE_S = 0.002  # before each bundle: the plane goes first
 
 
 class EvidenceKeeper:
-    """Thins old evidence in a process that gives way to every other: `paos evidence prune` after so many sessions."""
+    """Thins old evidence after so many sessions, as `paos evidence prune` does, in a thread that pauses often."""
 
-    def __init__(self, workspace: Workspace, every: int = EVERY) -> None:
-        self._workspace, self._every = workspace, every
+    def __init__(self, workspace: Workspace, clock: Clock, every: int = EVERY) -> None:
+        self._workspace, self._clock, self._every = workspace, clock, every
         self._ended = 0
-        self._process: subprocess.Popen[bytes] | None = None
+        self._is_over = threading.Event()
+        self._thread: threading.Thread | None = None
 
     def take_in(self, record: Record) -> None:
         """Count sessions that end."""
         self._ended += record.to in FINAL_STATES
 
     def refresh(self) -> None:
-        """Begin a clean-up when one is due and none runs; what it prints is in `logs/`."""
-        if self._ended >= self._every and (self._process is None or self._process.poll() is not None):
+        """Begin a clean-up when one is due and none runs; its report is `logs/prune.log`."""
+        if self._ended >= self._every and (self._thread is None or not self._thread.is_alive()):
             self._ended = 0
-            command = [
-                sys.executable,
-                "-m",
-                "phyagentos",
-                "evidence",
-                "prune",
-                "--workspace",
-                str(self._workspace.root),
-            ]
-            with contextlib.suppress(OSError), (self._workspace.logs / "prune.log").open("wb") as log:  # else the next
-                self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
-                os.setpriority(os.PRIO_PROCESS, self._process.pid, LOWEST)
+            self._thread = threading.Thread(target=self._clean_up, name="evidence", daemon=True)
+            self._thread.start()
 
     def close(self) -> None:
-        """End a clean-up that still runs; the next one goes on from there."""
-        if self._process is not None:
-            self._process.kill()  # manifests are replaced as a whole before anything is deleted
-            self._process.wait()
+        """End a clean-up after its present bundle; the next one goes on from there."""
+        self._is_over.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _clean_up(self) -> None:
+        try:
+            policy = read_retention(self._workspace)
+            done = apply_retention(self._workspace, policy, self._clock, goes_on=self._pause)
+            report = msgspec.json.encode(done)
+        except (PhyAgentOSError, OSError) as error:  # then the next
+            report = str(error).encode()
+        with contextlib.suppress(OSError):
+            (self._workspace.logs / "prune.log").write_bytes(report + b"\n")
+
+    def _pause(self) -> bool:
+        return not self._is_over.wait(PAUSE_S)
 
 
 def run_watch(
@@ -94,7 +99,7 @@ def run_watch(
     sense: Sensing | None = None,
     outlived: bool = True,
 ) -> None:
-    """The runtime plane: supervise until interrupted; raises `WATCHED_ALREADY`.
+    """The runtime plane: supervise until interrupted; raises `BUSY`.
 
     `faults`, `world_mode` and `sense` are written into the workspace; None leaves what is declared there. With
     `once_idle` it ends when every goal has its verdict. With `outlived`, worlds wait for another watchdog when this one
@@ -103,7 +108,7 @@ def run_watch(
     workspace, clock = open_project(root), SystemClock()
     with serve_alone(workspace, clock) if outlived else contextlib.nullcontext():  # else the parent does
         lock, busy = workspace.root / WATCHDOG_LOCK, "another watchdog supervises this workspace"
-        become_sole(lock, clock, "WATCHED_ALREADY", busy, patience_s=STOP_S)  # that of a command that died is ending
+        become_sole(lock, clock, "BUSY", busy, patience_s=STOP_S)  # that of a command that died is ending
         declare_world(workspace, faults, world_mode, sense)
         try:
             _supervise(workspace, clock, pictures=pictures, once_idle=once_idle, outlived=outlived)
@@ -144,7 +149,7 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
     signals = RuntimeSignal(workspace, clock)
     known = read_target_registry(workspace.target_registry)
     shared = open_shared_time(known, workspace, sockets, clock)
-    keeper = EvidenceKeeper(workspace)
+    keeper = EvidenceKeeper(workspace, clock)
 
     def on_record(record: Record) -> None:
         keeper.take_in(record)

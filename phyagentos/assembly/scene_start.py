@@ -9,7 +9,7 @@ from phyagentos.protocol.world.environment import Environment
 
 
 def draw_start(library: Library, scene: str, targets: Iterable[str], seed: int) -> Environment:
-    """Things and regions at their start, as the simulator would place them for these targets, known without doubt.
+    """Objects and regions at their start, as the simulator would place them for these targets, known exactly.
 
     Raises:
         DefinitionError: The scene is not there, or invalid.

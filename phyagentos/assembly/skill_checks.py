@@ -67,7 +67,7 @@ def _check_ports(skill: SkillRuntime, located: Located, tree: Tree) -> Iterator[
     for name, port in tree.header.inputs.items():
         if name not in skill.parameters and not port.optional and port.default is None:
             hint = f"The tree {skill.tree!r} reads it."
-            yield located.problem("MISSING_PARAMETER", ("parameters",), "nothing", f"parameter {name!r}", hint)
+            yield located.problem("MISSING_VALUE", ("parameters",), "nothing", f"parameter {name!r}", hint)
     for name in skill.outputs:
         if name not in tree.header.outputs:
             found = f"{name!r}, which the tree {skill.tree!r} does not make"

@@ -32,7 +32,7 @@ def build_verifier(
     `mode` and `judges` (named as by `--with`) replace those of the settings.
 
     Raises:
-        DefinitionError: With every problem of the file; `UNKNOWN_NAME`, `EXTRA_MISSING`, `API_KEY_MISSING`.
+        DefinitionError: With every problem of the file; `UNKNOWN_NAME`, `EXTRA_MISSING`.
     """
     file = workspace.runtime_contract
     settings = read_runtime_contract(file).verification if file.exists() else Verification()
@@ -59,7 +59,7 @@ def _open_vision(settings: JudgeSettings) -> VisionJudge:
         address = f"{settings.address}.vision.api_key_env"
         found = f"environment variable {model.api_key_env} is not set"
         hint = f"Set {model.api_key_env}, or leave 'api_key_env' out when the endpoint needs no key."
-        raise DefinitionError.of("API_KEY_MISSING", address, found, "the key of the endpoint", hint)
+        raise DefinitionError.of("EXTRA_MISSING", address, found, "the key of the endpoint", hint)
     endpoint = OpenAiEndpoint(url=model.url, model=model.model, key=key, timeout_s=model.timeout_s)
     return VisionJudge(endpoint, model.max_questions)
 

@@ -54,7 +54,7 @@ class Spread:
 
 
 @dataclass(frozen=True, slots=True)
-class Ask:
+class Threshold:
     """What is asked of one figure: at least, or at most, a value."""
 
     value: float

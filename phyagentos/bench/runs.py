@@ -83,7 +83,7 @@ def resume(
     jobs: int = 1,
     engine: EngineName = EngineName.LOCAL,
 ) -> Summary:
-    """Go on with a run: nothing is repeated that has its record. Raises DefinitionError `NOT_A_RUN`, `RUN_DIFFERS`."""
+    """Go on with a run: nothing is repeated that has its record. Raises `NOT_A_WORKSPACE`, `RUN_DIFFERS`."""
     known = read_manifest(folder)
     plan = compile_suite(Path(known.source), known.seeds_max, runs_python=True)
     manifest = continue_run(folder, plan)
@@ -100,7 +100,7 @@ def report(folder: Path) -> Summary:
 def compare(a: str, b: str, *, of: Figure = Figure.FINAL, significant: float = SIGNIFICANT) -> RunComparison:
     """Compare two runs, or parts of them (`RUN:axis=value,…`), paired by seed: McNemar's exact test.
 
-    Raises DefinitionError `NOT_A_RUN`, `RUN_DIFFERS`; `UNKNOWN_NAME` for an axis.
+    Raises DefinitionError `NOT_A_WORKSPACE`, `RUN_DIFFERS`; `UNKNOWN_NAME` for an axis.
     """
     found = compare_records(_read_chosen(a), _read_chosen(b), of)
     return RunComparison(comparison=found, is_regression=found.is_regression(significant))

@@ -91,7 +91,7 @@ class SuiteChecks:
                 self._miss("part", ("asked", index, "part"), asked.part, parts)
             if (asked.at_least is None) == (asked.at_most is None):
                 expected = "one of the keys at_least and at_most"
-                self.problems.append(self._located.problem("MISSING_KEY", ("asked", index), "none or both", expected))
+                self.problems.append(self._located.problem("MISSING_VALUE", ("asked", index), "none or both", expected))
 
     def _check_layer(self, place: Address, variant: Variant) -> None:
         if variant.repair is not None:

@@ -161,7 +161,7 @@ class Figure(StrEnum):
     `sessions` Wilcoxon's signed-rank test."""
 
 
-class Asked(Authored):
+class FigureThreshold(Authored):
     """A figure that the suite promises.
 
     Attributes:
@@ -218,7 +218,7 @@ class Suite(Authored):
     passes: dict[Name, Pass] = {}
     scorer: str = "simulator"
     wall_s: float = pydantic.Field(default=900.0, gt=0.0)
-    asked: tuple[Asked, ...] = ()
+    asked: tuple[FigureThreshold, ...] = ()
 
 
 def list_seeds(seeds: SeedList) -> tuple[int, ...]:

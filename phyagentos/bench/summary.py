@@ -13,8 +13,8 @@ import numpy as np
 from scipy.stats import binomtest, wilcoxon
 
 from phyagentos.bench.records import AXES, BY_NAME, EpisodeRecord, Order, select
-from phyagentos.bench.report import Ask, Rate, Spread
-from phyagentos.bench.suite_file import Asked, Figure, Suite
+from phyagentos.bench.report import Rate, Spread, Threshold
+from phyagentos.bench.suite_file import Figure, FigureThreshold, Suite
 from phyagentos.bench.sweep import Manifest
 from phyagentos.errors import DefinitionError
 
@@ -115,7 +115,7 @@ def summarise(suite: Suite, manifest: Manifest, records: Sequence[EpisodeRecord]
     )
 
 
-def compute_figure(asked: Asked, records: Sequence[EpisodeRecord]) -> float:
+def compute_figure(asked: FigureThreshold, records: Sequence[EpisodeRecord]) -> float:
     """A figure of a run; NaN where there is nothing that it could be computed from."""
     chosen, others = select(records, asked.where), select(records, asked.than or {})
     if asked.figure in {Figure.P_VALUE, Figure.OTHER_BITS}:
@@ -137,10 +137,10 @@ def _compute(figure: Figure, part: str, records: Sequence[EpisodeRecord]) -> flo
     return float(np.mean(values)) if values else float("nan")
 
 
-def _keep(asked: Asked, records: Sequence[EpisodeRecord]) -> Promise:
+def _keep(asked: FigureThreshold, records: Sequence[EpisodeRecord]) -> Promise:
     bound = asked.at_least if asked.at_least is not None else asked.at_most
     assert bound is not None  # a suite without it is refused
-    ask, value = Ask(bound, at_least=asked.at_least is not None), compute_figure(asked, records)
+    ask, value = Threshold(bound, at_least=asked.at_least is not None), compute_figure(asked, records)
     where, than = (", ".join(map(" ".join, each.items())) for each in (asked.where, asked.than or {}))
     of = asked.part or (asked.of if asked.figure is Figure.P_VALUE else "")
     words = (asked.figure.value, of and f"of {of}", where and f"with {where}", than and f"against {than}")

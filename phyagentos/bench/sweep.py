@@ -67,13 +67,13 @@ def begin_run(folder: Path, source: Path, plan: Plan, clock: Clock) -> Manifest:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """What a run is; raises DefinitionError `NOT_A_RUN`."""
+    """What a run is; raises DefinitionError `NOT_A_WORKSPACE`."""
     try:
         return msgspec.json.decode((folder / MANIFEST).read_bytes(), type=Manifest)
     except (OSError, msgspec.MsgspecError) as error:
         hint = "Name a folder that `paos bench run` has made."
         where = str(folder / MANIFEST)
-        raise DefinitionError.of("NOT_A_RUN", where, str(error), "the folder of a run", hint) from error
+        raise DefinitionError.of("NOT_A_WORKSPACE", where, str(error), "the folder of a run", hint) from error
 
 
 def continue_run(folder: Path, plan: Plan) -> Manifest:
@@ -99,9 +99,9 @@ def run_sweep(
 ) -> Iterator[EpisodeRecord]:
     """Carry out what has no record yet, pass after pass; yields each record once it is on the disk.
 
-    Raises ExecutionError `RUN_BUSY` where another process works on the run.
+    Raises ExecutionError `BUSY` where another process works on the run.
     """
-    lock = become_sole(folder / LOCK, clock, "RUN_BUSY", "another process works on this run")
+    lock = become_sole(folder / LOCK, clock, "BUSY", "another process works on this run")
     log = EpisodeLog(folder)
     left = [order for order in manifest.orders if order.id not in log.records and order.id not in manifest.missing]
     served = [policies[name] for name in dict.fromkeys(order.policy for order in left) if name]

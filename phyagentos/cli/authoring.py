@@ -1,6 +1,7 @@
 """Commands for people who write goals and skills: `init`, `lint` and `compile`."""
 
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +12,7 @@ from phyagentos.cli.arguments import Overrides, RunPython
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.reply import Reply
 from phyagentos.operations.init import Extension
+from phyagentos.wording import count
 
 if TYPE_CHECKING:
     from phyagentos.operations.compile import CompiledGraph
@@ -26,28 +28,28 @@ def init(
     from phyagentos.operations.init import init
 
     found = init(folder, extensions or ())
-    test = f"pytest {found.tests} && " if found.tests else ""
+    install = "" if find_spec("pytest") else "pip install pytest && "  # which no run needs
+    test = f"{install}pytest {found.tests} && " if found.tests else ""
     steps = f"next: {test}paos lint {folder} && paos run {found.graph}"
     return Reply(found, steps, [f"wrote {each}" for each in found.files])
 
 
 def lint(
-    paths: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Files, or folders to walk.")],
+    paths: Annotated[list[Path], typer.Argument(metavar="FILE…", help="Files, folders to walk, names of goal graphs.")],
     run_python: RunPython = False,
 ) -> Reply[object]:
     """Check authored files and report every problem with file, line and column."""
     from phyagentos.bench.matrix import compile_suite
     from phyagentos.operations.lint import lint_paths
 
-    found = lint_paths(paths, runs_python=run_python, check_suite=compile_suite)
+    files = [get_file(each, "goal_graphs") if each.name == str(each) and not each.exists() else each for each in paths]
+    found = lint_paths(files, runs_python=run_python, check_suite=compile_suite)
     problems = list(dict.fromkeys(str(each).replace("\n", " ") for each in found.problems))
     notes = [*problems, *(f"warning: {each}" for each in found.warnings)]
-    files = f"{len(found.checked)} file{'s' if len(found.checked) != 1 else ''} checked"
+    checked = f"{count(len(found.checked), 'file')} checked"
     if found.checked and not problems:
-        return Reply(found, f"{files}, no problem", notes)
-    last = (
-        f"{files}, {len(problems)} problem{'s' if len(problems) != 1 else ''}" if problems else "no authored file found"
-    )
+        return Reply(found, f"{checked}, no problem", notes)
+    last = f"{checked}, {count(len(problems), 'problem')}" if problems else "no authored file found"
     return Reply(found, notes=[*notes, last], code=ExitCode.INVALID_INPUT)
 
 

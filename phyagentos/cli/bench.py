@@ -23,6 +23,7 @@ from phyagentos.bench.sweep import Manifest
 from phyagentos.cli.outcome import Exit, ExitCode, print_note
 from phyagentos.cli.reply import Reply
 from phyagentos.errors import Problem
+from phyagentos.wording import count
 
 Folder = Annotated[Path, typer.Argument(help="Folder of a run, as `paos bench run` made it.", file_okay=False)]
 SuiteFile = Annotated[Path, typer.Argument(help="A suite: a file, or a name in benchmarks/suites/.")]
@@ -42,7 +43,7 @@ def run(
     """Run a suite: check it, name what is missing here, carry every episode out, report."""
     if dry_run:
         found = runs.check_suite(suite, seeds)
-        text = f"{found.episodes} episodes, {len(found.missing)} missing"
+        text = _count(found.episodes, len(found.missing))
         return Reply(
             found, text, _list_missing(found.missing), ExitCode.REJECTED if found.missing else ExitCode.GOAL_MET
         )
@@ -99,10 +100,14 @@ def setup(
     return Reply(tuple(made), "\n".join(lines))
 
 
+def _count(episodes: int, missing: int) -> str:
+    return f"{count(episodes, 'episode')}, {missing} missing"
+
+
 def _list_missing(missing: Mapping[str, Sequence[Problem]]) -> list[str]:
     """Why episodes cannot run here: each reason once, and how many episodes it keeps from running."""
     reasons = Counter(problem for problems in missing.values() for problem in problems)
-    return [f"missing {count}: {problem}" for problem, count in reasons.items()]
+    return [f"missing {number}: {problem}" for problem, number in reasons.items()]
 
 
 def _show(summary: Summary, notes: list[str] | None = None) -> Reply[Summary]:
@@ -118,9 +123,7 @@ def _progress() -> Iterator[tuple[OnBegun, Callable[[EpisodeRecord], None]]]:
 
         def begin(folder: Path, manifest: Manifest, done: int) -> None:
             episodes, missing = len(manifest.orders), manifest.missing
-            print_note(
-                "\n".join([*_list_missing(missing), f"run {folder}: {episodes} episodes, {len(missing)} missing"])
-            )
+            print_note("\n".join([*_list_missing(missing), f"run {folder}: {_count(episodes, len(missing))}"]))
             progress.add_task(folder.name, total=episodes - len(missing), completed=done)
 
         def end(record: EpisodeRecord) -> None:

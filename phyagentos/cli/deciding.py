@@ -53,7 +53,7 @@ def approve(
 def deny(
     workspace: Space, name: Annotated[str, typer.Argument(metavar="PROPOSAL")], reason: Reason = ""
 ) -> Reply[Decided]:
-    """Refuse a proposed goal; that is recorded, and who proposed it is told why."""
+    """Refuse a proposed goal; that is recorded, and its proposer can read why."""
     return Reply(approving.deny(workspace, name, by=getpass.getuser(), reason=reason), f"denied: {name}")
 
 
@@ -89,7 +89,7 @@ def _describe_waiting(each: WaitingProposal) -> str:
     if each.problem:
         return f"{each.name}  {each.problem}"
     why = " ".join(each.reason.split())[:_REASON_MAX]
-    return f"{each.name}  asked by {each.by} at {each.at}, for a {each.decider}: {why}"
+    return f"{each.name}  requested by {each.by} at {each.at}, for a {each.decider}: {why}"
 
 
 def _describe_decision(each: Decided) -> str:

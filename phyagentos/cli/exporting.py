@@ -25,7 +25,7 @@ def lerobot(
     to: Annotated[Path, typer.Option("--to", metavar="DIR", help="A folder that is missing or empty.")],
     fps: Annotated[int, typer.Option(min=0, help="Frames a second; the control rate without.")] = 0,
     cameras: Annotated[str, typer.Option(help=f"Cameras that were recorded. {_LIST}")] = "",
-    entities: Annotated[str, typer.Option(help=f"Things whose pose, as believed before, is data. {_LIST}")] = "",
+    entities: Annotated[str, typer.Option(help=f"Objects whose pose, as believed before, is data. {_LIST}")] = "",
     skill: Annotated[str, typer.Option(help=f"Only sessions of these skills. {_LIST}")] = "",
     target: Annotated[str, typer.Option(help="Only sessions of this target.")] = "",
 ) -> Reply[WrittenDataset]:
@@ -110,7 +110,7 @@ def render(
     fps: Annotated[int, typer.Option(min=1, max=60, help="Pictures a second of a film.")] = 12,
     speed: Annotated[float, typer.Option(min=0.1, help="Of a film, as a multiple of the robot's own.")] = 1.0,
     paths: Annotated[bool, typer.Option(help="Draw the tool's path, as planned and as measured.")] = True,
-    beliefs: Annotated[bool, typer.Option(help="Draw outlines of things where they are believed to be.")] = True,
+    beliefs: Annotated[bool, typer.Option(help="Draw outlines of objects where they are believed to be.")] = True,
 ) -> Reply[Written]:
     """Draw any moment of a session, or a film of sessions, from evidence alone."""
     draw_without_screen()

@@ -13,14 +13,16 @@ from phyagentos.operations import promote as promotion
 from phyagentos.operations import recall
 from phyagentos.operations.promote import Promoted, Revoked
 from phyagentos.operations.recall import Forgotten, Memories, Provenance
-from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Standing
+from phyagentos.protocol.sessions.memory_entries import EntryState, MemoryEntry
 
 Entry = Annotated[str, typer.Argument(help="Id of a lesson or fact, as LESSONS.md and KNOWLEDGE.md give it.")]
 
 
 def show(
     workspace: Space,
-    words: Annotated[list[str] | None, typer.Argument(help="Kinds of things, causes, scenes; all without any.")] = None,
+    words: Annotated[
+        list[str] | None, typer.Argument(help="Kinds of objects, causes, scenes; all without any.")
+    ] = None,
     everything: Annotated[bool, typer.Option("--all", help="Hypotheses, expired and retracted entries too.")] = False,
 ) -> Reply[Memories]:
     """Lessons in force and what was counted, the most useful first."""
@@ -68,7 +70,7 @@ def revoke(
 
 
 def _describe(each: MemoryEntry) -> str:
-    mark = "" if each.state is Standing.ACTIVE else f" [{each.state}{': ' + each.reason if each.reason else ''}]"
+    mark = "" if each.state is EntryState.ACTIVE else f" [{each.state}{': ' + each.reason if each.reason else ''}]"
     return f"{each.id}{mark}\n    {each.statement}\n    {each.supported} for, {each.contradicted} against"
 
 
@@ -84,7 +86,7 @@ def _explain(found: Provenance) -> Iterator[str]:
     for each in found.episodes:
         advised = ", advised by it" if each.advised_by else ""
         yield f"  episode     {each.session}: {' '.join(filter(None, (each.verdict.value, each.cause)))}"
-        yield f"              {each.objective} {each.strategy or 'the own way of the skill'}{advised}"
+        yield f"              {each.objective} {each.strategy or 'the default strategy of the skill'}{advised}"
         yield f"              {each.evidence}"
     for edit in found.edits:
         said = " ".join(filter(None, ("retracted." if edit.retracts else "", edit.reason, edit.note)))

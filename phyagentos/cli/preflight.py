@@ -57,7 +57,7 @@ def _render(report: SessionCheck) -> Iterator[str]:
 def _render_problem(word: str, each: Problem, session: str) -> Iterator[str]:
     yield f"  {word}  {each.label} at {each.address.removeprefix(f'{session}: ')}"
     yield f"           found {each.found}; expected {each.expected}"
-    for label, value in (("asked for by", each.triggered_by), ("fix:", each.hint)):
+    for label, value in (("required by", each.triggered_by), ("fix:", each.hint)):
         if value:
             yield f"           {label} {value}"
 

@@ -13,6 +13,7 @@ from phyagentos.operations import robots
 from phyagentos.operations.export import Written
 from phyagentos.operations.robots import DraftedProfile, KnownRobot, ProfileCheck, RobotDescription
 from phyagentos.protocol.documents.markdown import render_table
+from phyagentos.wording import count
 
 Name = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a target, as `paos robot list` prints it.")]
 
@@ -34,7 +35,7 @@ def check(robot: Name) -> Reply[ProfileCheck]:
     """Report all that a profile lacks before its robot can work, at file, line and column; exit code 2 with any."""
     found = robots.check_robot(robot)
     code = ExitCode.INVALID_INPUT if found.problems else ExitCode.GOAL_MET
-    notes = [f"{found.file}: {len(found.problems)} problems"]
+    notes = [f"{found.file}: {count(len(found.problems), 'problem')}"]
     return Reply(found, "\n".join(map(str, found.problems)), notes, code)
 
 

@@ -1,4 +1,4 @@
-"""Commands that move things, one plane by hand: `agent` and `watch`."""
+"""Commands that move objects, one plane by hand: `agent` and `watch`."""
 
 from pathlib import Path
 from typing import Annotated

@@ -38,7 +38,7 @@ class Element:
 def read_trees(path: Path) -> tuple[tuple[Located, ...], tuple[Problem, ...]]:
     """Data of the trees of a file, each value at its place in the XML; and what the tree format cannot say.
 
-    Problems are `INVALID_VALUE`; raises DefinitionError `XML_SYNTAX`.
+    Problems are `INVALID_VALUE`; raises DefinitionError `SYNTAX`.
     """
     reader = _Reader(str(path))
     trees = reader.read(_parse(read_text(path), str(path)))
@@ -54,7 +54,7 @@ def _parse(text: str, source: str) -> Element:
 
     def refuse(found: str) -> NoReturn:
         line, column = get_mark()
-        raise DefinitionError.of("XML_SYNTAX", f"{source}:{line}:{column}", found, "well-formed XML without DOCTYPE")
+        raise DefinitionError.of("SYNTAX", f"{source}:{line}:{column}", found, "well-formed XML without DOCTYPE")
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
         if len(opened) > DEPTH_MAX:
@@ -158,7 +158,7 @@ class _Reader:
         names, children = Counter[str](), list[Any]()
         for index, child in enumerate(element.children):
             default = _classify(child)[1].rsplit("/", 1)[-1]
-            numbered = f"{default}.{names[default] + 1}" if names[default] else default  # as siblings are told apart
+            numbered = f"{default}.{names[default] + 1}" if names[default] else default  # to distinguish siblings
             name = child.attributes.get("name", numbered)
             names[default if name == numbered else name] += 1
             step = (holds, index) if holds == "children" else (holds,)

@@ -42,7 +42,7 @@ class Choice:
     Attributes:
         target: Only sessions of this target; empty for the one that there is.
         cameras: Whose recorded pictures are wanted.
-        entities: Whose pose, as believed before the first command, is wanted: things, or parameters that name one.
+        entities: Whose pose, as believed before the first command, is wanted: objects, or parameters that name one.
         fps: Steps a second; 0 for the control rate.
     """
 
@@ -105,9 +105,9 @@ def read_demonstrations(workspaces: Sequence[Path], choice: Choice) -> Demonstra
     """The verified sessions of workspaces, in the order of their submission.
 
     Raises:
-        DefinitionError: `NOT_EXECUTED`, `MIXED_TARGETS`, `UNKNOWN_NAME`, `INVALID_RATE`; what
+        DefinitionError: `NOT_EXECUTED`, `INVALID_VALUE`, `UNKNOWN_NAME`; what
             `check_bundle` finds of a bundle that is not as it was recorded.
-        ExecutionError: `JOURNAL_DAMAGED`, `EVIDENCE_UNREADABLE`.
+        ExecutionError: `JOURNAL_DAMAGED`, `EVIDENCE_DAMAGED`.
     """
     left_out: Counter[str] = Counter()
     found: dict[Path, SessionStatus] = {}
@@ -131,7 +131,7 @@ def read_demonstrations(workspaces: Sequence[Path], choice: Choice) -> Demonstra
         raise DefinitionError.of("NOT_EXECUTED", where, why, "sessions whose verdict is success")
     if len(forms) > 1:
         hint = "Choose one with --target, or name workspaces of one."
-        raise DefinitionError.of("MIXED_TARGETS", "--target", "; ".join(forms.values()), "sessions of one target", hint)
+        raise DefinitionError.of("INVALID_VALUE", "--target", "; ".join(forms.values()), "sessions of one target", hint)
     if problems := [problem for bundle in found for problem in check_bundle(bundle)]:
         raise DefinitionError(problems)
     form, fps = next(iter(forms)), _choose_rate(next(iter(found)), choice.fps)
@@ -170,7 +170,7 @@ def _choose_rate(bundle: Path, fps: int) -> int:
     periods = control_hz / (fps or round(control_hz))
     if periods < 1.0 - _TOLERANCE_S or abs(periods - round(periods)) > 1e-3:
         expected = f"{control_hz:g} divided by a whole number, as a whole number"
-        raise DefinitionError.of("INVALID_RATE", "--fps", str(fps or f"{control_hz:g}"), expected)
+        raise DefinitionError.of("INVALID_VALUE", "--fps", str(fps or f"{control_hz:g}"), expected)
     return round(control_hz / round(periods))
 
 

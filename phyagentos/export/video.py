@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import needs_extra
 
-X264 = {"crf": "20", "threads": "1"}  # hardly to be told from the pictures; the same bytes each time
+X264 = {"crf": "20", "threads": "1"}  # hardly to be distinguished from the pictures; the same bytes each time
 
 
 def write_mp4(pictures: Iterable[NDArray[np.uint8]], to: Path, fps: int, options: Mapping[str, str] = X264) -> None:

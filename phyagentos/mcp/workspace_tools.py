@@ -20,6 +20,7 @@ from phyagentos.agent.mission.report import build_report, report_session
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.agent.tools.registry import Answer, Level, Tool
 from phyagentos.assembly.project import admit_python, get_file, parse_overrides
+from phyagentos.bench.matrix import compile_suite
 from phyagentos.clock import Clock
 from phyagentos.errors import relocate
 from phyagentos.operations import preflight, recall, stop
@@ -89,9 +90,9 @@ class WorkspaceTools:
 
     @_tool()
     def lint(self, text: _Text) -> Answer:
-        """Check an authored file (a goal graph, a tree, a scene, faults); every problem with line and column."""
+        """Check an authored file (a goal graph, a tree, a scene, faults, a suite); every problem with its place."""
         with as_file(text) as file:
-            problems = lint_file(file, library=Workspace.open(self.root).library())
+            problems = lint_file(file, library=Workspace.open(self.root).library(), check_suite=compile_suite)
         return Answer({"problems": relocate(problems, file.parent)})
 
     @_tool()

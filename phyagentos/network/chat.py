@@ -1,4 +1,4 @@
-"""An OpenAI-compatible server of language or vision-language models; whoever asks bounds what an answer may cost.
+"""An OpenAI-compatible server of language or vision-language models; the caller bounds what an answer may cost.
 
 It connects to its URL only: redirects and proxies of the environment are not followed. A whole answer is bounded in
 time and size (see `network.http`).
@@ -64,10 +64,10 @@ class OpenAiEndpoint:
         `timeout_s` [s] is instead of that of the endpoint.
 
         Raises:
-            ExecutionError: `MODEL_UNREACHABLE` (also when it answers too late), `MODEL_REFUSED` (a status other than
+            ExecutionError: `MODEL_FAILED` (also when it answers too late), `MODEL_FAILED` (a status other than
                 200) or `MODEL_MALFORMED`.
         """
-        from phyagentos.network.http import Codes, HttpClient  # late: only who asks needs it
+        from phyagentos.network.http import HttpClient  # late: only who asks needs it
 
         body = {
             "model": self.model,
@@ -76,13 +76,12 @@ class OpenAiEndpoint:
             "max_tokens": max_tokens,
             "response_format": response_format,
         }
-        lost, within_s = "MODEL_UNREACHABLE", self.timeout_s if timeout_s is None else timeout_s
-        codes = Codes(late=lost, lost=lost, refused="MODEL_REFUSED", malformed="MODEL_MALFORMED")
+        within_s = self.timeout_s if timeout_s is None else timeout_s
         url = f"{self.url.rstrip('/')}/chat/completions"
         headers = [("Content-Type", "application/json")]
         if self.key:
             headers.append(("Authorization", f"Bearer {self.key}"))
-        with contextlib.closing(HttpClient(url, codes, self.name)) as client:
+        with contextlib.closing(HttpClient(url, "MODEL_FAILED", "MODEL_MALFORMED", self.name)) as client:
             sent = msgspec.json.encode(body)
             data = client.post(sent, timeout_s=within_s, max_bytes=MAX_BYTES, headers=headers)
         try:

@@ -10,7 +10,6 @@ import select
 import socket
 import ssl
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -24,21 +23,14 @@ QUOTED_BYTES = 200  # of the body of a refusal
 _ERRORS = (httpcore.NetworkError, httpcore.ProtocolError, httpcore.UnsupportedProtocol, OSError, ValueError)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Codes:
-    """Of one kind of server: no whole answer in time, no HTTP, a status other than 200, one too long or encoded."""
-
-    late: str
-    lost: str
-    refused: str
-    malformed: str
-
-
 class HttpClient:
-    """Posts to one URL, one request at a time; the connection is kept between them. `name` stands in messages."""
+    """Posts to one URL, one request at a time; the connection is kept between them. `name` stands in messages.
 
-    def __init__(self, url: str, codes: Codes, name: str = "") -> None:
-        self._url, self._codes, self._name = url, codes, name or url
+    `failed` is the code of no whole answer of status 200 in time, `malformed` that of one too long or encoded.
+    """
+
+    def __init__(self, url: str, failed: str, malformed: str, name: str = "") -> None:
+        self._url, self._failed, self._malformed, self._name = url, failed, malformed, name or url
         self._backend = _Backend()
         self._pool = httpcore.ConnectionPool(max_connections=1, network_backend=self._backend)
 
@@ -56,13 +48,13 @@ class HttpClient:
                 for name, coding in answer.headers:
                     if name.lower() == b"content-encoding" and coding.strip().lower() not in {b"", b"identity"}:
                         what = f"a body in the encoding {coding[:40].decode(errors='replace')!r}; none was asked for"
-                        raise ExecutionError(self._codes.malformed, f"{self._name} answered with {what}")
+                        raise ExecutionError(self._malformed, f"{self._name} answered with {what}")
                 return self._collect(parts, max_bytes)
         except (TimeoutError, httpcore.TimeoutException) as error:
             silence = deadline.describe_silence(self._backend.received)
-            raise ExecutionError(self._codes.late, f"{self._name} {silence}") from error
+            raise ExecutionError(self._failed, f"{self._name} {silence}") from error
         except _ERRORS as error:
-            raise ExecutionError(self._codes.lost, f"{self._name}: {type(error).__name__} {error}".strip()) from error
+            raise ExecutionError(self._failed, f"{self._name}: {type(error).__name__} {error}".strip()) from error
 
     def close(self) -> None:
         """Close the connection; a request that waits in another thread ends."""
@@ -73,7 +65,7 @@ class HttpClient:
         for part in parts:
             data += part
             if len(data) > max_bytes:
-                raise ExecutionError(self._codes.malformed, f"{self._name} answered with more than {max_bytes} bytes")
+                raise ExecutionError(self._malformed, f"{self._name} answered with more than {max_bytes} bytes")
         return bytes(data)
 
     def _describe_refusal(self, status: int, parts: Iterable[bytes]) -> ExecutionError:
@@ -85,7 +77,7 @@ class HttpClient:
                     break
         quoted = "".join(each if each.isprintable() else " " for each in said[:QUOTED_BYTES].decode(errors="replace"))
         told = ", a redirect, which is not followed" if 300 <= status < 400 else f": {quoted}" if quoted else ""
-        return ExecutionError(self._codes.refused, f"{self._name} answered with status {status}{told}")
+        return ExecutionError(self._failed, f"{self._name} answered with status {status}{told}")
 
 
 class _Backend(httpcore.NetworkBackend):

@@ -196,12 +196,12 @@ def _carry_out(
 ) -> MissionReport:
     """Pursue an approved proposal to its verdict; `restrict` narrows what it may use, repairs included.
 
-    Raises DefinitionError `NOT_APPROVED` without an approval of exactly these bytes.
+    Raises DefinitionError `NOT_PERMITTED` without an approval of exactly these bytes.
     """
     decision = Proposals(workspace.proposals).find_decision(proposed)
     if decision is None or decision.decision != "approved":
         found = "no decision" if decision is None else f"denied by {decision.by}: {decision.reason}"
-        raise DefinitionError.of("NOT_APPROVED", proposed.name, found, "an approval of these bytes")
+        raise DefinitionError.of("NOT_PERMITTED", proposed.name, found, "an approval of these bytes")
     _compile(workspace, proposed)
     with contextlib.ExitStack() as stack:
         alive = None

@@ -20,9 +20,9 @@ from phyagentos.agent.understanding.model import ModelUnderstander, write_answer
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,
-    Lack,
-    LackKind,
     Question,
+    RequestProblem,
+    RequestProblemKind,
     Understanding,
 )
 from phyagentos.agent.understanding.vocabulary import Vocabulary, find_robot
@@ -39,7 +39,9 @@ from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.workspace.workspace import Workspace
 
 GOAL_SUFFIX = ".goal.yaml"
-_OF_WORDS = frozenset({LackKind.WORD, LackKind.SENTENCE})  # what a model may understand where the grammar does not
+_OF_WORDS = frozenset(
+    {RequestProblemKind.WORD, RequestProblemKind.SENTENCE}
+)  # what a model may understand where the grammar does not
 
 
 class Asked(msgspec.Struct, frozen=True, kw_only=True):
@@ -78,7 +80,7 @@ class NotUnderstood(msgspec.Struct, frozen=True, kw_only=True):
 
     understood: bool = False
     questions: tuple[Question, ...] = ()
-    lacks: tuple[Lack, ...] = ()
+    lacks: tuple[RequestProblem, ...] = ()
 
 
 def ask(

@@ -34,7 +34,7 @@ class Row(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Described(msgspec.Struct, frozen=True):
-    """One thing as it is declared."""
+    """A leaf, skill, predicate, fault or setting as it is declared."""
 
     name: str
     summary: str

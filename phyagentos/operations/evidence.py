@@ -58,14 +58,16 @@ def _iter_look_problems(folder: Path) -> Iterator[Problem]:
     """Looks that are missing, and pointers that lead to no pixel."""
     try:
         manifest = read_manifest(folder)
+    except ExecutionError:
+        return  # a problem of its bundle
+    try:
         snapshots = [folder / name for name in (BEFORE, AFTER) if (folder / name).exists()]
         worlds = [msgspec.json.decode(path.read_bytes(), type=Environment) for path in snapshots]
         yield from find_look_problems(folder, worlds, manifest.gone if manifest is not None else ())
     except ExecutionError as error:
-        if error.code != "MANIFEST_DAMAGED":
-            yield Problem(error.code, str(folder), str(error))
+        yield Problem(error.code, str(folder), str(error))
     except msgspec.MsgspecError as error:
-        yield Problem("EVIDENCE_UNREADABLE", str(folder), str(error))
+        yield Problem("EVIDENCE_DAMAGED", str(folder), str(error))
 
 
 def _find_missing(workspace: Workspace, status: SessionStatus) -> Problem | None:
@@ -74,4 +76,4 @@ def _find_missing(workspace: Workspace, status: SessionStatus) -> Problem | None
     if status.state not in FINAL_STATES or done is None or not done.evidence or done.ended is Ended.TARGET_LOST:
         return None
     folder, expected = workspace.root / done.evidence, f"the bundle of {status.contract.id}"
-    return None if folder.is_dir() else Problem("MISSING", str(folder), "no such folder", expected)
+    return None if folder.is_dir() else Problem("EVIDENCE_DAMAGED", str(folder), "no such folder", expected)

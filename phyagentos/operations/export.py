@@ -59,7 +59,7 @@ def export_dataset(
 ) -> WrittenDataset:
     """Write sessions whose verdict is success as a LeRobotDataset, format v3.0, at the control rate where `fps` is 0.
 
-    Raises DefinitionError `EXTRA_MISSING`, `NOT_EXECUTED`, `MIXED_TARGETS`, `INVALID_RATE`, `WOULD_OVERWRITE`.
+    Raises DefinitionError `EXTRA_MISSING`, `NOT_EXECUTED`, `INVALID_VALUE`, `WOULD_OVERWRITE`.
     """
     from phyagentos.export.demonstrations import Choice, read_demonstrations
     from phyagentos.export.lerobot import write_dataset

@@ -23,7 +23,7 @@ def serve(skill: str, model: str, on_begun: Callable[[str], None], *, endpoint: 
     """Serve a policy until Ctrl-C, at the endpoint that its skill declares without another.
 
     `model` is FILE.onnx, or FILE.py:CLASS or MODULE:CLASS with `start` and `infer`. Raises DefinitionError
-    `UNKNOWN_NAME`, `POLICY_MISMATCH`, `ENDPOINT_INVALID`.
+    `UNKNOWN_NAME`, `POLICY_MISMATCH`, `INVALID_VALUE`.
     """
     path = Path(skill)
     path = path if path.is_file() else open_library().get_skill(skill)
@@ -37,7 +37,7 @@ def serve(skill: str, model: str, on_begun: Callable[[str], None], *, endpoint: 
     serve_at = {"openpi": serve_openpi, "tcp": serve_policy}.get(descriptor.endpoint.partition(":")[0])
     if serve_at is None:
         expected = "openpi://HOST:PORT or tcp://HOST:PORT"
-        raise DefinitionError.of("ENDPOINT_INVALID", "--endpoint", repr(descriptor.endpoint), expected)
+        raise DefinitionError.of("INVALID_VALUE", "--endpoint", repr(descriptor.endpoint), expected)
     serve_at(_load(model), descriptor, on_begun)
 
 

@@ -126,7 +126,7 @@ def _report(session: Session, checked: Checked, order: _Order) -> SessionCheck:
     after = order.after[session.id]
     awaits = {name: str(value) for name, value in session.parameters.items() if OPEN in str(value)}
     missing = {f"{session.id}: parameters.{name}" for name in awaits}
-    found = [each for each in checked.problems if each.code != "MISSING_PARAMETER" or each.address not in missing]
+    found = [each for each in checked.problems if each.code != "MISSING_VALUE" or each.address not in missing]
     later = [each for each in found if after and each.code in OF_THE_MOMENT]
     forecast, unreadable = None, ""
     if order.source is not None:

@@ -13,7 +13,7 @@ from phyagentos.assembly.memory_choice import read_choice
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, format_hint, format_names
 from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Standing
+from phyagentos.protocol.sessions.memory_entries import EntryState, MemoryEntry
 from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 
 _NAMED_MAX = 20  # entries that an error names
@@ -59,7 +59,7 @@ def recall(root: Path, words: Sequence[str] = (), *, everything: bool = False) -
         texts = {each.id: f"{each.id} {each.statement}".lower() for each in entries}
         found |= {id for id, text in texts.items() if all(word.lower() in text for word in words)}
         entries = [each for each in entries if each.id in found]
-    shown = tuple(each for each in entries if everything or each.state is Standing.ACTIVE)
+    shown = tuple(each for each in entries if everything or each.state is EntryState.ACTIVE)
     return Memories(version=memory.version, entries=shown, hidden=len(entries) - len(shown))
 
 

@@ -109,7 +109,7 @@ def draft_robot(model: str, folder: Path, name: str = "") -> DraftedProfile:
     Raises DefinitionError `MODEL_MISSING`, `MODEL_INVALID`, `WOULD_OVERWRITE`.
     """
     from phyagentos.runtime.models.drafting import draft_profile
-    from phyagentos.runtime.models.sources import find_model
+    from phyagentos.runtime.models.sources import find_model, name_in_models
 
     path = find_model(model, Path())
     if not path.is_file():
@@ -118,9 +118,8 @@ def draft_robot(model: str, folder: Path, name: str = "") -> DraftedProfile:
     place = folder / "robots" / target / "target.yaml"
     if place.exists():
         raise DefinitionError.of("WOULD_OVERWRITE", str(place), "a profile", "a new name", "Choose one with --name.")
-    hint = f"models:{path.name}" if is_beside(model) else model
-    text = draft_profile(path, hint, target)
+    named, models = name_in_models(path) if is_beside(model) else (model, None)
+    text = draft_profile(path, named, target)
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_text(text)
-    models = path.resolve().parent if is_beside(model) else None
-    return DraftedProfile(robot=target, file=place, guessed=text.count("# check"), model=hint, models=models)
+    return DraftedProfile(robot=target, file=place, guessed=text.count("# check"), model=named, models=models)

@@ -76,7 +76,7 @@ def estop(root: Path | None = None, *, reason: str = "", by: str = "paos estop")
 
 
 def reset_estop(root: Path, *, reason: str) -> Stopped:
-    """Let the targets of a workspace move again; raises DefinitionError `NOT_LATCHED`, `REASON_MISSING`."""
+    """Let the targets of a workspace move again; raises DefinitionError `NOT_LATCHED`, `MISSING_VALUE`."""
     kept = latches.reset(Workspace.open(root, _WRITTEN).signals.parent, reason, SystemClock())
     return Stopped(requests=(StopRequest(workspace=str(root), kind="reset", file=str(kept)),))
 
@@ -121,7 +121,7 @@ def _cancel_goal(goal: GoalStatus, root: Path, reason: str, by: str) -> StopRequ
     with contextlib.closing(Journal(root, side=Side.OPERATOR, by=by, clock=SystemClock())) as journal:
         ledger = journal.open_ledger()
         if not goal.is_cancelled:
-            body = {"reason": reason or f"asked for by {by}"}
+            body = {"reason": reason or f"requested by {by}"}
             journal.commit([Entry(f"{GOAL_PREFIX}{goal.id}", GoalEvent.GOAL_CANCELLED, body)])
         cancel_unheld(goal.id, ledger, journal)
     return StopRequest(workspace=str(root), kind="cancel", subject=goal.id)

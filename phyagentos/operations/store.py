@@ -63,7 +63,7 @@ class JournalRepair(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def check_journal(root: Path, lane: str | None = None) -> JournalCheck:
-    """Read every byte of a partition; changes nothing. Raises DefinitionError `NOT_A_WORKSPACE`, `NO_JOURNAL`."""
+    """Read every byte of a partition; changes nothing. Raises DefinitionError `NOT_A_WORKSPACE`."""
     folder = _find_partition(root, lane)
     found = inspect_partition(folder)
     if not found.is_whole:  # or a writer was cutting a torn end meanwhile; the lock would stop all of them for seconds
@@ -100,7 +100,7 @@ def _find_partition(root: Path, lane: str | None) -> Path:
     folder = sessions / (lane or choose_partition(sessions))
     if not folder.is_dir():
         expected = "a partition of the journal, which the first run makes"
-        raise DefinitionError.of("NO_JOURNAL", str(folder), "no such folder", expected)
+        raise DefinitionError.of("NOT_A_WORKSPACE", str(folder), "no such folder", expected)
     return folder
 
 

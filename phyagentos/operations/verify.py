@@ -86,7 +86,7 @@ def perceive_again(workspace: Workspace, status: SessionStatus) -> list[tuple[Lo
     """Each look that a session's bundle names, and the world as perception makes it of that look now.
 
     Raises:
-        ExecutionError: `LOOK_MISSING` or `EVIDENCE_UNREADABLE`, which name the file; `LOOK_DIFFERS` where perception
+        ExecutionError: `EVIDENCE_DAMAGED`, which name the file; `LOOK_DIFFERS` where perception
             now reads something else than it did.
         DefinitionError: `SETTINGS_CHANGED` where the settings are not those of the session.
     """
@@ -95,7 +95,7 @@ def perceive_again(workspace: Workspace, status: SessionStatus) -> list[tuple[Lo
     entries = read_looks(folder)
     if not entries:
         found = "its sensing was truth, its target has no camera, or an earlier version recorded it"
-        raise ExecutionError("LOOK_MISSING", f"{folder / LOOKS}: no look was recorded; {found}")
+        raise ExecutionError("EVIDENCE_DAMAGED", f"{folder / LOOKS}: no look was recorded; {found}")
     recorded = read_yaml(folder / evidence.CONTRACT).data.get("settings_sha256", {})
     found = "another file than the session ran with"
     hint = f"Restore it, or judge on the snapshots: `paos verify {folder.name}` without --from-frames."

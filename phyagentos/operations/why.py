@@ -40,7 +40,7 @@ class Explanation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
 def why(root: Path, subject: str = "") -> Explanation:
     """Explain the verdict on a goal, node or session of a workspace; of the latest goal without a name.
 
-    Raises DefinitionError `UNKNOWN_NAME`; ExecutionError `JOURNAL_DAMAGED`, `EVIDENCE_UNREADABLE`.
+    Raises DefinitionError `UNKNOWN_NAME`; ExecutionError `JOURNAL_DAMAGED`, `EVIDENCE_DAMAGED`.
     """
     return explain_subject(Workspace.open(root), read_ledger(root, subject), subject)
 

@@ -1,4 +1,4 @@
-"""Outlines of movable things where they are believed to be: a box around each of their solids."""
+"""Outlines of movable objects where they are believed to be: a box around each of their solids."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class Outline:
 
 
 def iter_outlines(believed: Environment) -> Iterator[Outline]:
-    """One for each solid of each movable thing that is not gone."""
+    """One for each solid of each movable object that is not gone."""
     for entity in believed.entities.values():
         for shape in entity.shapes if entity.movable and entity.status is not Status.GONE else ():
             radius, *rest = shape.size_m

@@ -1,7 +1,7 @@
 """One session over time, from its evidence alone: states of the world, paths of the tool, what was believed.
 
 Where a bundle holds `motion.npz` (simulated targets) every body is where it was. Elsewhere the robot moves as it was
-measured, and things stand where they stood at the start, until the end.
+measured, and objects stand where they stood at the start, until the end.
 """
 
 from collections.abc import Sequence
@@ -66,13 +66,13 @@ def read_playback(workspace: Workspace, status: SessionStatus) -> Playback:
     """The playback of a session that was executed.
 
     Raises:
-        ExecutionError: `EVIDENCE_UNREADABLE` where it left no scene model, was thinned, or is damaged.
+        ExecutionError: `EVIDENCE_DAMAGED` where it left no scene model, was thinned, or is damaged.
         DefinitionError: `UNKNOWN_NAME`.
     """
     folder = workspace.evidence_of(status.contract.id)
     if status.execution is None or not (folder / evidence.SCENE_MODEL).is_file():
         message = f"{folder}: no {evidence.SCENE_MODEL}; expected evidence of a session that moved a simulated robot"
-        raise ExecutionError("EVIDENCE_UNREADABLE", message)
+        raise ExecutionError("EVIDENCE_DAMAGED", message)
     profile = get_registered_target(workspace.target_registry, status.contract.target)
     try:
         model = mujoco.MjModel.from_binary_path(str(folder / evidence.SCENE_MODEL))
@@ -83,7 +83,7 @@ def read_playback(workspace: Workspace, status: SessionStatus) -> Playback:
         path = folder / evidence.MOTION
         moved = decode_arrays(path.read_bytes()) if path.is_file() else {}
     except (OSError, ValueError, mujoco.FatalError) as error:
-        raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder}: {error}") from error
+        raise ExecutionError("EVIDENCE_DAMAGED", f"{folder}: {error}") from error
     if not moved:
         qpos = np.tile(first["qpos"], (len(course["time_s"]), 1))
         for row, q in zip(qpos, course["q_measured"], strict=True):

@@ -1,4 +1,4 @@
-"""Pictures of a session at any moment: the true world, paths of the tool, and outlines of things as believed.
+"""Pictures of a session at any moment: the true world, paths of the tool, and outlines of objects as believed.
 
 MUJOCO_GL selects the graphics when MuJoCo is imported.
 """
@@ -33,7 +33,7 @@ class Look:
     Attributes:
         camera: A camera of the model; empty for a view of the table from the front.
         paths: Whether to draw the tool's paths: measured up to the moment, and as commanded.
-        beliefs: Whether to draw movable things where they are believed to be.
+        beliefs: Whether to draw movable objects where they are believed to be.
     """
 
     camera: str = ""

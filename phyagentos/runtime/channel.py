@@ -97,7 +97,11 @@ class Child:
         with theirs:
             command = [*command, "--descriptor", str(theirs.fileno())]
             self._process = start_python(
-                command, pass_fds=(theirs.fileno(),), environment=os.environ | ONE_THREAD, leads_group=False
+                command,
+                has_input=True,  # its end shows a child the death of this process
+                pass_fds=(theirs.fileno(),),
+                environment=os.environ | ONE_THREAD,
+                leads_group=False,
             )
         self.channel = Link(Connection(ours.detach()), spin_s=spin_s)
 
@@ -110,6 +114,8 @@ class Child:
         """End it at once; its exit code."""
         self.channel.close()
         self._process.kill()
+        if self._process.stdin is not None:
+            self._process.stdin.close()
         return self._process.wait()
 
     def close(self, grace_s: float) -> None:

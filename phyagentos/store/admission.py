@@ -240,7 +240,7 @@ class Admission:
     def _check_contract(self, entry: Entry, side: Side) -> Session:
         session = _convert(entry, Session)
         if session.id != entry.id:
-            raise DefinitionError.of("NAME_MISMATCH", f"session {entry.id}", session.id, entry.id)
+            raise DefinitionError.of("INVALID_VALUE", f"session {entry.id}", session.id, entry.id)
         if side is Side.OPERATOR and self._find(GOAL_PREFIX + session.goal) is not None:
             raise IllegalEvent(entry.id, entry.ev, f"the sessions of goal {session.goal!r} belong to the agent")
         return session
@@ -286,7 +286,7 @@ def _convert(entry: Entry, kind: type[_StructT]) -> _StructT:
         return msgspec.convert(entry.body or {}, kind)
     except msgspec.ValidationError as error:
         raise DefinitionError.of(
-            "INVALID_CONTRACT", f"session {entry.id}", str(error), f"{kind.__name__} as a mapping (msgspec.to_builtins)"
+            "INVALID_VALUE", f"session {entry.id}", str(error), f"{kind.__name__} as a mapping (msgspec.to_builtins)"
         ) from error
 
 
@@ -297,7 +297,7 @@ def _check_review(entry: Entry) -> None:
     if not is_review:
         found = "no attempt with is_review"
         expected = "a judgement marked as added after the verdict"
-        raise DefinitionError.of("INVALID_CONTRACT", f"session {entry.id}: {REVIEW}", found, expected)
+        raise DefinitionError.of("INVALID_VALUE", f"session {entry.id}: {REVIEW}", found, expected)
 
 
 def _check_amendment(entry: Entry) -> None:

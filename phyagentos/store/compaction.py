@@ -32,7 +32,7 @@ def compact_partition(folder: Path, *, by: str, clock: Clock, file_io: SystemIO)
     """Seal, checkpoint and archive `sessions/<partition>` with the partition locked; other writers continue afterwards.
 
     Raises:
-        ExecutionError: `JOURNAL_DAMAGED`, `JOURNAL_LOCKED`, `JOURNAL_WRITE_FAILED`.
+        ExecutionError: `JOURNAL_DAMAGED`, `BUSY`, `JOURNAL_WRITE_FAILED`.
         OSError: The disk refused; the journal is as whole as before.
     """
     root = folder.parent.parent
@@ -47,7 +47,7 @@ def compact_partition(folder: Path, *, by: str, clock: Clock, file_io: SystemIO)
 
 @contextlib.contextmanager
 def keep_still(folder: Path) -> Iterator[None]:
-    """Hold both locks of a partition, so that no other process writes or archives; raises `JOURNAL_LOCKED`."""
+    """Hold both locks of a partition, so that no other process writes or archives; raises `BUSY`."""
     lock = PartitionLock(folder)
     try:  # that of the maintenance is held for milliseconds, by one who waits for no other lock
         with hold_file(folder / MAINTENANCE_LOCK, fcntl.LOCK_EX), lock.held():

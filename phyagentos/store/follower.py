@@ -79,7 +79,7 @@ class Follower:
     def read_new(self) -> list[Record]:
         """Every whole batch since the last call; takes no lock unless something looks damaged.
 
-        Raises ExecutionError: `JOURNAL_DAMAGED`, with segment and offset; `JOURNAL_MOVED`.
+        Raises ExecutionError: `JOURNAL_DAMAGED`, with segment and offset; `JOURNAL_WRITE_FAILED`.
         """
         records = self.advance()
         if self.tail is Tail.DAMAGED:  # or a writer was cutting a torn tail meanwhile: look again with the lock held
@@ -93,7 +93,7 @@ class Follower:
     def advance(self) -> list[Record]:
         """Read as far as possible; what stopped it is in `tail`.
 
-        Raises ExecutionError: `JOURNAL_DAMAGED` at the very beginning of the partition, `JOURNAL_MOVED`,
+        Raises ExecutionError: `JOURNAL_DAMAGED` at the very beginning of the partition, `JOURNAL_WRITE_FAILED`,
         `JOURNAL_UNREADABLE`.
         """
         records: list[Record] = []

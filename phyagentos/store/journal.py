@@ -54,7 +54,7 @@ class Journal:
         segment_bytes: Size at which a new segment begins.
         file_io: The calls that change the disk.
 
-    Raises ExecutionError: `JOURNAL_DAMAGED`, `JOURNAL_LOCKED` or `LANE_UNCLEAR`.
+    Raises ExecutionError: `JOURNAL_DAMAGED`, `BUSY` or `LANE_UNCLEAR`.
     """
 
     def __init__(
@@ -119,8 +119,8 @@ class Journal:
             Fenced: A stale epoch.
             IllegalEvent: A goal or node event out of order, or from the wrong side.
             DefinitionError: An invalid contract, or a record that is too large.
-            ExecutionError: `JOURNAL_WRITE_FAILED` (nothing was recorded), `JOURNAL_NOT_DURABLE` (final for this
-                process), `JOURNAL_DAMAGED`, `JOURNAL_LOCKED`.
+            ExecutionError: `JOURNAL_WRITE_FAILED` (nothing was recorded), `JOURNAL_WRITE_FAILED` (final for this
+                process), `JOURNAL_DAMAGED`, `BUSY`.
         """
         if not entries:
             return []
@@ -152,7 +152,7 @@ class Journal:
         return records
 
     def sync(self) -> None:
-        """Wait until everything committed or read here is durable; raises `JOURNAL_NOT_DURABLE`."""
+        """Wait until everything committed or read here is durable; raises `JOURNAL_WRITE_FAILED`."""
         with self._mutex:
             self._writer.refuse_if_failed()
             self._writer.open(self._follower)
@@ -212,7 +212,7 @@ class Journal:
                 with contextlib.suppress(SyncFailedError):  # what was acknowledged stands without it
                     self._maintenance.finish(self._ledger, self._follower.position)
             self._let_go()
-            self._writer.failure = ExecutionError("JOURNAL_CLOSED", f"{self.folder}: this journal was closed")
+            self._writer.failure = ExecutionError("JOURNAL_WRITE_FAILED", f"{self.folder}: this journal was closed")
 
     def _let_go(self) -> None:
         for each in (self._writer, self._follower, self._reading, self._lock):

@@ -26,7 +26,7 @@ class PartitionLock:
     def acquire(self, meanwhile: Callable[[], object] = lambda: None) -> None:
         """Wait for the lock; `meanwhile` is called between two tries, to save time with the lock.
 
-        Raises ExecutionError: `JOURNAL_LOCKED` after about ten seconds; `JOURNAL_MOVED` when another file stands there.
+        Raises ExecutionError: `BUSY` after about ten seconds; `JOURNAL_WRITE_FAILED` when another file stands there.
         """
         if self._pid != os.getpid():  # a forked child shares the parent's lock, so it needs one of its own
             self._fd, self._pid = self._open(), os.getpid()
@@ -40,7 +40,7 @@ class PartitionLock:
                 self._check_place()
                 return
         raise ExecutionError(
-            "JOURNAL_LOCKED",
+            "BUSY",
             f"{self._path}: held for ten seconds by {find_holder(self._fd)}. "
             "If that process is stopped, continue it or end it.",
         )
@@ -94,7 +94,7 @@ def hold_file(path: Path, mode: int) -> Iterator[None]:
 def describe_move(path: Path) -> ExecutionError:
     """The error of a file that is no longer where it was opened: opening it now finds another truth, or none."""
     return ExecutionError(
-        "JOURNAL_MOVED",
+        "JOURNAL_WRITE_FAILED",
         f"{path}: moved, replaced or deleted while it was open. Nothing was recorded. Put the folder back, or "
         "end what still uses it and open it again.",
     )

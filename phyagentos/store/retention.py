@@ -4,9 +4,11 @@ What is removed is first written into the manifest, durably, and only then delet
 Sessions and goals that have not ended are never touched. The policy stands in runtime_contract.yaml.
 """
 
-from collections.abc import Iterable, Mapping
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 from filelock import FileLock, Timeout
@@ -23,6 +25,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.history import fold_partition
 from phyagentos.store.journal import choose_partition
 
+_Bundle = TypeVar("_Bundle")
 GRACE_S = 60.0  # a worker may still be sealing the bundle of a session that was judged at once
 _DAY_S = 86_400.0
 _LOCK = ".retention.lock"
@@ -75,20 +78,26 @@ def read_retention(workspace: Workspace) -> EvidenceRetention:
 
 
 def apply_retention(
-    workspace: Workspace, policy: EvidenceRetention, clock: Clock, *, dry_run: bool = False
+    workspace: Workspace,
+    policy: EvidenceRetention,
+    clock: Clock,
+    *,
+    dry_run: bool = False,
+    goes_on: Callable[[], bool] = lambda: True,
 ) -> RetentionReport:
     """Thin what the policy allows, finish an interrupted clean-up, and drop large files that no bundle needs.
 
-    Raises ExecutionError: `EVIDENCE_BUSY` while another clean-up runs; `EVIDENCE_UNWRITABLE`, after which every bundle
+    `goes_on` is asked before each bundle is read, measured, chosen or thinned; once it is False the clean-up ends.
+    Raises ExecutionError: `BUSY` while another clean-up runs; `EVIDENCE_UNWRITABLE`, after which every bundle
     still names its files and the next clean-up goes on.
     """
     if dry_run:
-        return _Cleaning(workspace, policy, clock).run(dry_run=True)
+        return _Cleaning(workspace, policy, clock, goes_on).run(dry_run=True)
     try:
         with FileLock(workspace.evidence / _LOCK, timeout=0):
-            return _Cleaning(workspace, policy, clock).run(dry_run=False)
+            return _Cleaning(workspace, policy, clock, goes_on).run(dry_run=False)
     except Timeout as error:
-        raise ExecutionError("EVIDENCE_BUSY", f"another clean-up of {workspace.evidence} is under way") from error
+        raise ExecutionError("BUSY", f"another clean-up of {workspace.evidence} is under way") from error
     except OSError as error:
         raise ExecutionError("EVIDENCE_UNWRITABLE", f"{error}; run it again when that is mended") from error
 
@@ -127,8 +136,10 @@ class _Space:
 class _Cleaning:
     """One clean-up."""
 
-    def __init__(self, workspace: Workspace, policy: EvidenceRetention, clock: Clock) -> None:
-        self._workspace, self._policy = workspace, policy
+    def __init__(
+        self, workspace: Workspace, policy: EvidenceRetention, clock: Clock, goes_on: Callable[[], bool]
+    ) -> None:
+        self._workspace, self._policy, self._goes_on = workspace, policy, goes_on
         self._now = clock.wall_iso()
         self._space = _Space()
         self._manifests: dict[str, evidence_manifest.Manifest | None] = {}  # of bundles whose sessions have ended
@@ -138,7 +149,7 @@ class _Cleaning:
     def run(self, *, dry_run: bool) -> RetentionReport:
         folders = {path.name: path for path in evidence_manifest.iter_bundles(self._workspace.evidence)}
         ended = {id: status for id, status in _find_ended(self._workspace, self._now).items() if id in folders}
-        for id in ended:
+        for id in self._each(ended):
             try:
                 self._manifests[id] = evidence_manifest.read_manifest(folders[id])
             except ExecutionError:
@@ -153,7 +164,7 @@ class _Cleaning:
         by_age = sorted(ended.values(), key=lambda status: (status.updated_at, status.contract.id))
         self._choose([each for each in by_age if each.state == SessionState.SUCCEEDED], folders)
         if not dry_run:
-            for name, (rule, files) in self._chosen.items():
+            for name, (rule, files) in self._each(self._chosen.items()):
                 self._thin(folders[name], ended[SessionId(name)], rule, files)
             _sweep(self._workspace.evidence)
         touched = {name for name, manifest in self._manifests.items() if manifest is not None and manifest.thinned}
@@ -168,18 +179,21 @@ class _Cleaning:
             damaged=tuple(self._damaged),
         )
 
+    def _each(self, bundles: Iterable[_Bundle]) -> Iterator[_Bundle]:
+        return itertools.takewhile(lambda _: self._goes_on(), bundles)
+
     def _choose(self, succeeded: list[SessionStatus], folders: Mapping[str, Path]) -> None:
         """Decide what goes: first what is not to be kept, then from the oldest on until the rest fits."""
         policy = self._policy
         beyond = max(len(succeeded) - policy.keep_last, 0)
-        for status in succeeded[:beyond]:
+        for status in self._each(succeeded[:beyond]):
             if compute_seconds(status.updated_at, self._now) > policy.keep_days * _DAY_S:
                 rule = f"keep_last {policy.keep_last}, keep_days {policy.keep_days:g}"
                 self._take(folders[status.contract.id], rule, frozenset(policy.drop))
         if policy.max_bytes is None:
             return
         for kinds in (frozenset(policy.drop), _EVERY_KIND):
-            for status in succeeded:
+            for status in self._each(succeeded):
                 if self._space.total <= policy.max_bytes:
                     return
                 self._take(folders[status.contract.id], f"max_bytes {policy.max_bytes}", kinds)
@@ -223,7 +237,7 @@ class _Cleaning:
                 path.unlink()
 
     def _measure(self, folders: Iterable[Path]) -> None:
-        for folder in folders:
+        for folder in self._each(folders):
             for path in folder.rglob("*"):
                 self._space.add(path)
         for path in evidence_manifest.iter_objects(self._workspace.evidence):

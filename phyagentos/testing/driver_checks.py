@@ -89,7 +89,7 @@ class ReachedTarget:
 class DriverSubject:
     """One driver under test, which moves `joint` (an index) by `way` [rad or m]; `open` makes a fresh one each time.
 
-    A target that is served elsewhere is started by `open`, and told of emergency stops by `set_stop`.
+    A target that is served elsewhere is started by `open`, and notified of emergency stops by `set_stop`.
 
     Attributes:
         noise: By how much measurements differ while a real robot stands [rad, rad/s, m]; a simulation repeats its own.
@@ -209,7 +209,7 @@ def describes_itself(subject: DriverSubject) -> None:
 
 def is_nothing_before_a_scene(subject: DriverSubject) -> None:
     """Before a scene is loaded no session begins."""
-    _refuse(subject.serve().ask(wire.Begin(SESSION, EPOCH)), "NO_SCENE")
+    _refuse(subject.serve().ask(wire.Begin(SESSION, EPOCH)), "NO_EPISODE")
 
 
 def keeps_an_episode(subject: DriverSubject) -> None:
@@ -348,12 +348,12 @@ def offers_what_it_describes(subject: DriverSubject) -> None:
     client = subject.serve()
     _require(client.load(), wire.Loaded, "LoadScene")
     live = client.ask(wire.Describe())
-    _refuse(client.ask(wire.InvokeTool("no such tool")), "UNKNOWN_TOOL")
-    _refuse(client.ask(wire.Capture(cameras=("no such camera",))), "UNKNOWN_CAMERA")
+    _refuse(client.ask(wire.InvokeTool("no such tool")), "REQUEST_INVALID")
+    _refuse(client.ask(wire.Capture(cameras=("no such camera",))), "REQUEST_INVALID")
     if live.ground_truth:
         _require(client.ask(wire.Observe(truth=True)), wire.Observation, "Observe")
     else:
-        _refuse(client.ask(wire.Observe(truth=True)), "NO_GROUND_TRUTH")
+        _refuse(client.ask(wire.Observe(truth=True)), "REQUEST_INVALID")
     plain = client.ask(wire.Observe())
     assert (plain.entities, plain.regions, plain.snapshot) == ((), (), None), "more than was asked for"
     if live.offers_tool(wire.SCENE_MODEL):

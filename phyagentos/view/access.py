@@ -18,7 +18,7 @@ class Access:
 
     @property
     def form_secret(self) -> str:
-        """What a form of our own page carries; nobody learns the token from it."""
+        """What a form of our own page carries; the token cannot be derived from it."""
         return hmac.new(self.token.encode(), b"form", hashlib.sha256).hexdigest()
 
     def admits(self, headers: Mapping[str, str], cookies: Mapping[str, str]) -> bool:

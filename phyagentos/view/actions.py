@@ -48,14 +48,14 @@ def perform(workspace: Workspace, name: str, form: Form) -> Done:
     """Carry out one action.
 
     Raises:
-        DefinitionError: `UNKNOWN_NAME`; `MISSING_PARAMETER` for an empty field; whatever its use case finds wrong.
+        DefinitionError: `UNKNOWN_NAME`; `MISSING_VALUE` for an empty field; whatever its use case finds wrong.
         ExecutionError: As its use case does.
     """
     if name not in ACTIONS:
         raise DefinitionError.unknown("action", "actions", name, ACTIONS)
     action = ACTIONS[name]
     if missing := [field for field in action.needs if not form.get(field, "").strip()]:
-        raise DefinitionError.of("MISSING_PARAMETER", name, "nothing", ", ".join(missing))
+        raise DefinitionError.of("MISSING_VALUE", name, "nothing", ", ".join(missing))
     fields = {"reason": "", **{key: clean(value) for key, value in form.items()}}
     result = action.act(workspace.root, fields)
     return Done(f"paos {action.command.format_map(fields)} -w {workspace.root}", result)

@@ -112,7 +112,7 @@ class Documents:
         return beat if beat is not None and beat.session == status.contract.id else None
 
     def read_bundle(self, status: SessionStatus) -> Bundle:
-        """The evidence of a session, as far as it is written; raises ExecutionError `EVIDENCE_UNREADABLE`."""
+        """The evidence of a session, as far as it is written; raises ExecutionError `EVIDENCE_DAMAGED`."""
         folder, execution = self.workspace.evidence_of(status.contract.id), status.execution
         key = (status.contract.id, status.updated_at, _find_latest([folder / TRACE]))
         if key not in self._bundles:

@@ -1,4 +1,4 @@
-"""Camera frames as perceived: the whole pictures of a session's looks, and where in them things were seen."""
+"""Camera frames as perceived: the whole pictures of a session's looks, and where in them objects were seen."""
 
 from collections import defaultdict
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from phyagentos.protocol.sessions.looks import (
 
 @dataclass(frozen=True, slots=True)
 class SeenFrame:
-    """A picture that perception has used; `seen` are the windows of things in it, by name."""
+    """A picture that perception has used; `seen` are the windows of objects in it, by name."""
 
     look: LookEntry
     frame: StoredFrame
@@ -24,7 +24,7 @@ class SeenFrame:
 
 
 def read_frames(bundle: Bundle) -> list[SeenFrame]:
-    """In the order of their looks; raises ExecutionError `LOOK_MISSING`, `EVIDENCE_UNREADABLE`."""
+    """In the order of their looks; raises ExecutionError `EVIDENCE_DAMAGED`."""
     windows: dict[str, dict[str, Window]] = defaultdict(dict)
     for world in (bundle.before, bundle.after):
         for entity in world.entities.values() if world is not None else ():

@@ -189,7 +189,7 @@ PANELS = (
           read=_read_scene, follows=(_JOURNAL, _BEATS), is_right=True),
     Panel(name="tree", title="Behaviour tree", file="evidence/{id}/trace.jsonl", command="paos tree show {skill}",
           read=_read_tree, follows=(_JOURNAL, _BEATS), is_right=True),
-    Panel(name="world", title="Things", file="evidence/{id}/environment_after.json",
+    Panel(name="world", title="Objects", file="evidence/{id}/environment_after.json",
           command="paos context -w {w}", read=_read_world, follows=(_JOURNAL, _FILES), is_right=True),
     Panel(name="frames", title="Camera frames", file="evidence/{id}/looks.json",
           command="paos verify {id} -w {w} --from-frames", read=_read_frames, is_right=True),

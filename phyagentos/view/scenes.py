@@ -1,6 +1,6 @@
 """The 3D scene of a session, live and in replay: viser with mjviser, one scene a viewer, behind the page's token.
 
-A running session shows its robot as its heartbeat says, and things where they were believed to be before. One that has
+A running session shows its robot as its heartbeat says, and objects where they were believed to be before. One that has
 ended shows any moment of its evidence.
 """
 
@@ -203,7 +203,7 @@ class Stage:
             self._show_believed(believed, time_s)
 
     def _show_believed(self, believed: Environment, time_s: float) -> None:
-        """Outlines of movable things, each with its age and doubt; doubted ones are red."""
+        """Outlines of movable objects, each with its age and uncertainty; uncertain ones are red."""
         scene, before, outlines = self._server.scene, self._outlines, list(iter_outlines(believed))
         with self._server.atomic():
             for each in before:
@@ -229,7 +229,7 @@ class Stage:
 
 
 class Cameras:
-    """What each camera saw last, with the windows of things, where the camera was; shown once its box is ticked."""
+    """What each camera saw last, with the windows of objects, where the camera was; shown once its box is ticked."""
 
     def __init__(self, server: Any) -> None:
         self._scene = server.scene

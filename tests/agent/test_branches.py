@@ -165,7 +165,7 @@ def test_a_bad_edge_is_told_with_its_place(write_graph, catalogue, old, new, tol
 def test_a_goal_with_a_branch_needs_an_acceptance_of_its_own(write_graph, catalogue):
     text = GRAPH.replace('    accept: ["count(inside(*, green_tray)) >= 1"]\n', "")
     (problem,) = check_goal_graph(write_graph(text), catalogue)
-    assert str(problem).endswith(":15:5: NOTHING_TO_ACCEPT: found an edge on failure; expected 'accept' of the goal")
+    assert str(problem).endswith(":15:5: MISSING_VALUE: found an edge on failure; expected 'accept' of the goal")
 
 
 def test_an_edge_is_read_the_same_with_on_as_a_word_and_as_a_truth_value():

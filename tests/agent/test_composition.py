@@ -147,19 +147,19 @@ def test_a_parameter_does_not_reach_below_a_variable_or_an_argument_of_its_name(
     [
         (
             {"thing": "bottle"},
-            r"^--set thing:1:1: INVALID_PARAMETER: found 'bottle', of kind bottle; expected of kind cube",
+            r"^--set thing:1:1: INVALID_VALUE: found 'bottle', of kind bottle; expected of kind cube",
         ),
         (
             {"thing": "red_cub"},
             r"^--set thing:1:1: UNKNOWN_NAME \(object\): found 'red_cub'.*Did you mean 'red_cube'\?",
         ),
-        ({"speed": "7"}, r"^--set speed:1:1: INVALID_PARAMETER: found 7; expected at most 1.0"),
-        ({"speed": "fast"}, r"^--set speed:1:1: INVALID_PARAMETER: found 'fast'; expected number"),
+        ({"speed": "7"}, r"^--set speed:1:1: INVALID_VALUE: found 7; expected at most 1.0"),
+        ({"speed": "fast"}, r"^--set speed:1:1: INVALID_VALUE: found 'fast'; expected number"),
         (
             {"sped": "0.5"},
             r"^--set sped: UNKNOWN_NAME \(parameter\): found 'sped'; .*targets.arm.*Did you mean 'speed'\?",
         ),
-        ({"thing": "["}, r"^--set thing:\d+:\d+: YAML_SYNTAX"),
+        ({"thing": "["}, r"^--set thing:\d+:\d+: SYNTAX"),
     ],
 )
 def test_a_bad_value_is_told_once_where_it_was_given(whole, catalogue, tmp_path, overrides, told):
@@ -185,8 +185,14 @@ def _line(text, words):
     [
         ("part", "skill: pick_and_place", "skill: pick_and_plaze", "|skill: pick_and_plaze", r"UNKNOWN_NAME \(skill\)"),
         ("part", "tray: {type: place, default", "tray: {type: plac, default", "tray: {|type: plac", "INVALID_VALUE"),
-        ("part", "default: red_tray", "default: red_tary", "|default: red_tary", r"\(object\).*'red_tray'"),
-        ("part", ", default: red_tray", "", "|tray: {type: place}", "MISSING_KEY.*'default'"),
+        (
+            "part",
+            "default: red_tray",
+            "default: red_tary",
+            "|default: red_tary",
+            r"UNKNOWN_NAME \(object\).*'red_tray'",
+        ),
+        ("part", ", default: red_tray", "", "|tray: {type: place}", "MISSING_VALUE.*'default'"),
         ("part", "after: [carry]", "after: [cary]", "after: [|cary", r"UNKNOWN_NAME \(node\): found 'first-cary'"),
         (
             "part",
@@ -196,17 +202,23 @@ def _line(text, words):
             r"UNKNOWN_NAME \(reference\).*Did you mean 'thing'",
         ),
         ("part", "upright(bottle)", "upright(botle)", 'constraints: [|"upr', r"UNKNOWN_NAME \(object\).*'bottle'"),
-        ("part", "scene: table", "scene: tabel", "|scene: tabel", "INCLUDE_DIFFERS: found 'tabel'; expected 'table'"),
+        ("part", "scene: table", "scene: tabel", "|scene: tabel", "INVALID_VALUE: found 'tabel'; expected 'table'"),
         ("part", "queue_s: 9", "queue: 9", "|queue: 9", r"UNKNOWN_NAME \(key\).*'queue_s'"),
-        ("part", "      carry:", "      Carry:", "|Carry:", "INVALID_NAME"),
+        ("part", "      carry:", "      Carry:", "|Carry:", "INVALID_VALUE"),
         ("graph", "{include: part}", "{include: prt}", "{|include: prt", r"UNKNOWN_NAME \(file\).*Did you mean 'part'"),
-        ("graph", "{thing: green", "{thng: green", "{|thng: green", r"\(parameter\).*Did you mean 'thing'"),
+        (
+            "graph",
+            "{thing: green",
+            "{thng: green",
+            "{|thng: green",
+            r"UNKNOWN_NAME \(parameter\).*Did you mean 'thing'",
+        ),
         (
             "graph",
             "{thing: green_cube",
             "{thing: bottle",
             "{|thing: bottle",
-            "INVALID_PARAMETER.*of kind cube",
+            "INVALID_VALUE.*of kind cube",
         ),
         ("graph", "{thing: green_cube", '{thing: "${cub}"', '{|thing: "${cub}"', r"UNKNOWN_NAME \(reference\)"),
         ("graph", "after: [first]", "aftr: [first]", "|aftr: [first]", r"UNKNOWN_NAME \(key\).*Did you mean 'after'"),

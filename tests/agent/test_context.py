@@ -108,7 +108,7 @@ def test_the_question_is_never_dropped():
         Section("question", {"statement": "q" * 900}),
         Section("request", {"g": {"objective": "r" * 900}}),
     )
-    refusal = r"CONTEXT_TOO_LARGE: found a budget of 300 tokens; expected at least (\d+)"
+    refusal = r"TOO_LARGE: found a budget of 300 tokens; expected at least (\d+)"
     with pytest.raises(DefinitionError, match=refusal) as refused:
         build_context("verify", [others, question], 300)
     least = int(re.search(refusal, str(refused.value))[1])
@@ -120,7 +120,7 @@ def test_a_section_that_the_purpose_does_not_have_is_left_out():
     world = Section("world", {"cube": {"kind": "cube"}})
     assert build_context("verify", [world], 8_000).sections == ()  # who looks at pictures sees for itself
     assert build_context("repair", [world], 8_000).sections == (world,)
-    with pytest.raises(DefinitionError, match=r"INVALID_VALUE: found 'plot'; expected plan, repair, verify"):
+    with pytest.raises(DefinitionError, match=r"UNKNOWN_NAME \(purpose\): found 'plot'; expected plan, repair, verify"):
         build_context("plot", [world], 8_000)
 
 

@@ -105,12 +105,12 @@ def test_a_goal_that_is_over_is_not_reported_for_another_graph(make_stage, tidy,
 @pytest.mark.parametrize("goal", ["../../escaped", "a/b", ".", "..", ".hidden", "-x", "a b", "a\n", "é", "", "g" * 101])
 def test_an_id_that_is_no_name_of_a_file_is_refused(make_stage, tidy, goal, tmp_path):
     stage = make_stage()
-    with pytest.raises(DefinitionError, match=r"INVALID_NAME: found .*; expected letters"):
+    with pytest.raises(DefinitionError, match=r"INVALID_VALUE: found .*; expected letters"):
         stage.make_mission().run(tidy, seed=7, goal=goal)
     assert list(stage.workspace.goals.iterdir()) == []
     assert not list(tmp_path.rglob("*escaped*"))
 
 
 def test_a_seed_that_makes_the_id_too_long_is_refused(make_stage, tidy):
-    with pytest.raises(DefinitionError, match="INVALID_NAME"):
+    with pytest.raises(DefinitionError, match="INVALID_VALUE"):
         make_stage().make_mission().run(tidy, seed=10**120)

@@ -190,7 +190,7 @@ JUDGING = [
     ),
     ([IN_TRAY, criterion(IN_TRAY.text, Truth.FALSE, "vision")], Cause.JUDGES_DISAGREE),
     (
-        [IN_TRAY, criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", failure="MODEL_UNREACHABLE")],
+        [IN_TRAY, criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", failure="MODEL_FAILED")],
         Cause.JUDGE_FAILED,
     ),
     ([IN_TRAY, criterion("scorer", Truth.UNKNOWN, "scorer", failure="JUDGE_FAILED")], Cause.JUDGE_FAILED),
@@ -211,7 +211,7 @@ def test_a_verdict_that_its_own_judges_prevent_is_the_verifiers(criteria, cause)
         [IN_TRAY, criterion(IN_TRAY.text, Truth.UNKNOWN, "vision")],
         [
             criterion(IN_TRAY.text, Truth.FALSE),
-            criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", failure="MODEL_UNREACHABLE"),
+            criterion(IN_TRAY.text, Truth.UNKNOWN, "vision", failure="MODEL_FAILED"),
         ],
         [IN_TRAY, criterion("not moved(red_cube)", Truth.FALSE, "hold")],
         [criterion("inside(red_cube, red_tray) or not inside(red_cube, blue_tray)", Truth.FALSE)],

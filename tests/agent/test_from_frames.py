@@ -71,5 +71,5 @@ def test_a_sample_that_was_unknown_has_to_be_unknown_again(bundle):
 
 @pytest.mark.parametrize(("missing", "role"), [("before", "start"), ("after", "end")])
 def test_a_snapshot_whose_look_is_gone_cannot_be_judged_again(bundle, missing, role):
-    with pytest.raises(ExecutionError, match=f"LOOK_MISSING.*no look of the {role}, but a snapshot of it"):
+    with pytest.raises(ExecutionError, match=f"EVIDENCE_DAMAGED.*no look of the {role}, but a snapshot of it"):
         judge(bundle, **{missing: None})

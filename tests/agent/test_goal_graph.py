@@ -92,11 +92,11 @@ def test_every_problem_is_reported_with_file_line_and_column(write_graph, catalo
         ("UNKNOWN_NAME (target)", "13:5"),
         ("UNKNOWN_NAME (node)", "16:13"),
         ("UNKNOWN_NAME (parameter)", "18:12"),
-        ("MISSING_PARAMETER", "18:5"),
-        ("INVALID_PARAMETER", "18:30"),
-        ("INVALID_PARAMETER", "18:51"),
+        ("MISSING_VALUE", "18:5"),
+        ("INVALID_VALUE", "18:30"),
+        ("INVALID_VALUE", "18:51"),
         ("UNKNOWN_NAME (predicate)", "19:14"),
-        ("NOT_COMPARED", "19:43"),
+        ("INVALID_VALUE", "19:43"),
         ("UNKNOWN_NAME (output)", "22:52"),
         ("UNKNOWN_NAME (node)", "25:31"),
         ("NO_CANDIDATE", "28:5"),
@@ -114,14 +114,14 @@ def test_every_problem_is_reported_with_file_line_and_column(write_graph, catalo
         ("UNKNOWN_NAME (node)", r"found 'tow'; .* Did you mean 'two'\?"),
         ("UNKNOWN_NAME (node)", r"found 'red' in \$\{red.outputs.place_site\}"),
         ("UNKNOWN_NAME (parameter)", r"found 'objekt'; .* Did you mean 'object'\?"),
-        ("MISSING_PARAMETER", r"found no 'object' for skill 'pick_and_place'; expected entity"),
-        ("INVALID_PARAMETER", r"found \[1, 2\]; expected a name"),
-        ("INVALID_PARAMETER", r"found 7; expected at most 1.0"),
+        ("MISSING_VALUE", r"found no 'object' for skill 'pick_and_place'; expected entity"),
+        ("INVALID_VALUE", r"found \[1, 2\]; expected a name"),
+        ("INVALID_VALUE", r"found 7; expected at most 1.0"),
         (
             "UNKNOWN_NAME (predicate)",
             r"found 'insid' at column 1 of 'insid\(red_cube, red_tray\)'.*Did you mean 'inside'\?",
         ),
-        ("NOT_COMPARED", r"found 'tilt' at column 1"),
+        ("INVALID_VALUE", r"found 'tilt' at column 1"),
         (
             "UNKNOWN_NAME (output)",
             r"found 'place_sight' of node 'five' .*expected place_site. Did you mean 'place_site'\?",
@@ -171,7 +171,7 @@ def test_an_output_of_the_wrong_type_is_refused(write_graph, catalogue):
 
 def test_a_reference_to_a_whole_fan_out_is_ambiguous(write_graph, catalogue):
     text = GOOD.replace("${red.outputs.place_site}", "${each.outputs.place_site}")
-    with pytest.raises(DefinitionError, match=r"AMBIGUOUS_REFERENCE.*each-green_cube.outputs.place_site"):
+    with pytest.raises(DefinitionError, match=r"INVALID_VALUE.*each-green_cube.outputs.place_site"):
         read_goal_graph(write_graph(text), catalogue)
 
 
@@ -200,7 +200,7 @@ def test_mermaid_shows_edges_outputs_and_choices(write_graph, catalogue):
 def test_nothing_to_accept_is_a_problem(write_graph, catalogue, tmp_path):
     idle = catalogue.skills["pick"].model_copy(update={"guarantees": ()})
     changed = replace(catalogue, skills={**catalogue.skills, "pick": idle})
-    with pytest.raises(DefinitionError, match=r"NOTHING_TO_ACCEPT.*a session without a criterion can never succeed"):
+    with pytest.raises(DefinitionError, match=r"MISSING_VALUE.*a session without a criterion can never succeed"):
         read_goal_graph(write_graph(GOOD), changed)
 
 
@@ -216,11 +216,11 @@ def test_every_shipped_goal_graph_is_free_of_problems(monkeypatch):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("goal: good", f"goal: {'g' * 81}", r"1:1: INVALID_NAME: found 'g{81}'; expected at most 80 letters"),
-        ("  last:", f"  {'n' * 81}:", r"20:3: INVALID_NAME: found 'n{81}'; expected at most 80 lower-case letters"),
-        ("yellow_cube]", f"{'v' * 100}]", r"15:5: INVALID_NAME: found 'each-v{100}'; expected values that make"),
+        ("goal: good", f"goal: {'g' * 81}", r"1:1: INVALID_VALUE: found 'g{81}'; expected at most 80 letters"),
+        ("  last:", f"  {'n' * 81}:", r"20:3: INVALID_VALUE: found 'n{81}'; expected at most 80 lower-case letters"),
+        ("yellow_cube]", f"{'v' * 100}]", r"15:5: INVALID_VALUE: found 'each-v{100}'; expected values that make"),
         ("skill: pick\n", "skill: pick\n        priority: 1000001\n", r"23:5: INVALID_VALUE: found 1000001"),
-        ("objective: Everything at once.", "objective: 2001-99-99", r"2:12: YAML_SYNTAX: found '2001-99-99' is no"),
+        ("objective: Everything at once.", "objective: 2001-99-99", r"2:12: SYNTAX: found '2001-99-99' is no"),
     ],
 )
 def test_what_the_planes_could_not_take_is_a_problem_of_the_file(write_graph, catalogue, old, new, message):
@@ -230,7 +230,7 @@ def test_what_the_planes_could_not_take_is_a_problem_of_the_file(write_graph, ca
 
 
 def test_an_override_that_is_no_yaml_is_told_with_its_place(write_graph, catalogue):
-    with pytest.raises(DefinitionError, match=r"--set objective:\d+:\d+: YAML_SYNTAX"):
+    with pytest.raises(DefinitionError, match=r"--set objective:\d+:\d+: SYNTAX"):
         read_goal_graph(write_graph(GOOD), catalogue, {"objective": "["})
 
 

@@ -9,7 +9,7 @@ from phyagentos.agent.context.of_workspace import find_lessons, holds_for
 from phyagentos.agent.judging.diagnosis import diagnose
 from phyagentos.agent.judging.verifier import DEFAULT_JUDGES, History, SessionVerifier
 from phyagentos.protocol.sessions.lessons import Lesson, render_lessons
-from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.memory_entries import EntryState, Scope
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
@@ -93,7 +93,7 @@ def pursue(stage, graph, verifier, lessons=(LESSON,)):
 def test_judges_of_a_mission_see_the_earlier_sessions_of_the_node_and_the_lessons_in_force(make_stage, two):  # noqa: F811
     witness = Witness()
     others = msgspec.structs.replace(LESSON, id="lesson-other", scope=Scope(skill="push"))
-    retracted = msgspec.structs.replace(LESSON, id="lesson-old", state=Standing.RETRACTED, reason="other fingers")
+    retracted = msgspec.structs.replace(LESSON, id="lesson-old", state=EntryState.RETRACTED, reason="other fingers")
     script = {"red": drop, "red.r1": drop}
     verifier = SessionVerifier(judges=(*DEFAULT_JUDGES, witness))
     ledger = pursue(make_stage(script), two, verifier, (LESSON, others, retracted))
@@ -156,7 +156,7 @@ def test_lessons_are_read_again_when_they_change_and_are_none_while_they_cannot_
     assert find_lessons(path, session, world) == ()
     path.write_text(render_lessons([LESSON]))
     assert find_lessons(path, session, world) == (LESSON,)
-    path.write_text(render_lessons([msgspec.structs.replace(LESSON, state=Standing.EXPIRED, reason="long ago")]))
+    path.write_text(render_lessons([msgspec.structs.replace(LESSON, state=EntryState.EXPIRED, reason="long ago")]))
     assert find_lessons(path, session, world) == ()
     path.write_text("no document at all")
     assert find_lessons(path, session, world) == ()

@@ -11,7 +11,7 @@ from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.evidence import write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, Alternative, LookaheadResult
 from phyagentos.protocol.sessions.session import Session, SessionStatus
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 from phyagentos.testing import make_contract
 
 from .conftest import ScriptedRuntime, make_rejection
@@ -72,7 +72,7 @@ def test_where_no_other_way_is_better_the_own_one_is_tried(tmp_path):
     advice = revise_refused(make_refused(), tmp_path)
 
     assert advice is not None
-    assert (advice.strategy, advice.threshold) == (OWN_WAY, 0.0)
+    assert (advice.strategy, advice.threshold) == (DEFAULT_STRATEGY, 0.0)
     assert "none of 1 alternative is better" in advice.reasons[0]
 
 
@@ -129,7 +129,11 @@ def test_a_goal_whose_session_is_refused_is_met_by_its_child_and_no_replan_is_sp
     assert report.verdict == "success", report
     assert report.first_attempt_success == {"red": True}
     assert [each.lookahead.threshold for each in (first, child, last)] == [0.8, 0.8, 0.0]
-    assert [each.strategy for each in (first, child, last)] == [OWN_WAY, Strategy(speed=0.5), Strategy(speed=0.5)]
+    assert [each.strategy for each in (first, child, last)] == [
+        DEFAULT_STRATEGY,
+        Strategy(speed=0.5),
+        Strategy(speed=0.5),
+    ]
     assert len({each.lookahead.seed for each in (first, child, last)}) == 3
     assert [each.id for each in stage.runtime.ran] == [last.id]
 

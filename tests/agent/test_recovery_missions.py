@@ -16,7 +16,7 @@ from phyagentos.errors import Problem
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
@@ -385,7 +385,7 @@ def test_other_policies_run_in_the_same_mission_loop(make_stage, two, policy, ve
     report = stage.make_mission(policy=policy).run(two, seed=7)
     assert report.verdict == verdict
     assert [session.id.removeprefix("two-7.") for session in stage.runtime.ran] == ran
-    assert all(session.strategy == OWN_WAY for session in stage.runtime.ran)
+    assert all(session.strategy == DEFAULT_STRATEGY for session in stage.runtime.ran)
 
 
 def test_advice_of_memory_is_in_the_contract_and_told_with_its_source(make_stage, two):
@@ -398,7 +398,7 @@ def test_advice_of_memory_is_in_the_contract_and_told_with_its_source(make_stage
     stage = make_stage()
     stage.make_mission(advisor=Memory()).run(two, seed=7)
     green, red = stage.runtime.ran
-    assert (green.strategy, green.advised_by) == (OWN_WAY, ())
+    assert (green.strategy, green.advised_by) == (DEFAULT_STRATEGY, ())
     assert (red.strategy, red.advice, red.advised_by) == (Strategy(speed=0.25), ("lesson-3: it slips",), ("lesson-3",))
 
 

@@ -15,7 +15,7 @@ from phyagentos.agent.repair.case import UnmetObjective
 from phyagentos.agent.repair.retrying import revise
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Execution, Session
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 from phyagentos.protocol.sessions.trace import Role, TraceEvent, find_label
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.idealisations import Aspect, Idealisation
@@ -245,18 +245,18 @@ def test_the_approach_that_was_carried_out_is_told_from_those_that_were_found():
 @pytest.mark.parametrize(
     ("cause", "before", "after"),
     [
-        (Cause.GRASP_MISSED, OWN_WAY, Strategy(avoid_grasps=("yaw+090",))),
-        (Cause.GRASP_LOST, OWN_WAY, Strategy(avoid_grasps=("yaw+090",), speed=0.5)),
+        (Cause.GRASP_MISSED, DEFAULT_STRATEGY, Strategy(avoid_grasps=("yaw+090",))),
+        (Cause.GRASP_LOST, DEFAULT_STRATEGY, Strategy(avoid_grasps=("yaw+090",), speed=0.5)),
         (
             Cause.GRASP_LOST,
             Strategy(speed=0.3, avoid_grasps=("yaw+000",)),
             Strategy(avoid_grasps=("yaw+000", "yaw+090"), speed=0.25),
         ),
-        (Cause.PLACED_WRONG, OWN_WAY, Strategy(avoid_sites=("site1",), speed=0.5)),
-        (Cause.OBJECT_MOVED, OWN_WAY, OWN_WAY),
-        (Cause.ADAPTER_REFUSED, OWN_WAY, Strategy(avoid_sites=("site1.yaw+000",))),
+        (Cause.PLACED_WRONG, DEFAULT_STRATEGY, Strategy(avoid_sites=("site1",), speed=0.5)),
+        (Cause.OBJECT_MOVED, DEFAULT_STRATEGY, DEFAULT_STRATEGY),
+        (Cause.ADAPTER_REFUSED, DEFAULT_STRATEGY, Strategy(avoid_sites=("site1.yaw+000",))),
         (Cause.NO_PLAN, Strategy(avoid_grasps=("yaw+000",), speed=0.5), Strategy(speed=0.5)),
-        (Cause.TIMED_OUT, OWN_WAY, OWN_WAY),
+        (Cause.TIMED_OUT, DEFAULT_STRATEGY, DEFAULT_STRATEGY),
     ],
 )
 def test_the_strategy_answers_the_cause(cause, before, after):

@@ -96,9 +96,9 @@ def test_no_view_can_be_changed(demo):
 
 def test_a_session_without_evidence_has_no_trajectory_and_no_replay(demo, tmp_path):
     gone = replace(demo["green"], evidence=tmp_path)
-    with pytest.raises(ExecutionError, match="EVIDENCE_UNREADABLE"):
+    with pytest.raises(ExecutionError, match="EVIDENCE_DAMAGED"):
         _ = gone.trajectory
-    with pytest.raises(ExecutionError, match="EVIDENCE_UNREADABLE"):
+    with pytest.raises(ExecutionError, match="EVIDENCE_DAMAGED"):
         demo.replay("green")  # its scene model was not stored
 
 
@@ -272,7 +272,7 @@ def test_a_request_becomes_a_graph_in_a_workspace_that_a_run_takes(tmp_path, mon
         ({"goal_graph": "tidy_tabel"}, "UNKNOWN_NAME (file)"),
         ({"faults": "slipp"}, "UNKNOWN_NAME (file)"),
         ({"overrides": {"cube.of": "red"}}, "INVALID_VALUE"),
-        ({"overrides": {"cube": "red"}}, "INVALID_VALUE"),
+        ({"overrides": {"cube": "red"}}, "UNKNOWN_NAME (parameter)"),
         ({"sense": "truht"}, "UNKNOWN_NAME (sense)"),
     ],
 )

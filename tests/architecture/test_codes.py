@@ -26,11 +26,14 @@ OTHER_NAMES = {
     "OPENBLAS_NUM_THREADS",
     "PAOS_DEBUG",
     "PHYAGENTOS_ENVIRONMENTS",
+    "PHYAGENTOS_FORKED_FOR",
+    "PHYAGENTOS_FORK_SERVER",
     "PHYAGENTOS_MEMORY",
     "PHYAGENTOS_MODEL",
     "PHYAGENTOS_MODELS",
     "PHYAGENTOS_MODEL_KEY",
     "PHYAGENTOS_MODEL_URL",
+    "PYTHON",
     "PYTHONPATH",
     "RAY_ADDRESS",
     "RGBA",
@@ -39,7 +42,7 @@ OTHER_NAMES = {
     "WIRE_VERSION",
 }  # the system's, and attributes of classes
 OF_SQLITE = {"COMMIT", "DEFERRED", "IMMEDIATE", "ROLLBACK"}
-METAVARS = {"AREA", "BODY", "FILE", "MATERIAL", "MODEL", "ROBOT", "SESSION"}  # of patterns and help texts
+METAVARS = {"AREA", "BODY", "FILE", "MATERIAL", "MODEL", "ROBOT", "SESSION", "TREE"}  # of patterns and help texts
 OF_HTTP = {"POST"}
 TRACE = {"SUCCESS", "FAILURE"}  # py_trees' own words
 

@@ -41,7 +41,7 @@ def run(hops):
 
 
 def test_a_way_counts_calls_below_what_its_waypoints_share_and_messages(hops, run):
-    way = hops.Way(run, run.events[0], loop="Loop")
+    way = hops.ApproachCandidate(run, run.events[0], loop="Loop")
     way.call("guard", "worker")
     way.send("Command", "worker", "world")
     way.step()
@@ -53,13 +53,13 @@ def test_a_way_counts_calls_below_what_its_waypoints_share_and_messages(hops, ru
 def test_a_function_that_was_called_again_is_another_one(hops, run):
     again = hops.Event(9, 1, "worker", "SafetyGuard.judge", ((7, "f.py", "Loop.run"), (8, "f.py", "judge")))
     run.events.append(again)
-    way = hops.Way(run, run.events[2])
+    way = hops.ApproachCandidate(run, run.events[2])
     way.call("guard", "worker")
 
     assert [hop.name for hop in way.hops] == ["Loop.run", "judge"]
 
 
 def test_a_waypoint_that_is_not_there_is_named(hops, run):
-    way = hops.Way(run, run.events[0])
+    way = hops.ApproachCandidate(run, run.events[0])
     with pytest.raises(hops.WaypointMissing, match="'queue' in the watchdog: none of"):
         way.call("queue", "watchdog")

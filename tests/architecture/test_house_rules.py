@@ -1,6 +1,7 @@
 """The rules of the house that no linter knows."""
 
 import ast
+import re
 import subprocess
 import sys
 from functools import cache
@@ -163,12 +164,11 @@ MAY_START_PYTHON = {
     "phyagentos/runtime/channel.py": "planners",
     "phyagentos/runtime/supervision/world_process.py": "worlds and workers",
 }
-MAY_START = {
+MAY_START = {  # outside of the command line, which starts the editor of a person alone
     "phyagentos/fork_server.py": "those",
-    "phyagentos/assembly/runtime_plane.py": "the thinning of evidence, at the lowest priority beside control",
     "phyagentos/bench/availability.py": "environments of others, made and looked at",
     "phyagentos/bench/sweep.py": "policies of a suite",
-    "phyagentos/operations/doctor.py": "a picture, tried without a screen",
+    "phyagentos/operations/doctor.py": "a picture: a graphics driver that crashes must not take the report with it",
     "phyagentos/runtime/drivers/gymnasium.py": "environments of others",
 }
 
@@ -198,3 +198,20 @@ def test_only_the_command_line_prints_prompts_and_exits():
 def test_child_processes_are_planes_planners_worlds_episodes_and_environments_of_others():
     assert set(find_callers(lambda each: each.startswith(STARTS))) == set(MAY_START)
     assert set(find_callers(lambda each: each == "start_python")) == set(MAY_START_PYTHON)
+    commands = sorted((PACKAGE / "cli").rglob("*.py"))
+    assert [path.name for path in commands if any(each.startswith(STARTS) for each in find_calls(path))] == [
+        "editing.py"
+    ]
+
+
+def test_no_process_is_started_for_what_an_operation_does():
+    """`python -m phyagentos` starts the planes, each by its name; other processes are modules of their own."""
+    texts = {name_of(path): path.read_text(encoding="utf-8") for path in MODULES}
+    started = {name: re.findall(r'"-m",\s*"(phyagentos[\w.]*)"', text) for name, text in texts.items()}
+    assert {name: modules for name, modules in started.items() if modules} == {
+        "phyagentos/assembly/planes.py": ["phyagentos"],
+        "phyagentos/assembly/processes.py": ["phyagentos.assembly.processes"],
+        "phyagentos/bench/episode.py": ["phyagentos.bench.episode"],
+        "phyagentos/fork_server.py": ["phyagentos.fork_server"],
+        "phyagentos/runtime/motion/process.py": ["phyagentos.runtime.motion.process"],
+    }

@@ -1,6 +1,7 @@
 """`paos bench` as a person uses it: settings act, a killed run goes on, passes learn, figures lead to evidence."""
 
 import json
+import signal
 import socket
 import subprocess
 import sys
@@ -96,7 +97,10 @@ def test_a_run_that_is_killed_goes_on_without_repeating_or_losing_an_episode(tmp
     is_busy = False
     while not 2 <= len(list(run.glob("episodes/*/workspace/workspace.yaml"))) == len(read_lines(run)) + 1:
         assert process.poll() is None
-        is_busy = is_busy or ((run / "episodes").exists() and "RUN_BUSY" in call(folder, "resume", "r", code=4).stderr)
+        if not is_busy and (run / "episodes").exists():
+            process.send_signal(signal.SIGSTOP)  # its first episode goes on, and no further one begins meanwhile
+            is_busy = "BUSY" in call(folder, "resume", "r", code=4).stderr
+            process.send_signal(signal.SIGCONT)
         assert time.monotonic() < deadline_s, "no second episode began"  # noqa: TID251
         time.sleep(0.01)  # noqa: TID251
     process.kill()

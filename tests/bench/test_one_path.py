@@ -19,7 +19,7 @@ from phyagentos.assembly.planes import start_watch
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.memory_entries import Embodiment
-from phyagentos.protocol.sessions.strategy import OWN_WAY
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.settings.verification import Verification
 from phyagentos.protocol.settings.verification_mode import VerificationMode
@@ -162,7 +162,7 @@ def test_memory_is_left_alone_or_read_or_grows(pursue, tmp_path):
         _, statuses = pursue(memory=tmp_path, memory_use=use)
         return statuses[0].contract.strategy, bool(statuses[0].contract.advised_by), count_records() > before
 
-    assert measure(MemoryUse.NONE) == (OWN_WAY, False, False)
+    assert measure(MemoryUse.NONE) == (DEFAULT_STRATEGY, False, False)
     assert measure(MemoryUse.READ) == (SLOW, True, False)
     assert measure(MemoryUse.LEARN) == (SLOW, True, True)
 

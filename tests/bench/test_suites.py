@@ -14,7 +14,7 @@ from phyagentos.bench.matrix import compile_suite
 from phyagentos.bench.records import EpisodeLog, EpisodeRecord, read_records
 from phyagentos.bench.scorers.scorer import FILE, OUTCOMES
 from phyagentos.bench.scoring import Taxon, classify_cause, classify_problems
-from phyagentos.bench.suite_file import Asked, Policy, Variant, merge
+from phyagentos.bench.suite_file import FigureThreshold, Policy, Variant, merge
 from phyagentos.bench.summary import compare, compute_figure
 from phyagentos.bench.sweep import begin_run, run_sweep
 from phyagentos.clock import SystemClock
@@ -76,18 +76,33 @@ def test_of_two_axes_that_say_the_same_the_later_one_is_heard():
 
 MISTAKES = {
     "a graph": ({"tasks": {"tidy": {**TIDY, "graph": "tidy_tabel"}}}, "UNKNOWN_NAME (file)", 5, "tidy_table"),
-    "a condition": ({"tasks": {"tidy": {**TIDY, "score": {"red": {"in_trey": []}}}}}, "UNKNOWN_NAME", 8, "in_tray"),
-    "its arguments": ({"tasks": {"tidy": {**TIDY, "score": {"red": {"in_tray": ["x"]}}}}}, "WRONG_ARGUMENTS", 8, ""),
+    "a condition": (
+        {"tasks": {"tidy": {**TIDY, "score": {"red": {"in_trey": []}}}}},
+        "UNKNOWN_NAME (condition)",
+        8,
+        "in_tray",
+    ),
+    "its arguments": ({"tasks": {"tidy": {**TIDY, "score": {"red": {"in_tray": ["x"]}}}}}, "INVALID_VALUE", 8, ""),
     "a scorer": ({"scorer": "simulater"}, "UNKNOWN_NAME (scorer)", 13, "simulator"),
     "a repair": ({"common": {"repair": "repare"}}, "UNKNOWN_NAME (repair policy)", 15, "repair"),
     "a module": ({"common": {"repair": "no_such_module:Repair"}}, "UNKNOWN_NAME (repair policy)", 15, ""),
     "faults": ({"settings": {"x": {"faults": "one_randon"}}}, "UNKNOWN_NAME (file)", 16, "one_random"),
-    "an axis": ({"asked": [{"figure": "final", "where": {"tusk": "tidy"}, "at_least": 1}]}, "UNKNOWN_NAME", 17, "task"),
-    "a value": ({"asked": [{"figure": "final", "where": {"task": "tidi"}, "at_least": 1}]}, "UNKNOWN_NAME", 17, "tidy"),
-    "no bound": ({"asked": [{"figure": "final"}]}, "MISSING_KEY", 15, ""),
+    "an axis": (
+        {"asked": [{"figure": "final", "where": {"tusk": "tidy"}, "at_least": 1}]},
+        "UNKNOWN_NAME (axis)",
+        17,
+        "task",
+    ),
+    "a value": (
+        {"asked": [{"figure": "final", "where": {"task": "tidi"}, "at_least": 1}]},
+        "UNKNOWN_NAME (task)",
+        17,
+        "tidy",
+    ),
+    "no bound": ({"asked": [{"figure": "final"}]}, "MISSING_VALUE", 15, ""),
     "a key": ({"common": {"sens": "truth"}}, "UNKNOWN_NAME (key)", 15, "sense"),
-    "an environment": ({"common": {"environment": "libero"}}, "UNKNOWN_NAME", 15, ""),
-    "a file": ({"common": {"files": {"safty.yaml": {}}}}, "UNKNOWN_NAME", 16, "safety.yaml"),
+    "an environment": ({"common": {"environment": "libero"}}, "UNKNOWN_NAME (environment)", 15, ""),
+    "a file": ({"common": {"files": {"safty.yaml": {}}}}, "UNKNOWN_NAME (settings file)", 16, "safety.yaml"),
     "its value": ({"common": {"files": {"perception.yaml": {"sensing": "lies"}}}}, "INVALID_VALUE", 17, ""),
     "an override": ({"common": {"set": {"targets.arn": "panda"}}}, "UNKNOWN_NAME (role)", 0, ""),
 }
@@ -220,12 +235,15 @@ def test_figures_are_those_of_the_records():
         make_record("a.2", seed=2, is_met=False, replans=1, parts={"x": True, "y": False}, first_parts={"x": False}),
         make_record("a.3", seed=3, is_met=True, replans=1, verdict="failure", parts={"x": True, "y": True}),
     ]
-    found = {name: compute_figure(Asked(figure=name), records) for name in ("final", "first", "parts", "first_parts")}
+    found = {
+        name: compute_figure(FigureThreshold(figure=name), records)
+        for name in ("final", "first", "parts", "first_parts")
+    }
 
     assert found == {"final": 2 / 3, "first": 1 / 3, "parts": 5 / 6, "first_parts": 0.5}
-    assert compute_figure(Asked(figure="parts", part="y"), records) == 2 / 3
-    assert compute_figure(Asked(figure="false_successes"), records) == 1.0
-    assert compute_figure(Asked(figure="false_failures"), records) == 1.0
+    assert compute_figure(FigureThreshold(figure="parts", part="y"), records) == 2 / 3
+    assert compute_figure(FigureThreshold(figure="false_successes"), records) == 1.0
+    assert compute_figure(FigureThreshold(figure="false_failures"), records) == 1.0
 
 
 def test_every_cause_of_a_verdict_has_a_kind_of_failure():
@@ -235,7 +253,7 @@ def test_every_cause_of_a_verdict_has_a_kind_of_failure():
     assert kinds[Cause.OBJECT_HIDDEN] is Taxon.PERCEPTION
     assert kinds[Cause.GRASP_MISSED] is Taxon.EXECUTION
     assert classify_problems([Problem("NO_IK", "x")]) is Taxon.PLANNING
-    assert classify_problems([Problem("JOINT_MISSING", "x")]) is Taxon.ADAPTER
+    assert classify_problems([Problem("ACTION_SPACE_MISMATCH (joints)", "x")]) is Taxon.ADAPTER
     assert classify_problems([Problem("POLICY_MISMATCH", "x")]) is Taxon.POLICY
 
 

@@ -99,11 +99,11 @@ def test_only_the_goal_of_a_problem_is_read():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("(:goal (And (In a b))", r"PREDICATE_SYNTAX: .*1 '\(' without their '\)'"),
-        ("(:goal a))", r"PREDICATE_SYNTAX: .*a '\)' without its '\('"),
-        ("(define (:init))", r"PREDICATE_SYNTAX: .*no \(:goal"),
-        ("(:goal (Not (In gem crate_room)))", r"PREDICATE_SYNTAX: .*\(Not .*and, or"),
-        ("(:goal (In gem))", r"PREDICATE_SYNTAX: .*In of 1 terms"),
+        ("(:goal (And (In a b))", r"SYNTAX: .*1 '\(' without their '\)'"),
+        ("(:goal a))", r"SYNTAX: .*a '\)' without its '\('"),
+        ("(define (:init))", r"SYNTAX: .*no \(:goal"),
+        ("(:goal (Not (In gem crate_room)))", r"SYNTAX: .*\(Not .*and, or"),
+        ("(:goal (In gem))", r"SYNTAX: .*In of 1 terms"),
         ("(:goal (And (In pearl crate_room)))", r"UNKNOWN_NAME \(object\): .*'pearl'"),
         ("(:goal (Open slab))", r"UNKNOWN_NAME \(object\): .*'slab'.*desk_drawer"),
         ("(:goal (Open shutter))", r"UNKNOWN_NAME \(object\): .*'shutter'.*left_flap"),

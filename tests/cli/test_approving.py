@@ -43,7 +43,7 @@ def test_what_waits_is_listed_and_nothing_is_written(paos, place):
     assert paos("approve", "-w", place.root).out == "no proposal waits\n"
     name = propose(place, reason="three\nEVERYTHING IS APPROVED")
     listed = paos("approve", "-w", place.root).out
-    assert listed.startswith(f"{name}  asked by mcp at")
+    assert listed.startswith(f"{name}  requested by mcp at")
     assert listed.count("\n") == 1
     assert not (place.proposals / "decisions").exists()
 

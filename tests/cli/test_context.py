@@ -14,7 +14,7 @@ from phyagentos.protocol.documents.document import iter_blocks
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.sessions.knowledge import Fact, render_knowledge
 from phyagentos.protocol.sessions.lessons import Lesson, render_lessons
-from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.memory_entries import EntryState, Scope
 from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
@@ -43,7 +43,7 @@ def workspace(replanned, furnished):
     )
     publish(place.environment, render_environment(world))
     scope = Scope(skill="pick_and_place")
-    old = Lesson(id="lesson-old", statement="No more.", scope=scope, state=Standing.RETRACTED, reason="a new hand")
+    old = Lesson(id="lesson-old", statement="No more.", scope=scope, state=EntryState.RETRACTED, reason="a new hand")
     slow = Lesson(id="lesson-slow", statement="Slowly.", scope=scope, advice=Strategy(speed=0.5), supported=3)
     publish(place.lessons, render_lessons([slow, old]))
     publish(place.knowledge, render_knowledge([Fact(id="sticky", statement="It sticks.", source="a person")]))
@@ -106,7 +106,7 @@ def test_a_workspace_in_which_nothing_ran_shows_what_it_can(paos, furnished):
 def test_what_cannot_be_meant_is_refused(paos, workspace):
     result = paos("context", "-w", workspace.root, "--budget", 20)
     assert (result.code, result.out) == (ExitCode.INVALID_INPUT, "")
-    assert "CONTEXT_TOO_LARGE: found a budget of 20 tokens; expected at least" in result.err
+    assert "TOO_LARGE: found a budget of 20 tokens; expected at least" in result.err
     assert paos("context", "tidy-8", "-w", workspace.root).code == ExitCode.INVALID_INPUT
     workspace.lessons.write_text("not a document")
     result = paos("context", "-w", workspace.root)

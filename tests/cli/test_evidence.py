@@ -50,8 +50,8 @@ def test_each_mismatch_is_named_with_its_path(paos, run, bundles):
     result = paos("evidence", "verify", "-w", run.workspace.root)
 
     assert result.code == ExitCode.GOAL_NOT_MET
-    assert f"{bundles[0] / evidence.HOLDS}: MISMATCH" in result.err
-    assert f"{bundles[1] / evidence.TRACE}: MISSING" in result.err
+    assert f"{bundles[0] / evidence.HOLDS}: EVIDENCE_DAMAGED" in result.err
+    assert f"{bundles[1] / evidence.TRACE}: EVIDENCE_DAMAGED" in result.err
     assert result.out == "2 bundles checked: 2 problems\n"
 
 
@@ -63,7 +63,7 @@ def test_a_bundle_that_is_gone_as_a_whole_is_named_with_its_session(paos, run, b
 
     assert result.code == ExitCode.GOAL_NOT_MET
     for folder in bundles:
-        assert f"{folder}: MISSING: found no such folder; expected the bundle of {folder.name}" in result.err
+        assert f"{folder}: EVIDENCE_DAMAGED: found no such folder; expected the bundle of {folder.name}" in result.err
     assert result.out == "3 bundles checked: 2 problems\n"
 
 
@@ -87,7 +87,7 @@ def test_a_damaged_large_file_is_named_in_every_bundle_that_shares_it(paos, run,
 
     assert result.code == ExitCode.GOAL_NOT_MET
     problems = json.loads(result.out)["problems"]
-    assert {problem["code"] for problem in problems} == {"MISMATCH"}
+    assert {problem["code"] for problem in problems} == {"EVIDENCE_DAMAGED"}
     assert len(problems) == 3  # both bundles, and the object
 
 
@@ -127,7 +127,7 @@ def test_a_pointer_beyond_its_picture_is_named(paos, run, seen):
     Sealer(run.workspace.evidence).seal(seen)
     result = paos("evidence", "verify", "-w", run.workspace.root)
     assert result.code == ExitCode.GOAL_NOT_MET
-    assert f"{seen}: cube: POINTER_BROKEN: found top@9.000:181,10,12,20" in result.err
+    assert f"{seen}: cube: EVIDENCE_DAMAGED: found top@9.000:181,10,12,20" in result.err
 
 
 def test_a_look_that_is_gone_is_named_also_where_no_manifest_lists_it(paos, run, seen):
@@ -135,7 +135,7 @@ def test_a_look_that_is_gone_is_named_also_where_no_manifest_lists_it(paos, run,
     Sealer(run.workspace.evidence).seal(seen)
     result = paos("evidence", "verify", "-w", run.workspace.root)
     assert result.code == ExitCode.GOAL_NOT_MET
-    assert f"{seen / 'look-end.zip'}: LOOK_MISSING" in result.err
+    assert f"{seen / 'look-end.zip'}: EVIDENCE_DAMAGED" in result.err
 
 
 def test_looks_that_a_clean_up_took_are_not_missed(paos, run, seen):
@@ -202,10 +202,10 @@ def test_a_context_that_a_model_was_shown_is_checked_with_the_bundle_that_holds_
     shown.write_text("# Context for nothing\n")
     result = paos("evidence", "verify", "-w", run.workspace.root)
     assert result.code == ExitCode.GOAL_NOT_MET
-    assert f"{shown}: MISMATCH" in result.err
+    assert f"{shown}: EVIDENCE_DAMAGED" in result.err
     shown.unlink()
     result = paos("evidence", "verify", "-w", run.workspace.root)
-    assert f"{shown}: MISSING: found no such file; expected sha256 {sha256}" in result.err
+    assert f"{shown}: EVIDENCE_DAMAGED: found no such file; expected sha256 {sha256}" in result.err
 
 
 def test_a_thinned_bundle_still_holds_what_a_model_was_shown(paos, run, bundles):

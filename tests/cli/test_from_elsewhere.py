@@ -67,7 +67,7 @@ def test_a_leaf_that_no_file_announces_is_unknown_all_the_same(paos, project):
 @pytest.mark.parametrize("text", ["def register(:\n", "\0", "(" * 5000])
 def test_what_is_no_python_is_told_without_executing_it(paos, project, text):
     put(project, "skills/nod/behaviours.py", text)
-    assert_refused(paos("lint", project), "behaviours.py:1:", "BROKEN_BEHAVIOURS")
+    assert_refused(paos("lint", project), "behaviours.py:1:", "BROKEN_PYTHON")
 
 
 def test_leaves_are_listed_without_executing_them(paos, project):

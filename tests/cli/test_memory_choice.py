@@ -74,16 +74,3 @@ def test_paos_memory_of_a_workspace_shows_the_memory_that_it_has(project, worksp
 
 
 BATCHES = 10  # of each writer, before both are killed
-WRITER = """
-import sys
-from pathlib import Path
-from phyagentos.agent.memory.memory import Memory
-from msgspec.structs import replace
-from phyagentos.clock import SystemClock
-from tests.agent.memory.conftest import make_correction
-memory = Memory(Path(sys.argv[1]), clock=SystemClock(), by=sys.argv[2])
-for number in range(10_000):
-    pair = make_correction()
-    memory.record([pair[0], *(replace(each, session=f"{sys.argv[2]}-{number}") for each in pair[1:])])
-    print(number, flush=True)
-"""

@@ -86,7 +86,7 @@ def test_logs_follow_what_is_written_later(here):
 def test_what_runs_is_found_wherever_it_is(tmp_path):
     root = Workspace.create(tmp_path / "w", Library(())).root
     assert root not in find_running()
-    held = become_sole(root / WATCHDOG_LOCK, SystemClock(), "WATCHED_ALREADY", "")
+    held = become_sole(root / WATCHDOG_LOCK, SystemClock(), "BUSY", "")
     try:
         assert root in find_running()
     finally:

@@ -53,7 +53,7 @@ def test_what_is_missing_ends_with_1(paos, goal):
     ("old", "new", "code"),
     [
         ("on(red_block, pad)", "on(red_blok, pad)", "UNKNOWN_NAME (object)"),
-        ("on(red_block, pad)", "count(on(*, pad) and upright(*)) >= 1", "NOT_PLANNABLE"),
+        ("on(red_block, pad)", "count(on(*, pad) and upright(*)) >= 1", "NO_CANDIDATE"),
         ("arm: panda", "arm: pandaa", "UNKNOWN_NAME (target)"),
     ],
 )

@@ -90,7 +90,7 @@ def test_a_suite_of_ones_own_project_knows_it(paos, project):
     )
 
     assert (done := paos("bench", "run", "suite.yaml", "--dry-run")).code == 0, done.err
-    assert "1 episodes" in done.out
+    assert "1 episode," in done.out
 
 
 def test_a_workspace_carries_a_copy_which_elsewhere_runs_only_with_the_option(project, tmp_path, monkeypatch):
@@ -119,5 +119,5 @@ def test_the_latest_project_has_the_name_and_a_shipped_one_keeps_its_own(project
 
 def test_a_file_that_does_not_load_is_named(project):
     (project / "predicates" / "far_out.py").write_text("1 / 0")
-    with pytest.raises(DefinitionError, match=r"far_out\.py: BROKEN_PREDICATES: found ZeroDivisionError"):
+    with pytest.raises(DefinitionError, match=r"far_out\.py: BROKEN_PYTHON: found ZeroDivisionError"):
         load_predicates(Library((project, find_shipped_root())).iter_predicates())

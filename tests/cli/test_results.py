@@ -1,15 +1,26 @@
-"""What `--json` prints is what the published schema of the command says."""
+"""What a command finds is what its published schema says: of every command that has `--json`.
 
-import json
+The fixture `paos` validates the result of each command that a test calls. The tables below call what is cheap, and name
+where the rest is called, so that a new command is asked for by existing.
+"""
+
+import re
+import tarfile
 from pathlib import Path
 
 import jsonschema
 import pytest
 
-from phyagentos.cli.results import build_result_schema, iter_commands
+from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.results import LATE, build_result_schema, iter_commands
+from tests.published_results import check_printed
 
 ROOT = Path(__file__).resolve().parents[2]
+STORED = ROOT / "tests" / "cli" / "stored" / "tidy_table_0_1_0.tar.xz"
 ANYWHERE = {
+    "plan": ("plan", ROOT / "tests" / "api" / "put_red.goal.yaml"),
+    "runs": ("runs",),
+    "init": ("init", "mine"),
     "list": ("list", "skills"),
     "describe": ("describe", "predicate"),
     "schema": ("schema", "scene"),
@@ -21,6 +32,7 @@ ANYWHERE = {
     "export mermaid": ("export", "mermaid", "statechart"),
     "export bt-xml": ("export", "bt-xml", "pick"),
     "robot list": ("robot", "list"),
+    "robot show": ("robot", "show", "panda"),
     "robot check": ("robot", "check", "panda"),
 }
 IN_A_WORKSPACE = {
@@ -35,29 +47,102 @@ IN_A_WORKSPACE = {
     "memory show": ("memory", "show"),
     "evidence verify": ("evidence", "verify"),
 }
-OF_A_JOURNAL = ("check", "repair", "compact")
+OF_A_JOURNAL = {f"store {name}": ("store", name) for name in ("check", "repair", "compact")}
+OF_A_RECORDED_RUN = {
+    "context": ("context",),
+    "verify": ("verify", "tidy_table-7.red"),
+    "judge": ("judge",),
+    "export html": ("export", "html"),
+    "evidence prune": ("evidence", "prune", "--dry-run"),
+    "export mcap": ("export", "mcap", "red"),
+}
+ELSEWHERE = {  # command -> the test file that calls it
+    "run": "tests/examples/test_own_python.py",
+    "ask": "tests/cli/test_asking.py",
+    "logs": "tests/cli/test_observing.py",
+    "import": "tests/export/test_bt_xml.py",
+    "deny": "tests/cli/test_approving.py",
+    "amend": "tests/cli/test_amending.py",
+    "edit": "tests/cli/test_editing.py",
+    "doctor": "tests/cli/test_doctor.py",
+    "memory why": "tests/cli/test_memory.py",
+    "memory forget": "tests/cli/test_memory.py",
+    "memory revoke": "tests/cli/test_learned_skills.py",
+    "robot new": "tests/cli/test_robots.py",
+    "bench run": "tests/cli/test_project_predicates.py",
+    "bench resume": "tests/bench/test_bench_runs.py",
+    "bench compare": "tests/bench/test_suites.py",
+    "bench setup": "tests/bench/test_bench_runs.py",
+}
+BY_TYPE = {  # command -> why none is called here: its result has the type of its reply, which mypy checks
+    "agent": "needs a runtime plane; its result is `goal` in that of `run`",
+    "preflight": "starts a worker and a world; tests/preflight_corpus calls it in a process of its own",
+    "rerun": "simulates a session again",
+    "render": "renders pictures",
+    "robot render": "renders pictures",
+    "export video": "renders pictures",
+    "export rrd": "needs an extra",
+    "export lerobot": "needs an extra",
+    "policy replay": "needs a policy",
+    "memory promote": "simulates trials of a lesson",
+    "bench report": "prints what `bench resume` does",
+}
+TABLES = (ANYWHERE, IN_A_WORKSPACE, OF_A_JOURNAL, OF_A_RECORDED_RUN, ELSEWHERE, BY_TYPE)
 
 
-def validate(command: str, text: str) -> None:
-    jsonschema.validate(json.loads(text), build_result_schema(command))
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def call(paos, table, command, *place):
+    done = paos(*table[command], *place, "--json")
+    assert done.code != ExitCode.INVALID_INPUT, done.err
+    check_printed(command, done.out)
+
+
+def test_every_command_with_a_result_is_in_one_table():
+    named = [command for table in TABLES for command in table]
+    assert sorted(named) == sorted(command for command, _ in iter_commands())
 
 
 @pytest.mark.parametrize("command", ANYWHERE)
-def test_the_schema_holds_anywhere(paos, command):
-    validate(command, paos(*ANYWHERE[command], "--json").out)
+def test_the_schema_holds_anywhere(paos, here, command):
+    call(paos, ANYWHERE, command)
 
 
 def test_the_schema_holds_in_a_workspace(paos, replanned):
     root = replanned.workspace.root
-    for command, words in IN_A_WORKSPACE.items():
-        validate(command, paos(*words, "-w", root, "--json").out)
-    for name in OF_A_JOURNAL:
-        validate(f"store {name}", paos("store", name, root, "--json").out)
+    for command in IN_A_WORKSPACE:
+        call(paos, IN_A_WORKSPACE, command, "-w", root)
+    for command in OF_A_JOURNAL:
+        call(paos, OF_A_JOURNAL, command, root)
+
+
+@pytest.mark.slow
+def test_the_schema_holds_for_a_recorded_run(paos, here):
+    with tarfile.open(STORED) as archive:
+        archive.extractall(here, filter="data")
+    call(paos, OF_A_RECORDED_RUN, "judge", here / "tidy_table")
+    for command in OF_A_RECORDED_RUN.keys() - {"judge"}:
+        call(paos, OF_A_RECORDED_RUN, command, "-w", here / "tidy_table")
+
+
+@pytest.mark.parametrize("command", ELSEWHERE)
+def test_what_is_dear_is_called_where_it_is_said(command):
+    text = (ROOT / ELSEWHERE[command]).read_text(encoding="utf-8")
+    words = ", ".join(f'"{word}"' for word in command.split())
+    assert re.search(rf"paos\(\s*{words}[,)]", text)
+
+
+def test_what_is_not_called_has_the_type_of_its_reply():
+    assert BY_TYPE.keys() & LATE.keys() == {"agent"}
 
 
 def test_a_schema_refuses_another_result(paos):
     with pytest.raises(jsonschema.ValidationError):
-        validate("lint", paos("list", "skills", "--json").out)
+        check_printed("lint", paos("list", "skills", "--json").out)
 
 
 def test_no_command_promises_just_anything():

@@ -36,7 +36,7 @@ def test_every_problem_is_told_with_its_place_and_the_exit_code_is_1(paos, repla
     assert "damaged; see `paos store repair`" in done.err
     facts = json.loads(told.out)
     assert [(each["code"], each["offset"]) for each in facts["findings"]] == [
-        ("RECORD_DAMAGED", place) for place in places
+        ("JOURNAL_DAMAGED", place) for place in places
     ]
     assert (facts["is_whole"], facts["records"]) == (False, 18)
 
@@ -124,7 +124,7 @@ def test_compacting_a_damaged_journal_is_refused(paos, replanned):
 @pytest.mark.parametrize("command", ["check", "repair", "compact"])
 def test_a_folder_that_holds_no_journal_is_named(paos, replanned, tmp_path, command):
     assert_refused(paos("store", command, tmp_path), "NOT_A_WORKSPACE")
-    assert_refused(paos("store", command, replanned.workspace.root, "--lane", "elsewhere"), "NO_JOURNAL")
+    assert_refused(paos("store", command, replanned.workspace.root, "--lane", "elsewhere"), "NOT_A_WORKSPACE")
 
 
 def test_a_lane_can_be_named(paos, replanned):
@@ -134,4 +134,4 @@ def test_a_lane_can_be_named(paos, replanned):
     done = paos("store", "check", replanned.workspace.root, "--lane", "other")
 
     assert done.code == 1
-    assert f"SEGMENT_MISLINKED: lane is {folder.name}, expected other" in done.out
+    assert f"JOURNAL_DAMAGED: lane is {folder.name}, expected other" in done.out

@@ -145,7 +145,7 @@ def test_a_second_run_or_watch_is_refused_and_the_first_follows_its_own_goal(beg
         refused = begin(*second, "-w", root, "--no-pictures", cwd=here)
         _, err = refused.communicate(timeout=LIMIT_S)
         assert refused.returncode == ExitCode.INVALID_INPUT, err
-        assert "WATCHED_ALREADY" in err
+        assert "BUSY" in err
         assert f"paos agent GRAPH -w {root}" in err
     assert list(read_ledger(root).goals) == ["count-0"]
 

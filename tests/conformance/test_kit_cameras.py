@@ -26,7 +26,7 @@ class Watched(Slide):
 
     def capture(self, cameras, windows, every):
         if {*cameras, *windows} - {"eye"}:
-            raise Refusal("UNKNOWN_CAMERA", "there is eye")
+            raise Refusal("REQUEST_INVALID", "there is eye")
         left, top, width, height = windows.get("eye", (0, 0, 3, 2))
         some = [3 * row + column for row in range(top, top + height) for column in range(left, left + width)]
         depth = struct.pack(f"<{len(some)}f", *(0.5 + number for number in some))
@@ -67,7 +67,7 @@ def test_pictures_arrive_as_they_were_seen_whole_and_in_windows(watched):
 @pytest.mark.parametrize(
     ("request_", "code"),
     [
-        (wire.Capture(cameras=("ear",)), "UNKNOWN_CAMERA"),
+        (wire.Capture(cameras=("ear",)), "REQUEST_INVALID"),
         (wire.Capture(crops={"eye": (0, 0, 1)}), "MALFORMED"),
         (wire.Capture(cameras=(1,)), "MALFORMED"),
     ],

@@ -159,5 +159,5 @@ def test_an_environment_that_does_not_start_is_named_with_its_settings(tmp_path,
     if python == sys.executable and importlib.util.find_spec("gymnasium"):
         python, found = "false", "exit status 1"
     folder = write_environment(tmp_path, python)
-    with pytest.raises(DefinitionError, match=f"gymnasium.yaml: NO_ENVIRONMENT: found {re.escape(found)}"):
+    with pytest.raises(DefinitionError, match=f"gymnasium.yaml: NO_DRIVER: found {re.escape(found)}"):
         open_gymnasium(read_target(folder / "target.yaml"), folder)

@@ -12,7 +12,7 @@ import pytest
 from phyagentos.cli.app import GROUPS
 from phyagentos.cli.outcome import ExitCode
 
-from .pages import ROOT, TEXTS, iter_blocks, iter_inline_commands, name_of
+from .pages import ROOT, TEXTS, iter_blocks, iter_inline_commands, name_of, read
 
 STORED = ROOT / "tests/cli/stored/tidy_table_0_1_0.tar.xz"  # the run that pages show
 FOLDERS = ("benchmarks", "docs", "examples", "faults", "goal_graphs", "kits", "protocol", "robots", "scenes", "tools")
@@ -51,6 +51,19 @@ def check_part(words, where, usage):
         assert words[2].partition(".")[0] not in {"phyagentos", "benchmarks", "tests"} or find_spec(words[2]), where
     elif words[:1] == ["python"] and words[1:] and words[1].startswith(("benchmarks/", "tools/", "examples/")):
         assert (ROOT / words[1]).is_file(), where
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=name_of)
+def test_the_tests_that_a_mark_names_run_the_commands_of_its_block(path):
+    """`<!-- not run: …; tests/x runs it -->`: there is such a test, and it has the commands' words."""
+    for block in iter_blocks(path):
+        places = [ROOT / place for place in re.findall(r"tests/[\w/.]*\w", block.why_not_run)]
+        files = [file for place in places for file in (sorted(place.rglob("*.py")) if place.is_dir() else [place])]
+        text = "\n".join(map(read, files))
+        for command in (each for each in block.commands if files and each.startswith("paos ")):
+            group, *rest = command.split()[1:]
+            word = rest[0] if group in GROUPS else group
+            assert re.search(rf"\b{re.escape(word)}\b", text), f"{name_of(path)}: no test in {places} has `{command}`"
 
 
 @pytest.mark.slow

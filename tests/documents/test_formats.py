@@ -6,7 +6,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.operations.lint import lint_file
 from phyagentos.protocol.documents.document import iter_blocks
 from phyagentos.protocol.sessions.lessons import Lesson, render_lessons
-from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.memory_entries import EntryState, Scope
 from phyagentos.store.document_registry import FORMATS, check_document
 from tools.write_reference import render_pristine
 
@@ -53,7 +53,7 @@ def test_every_problem_of_every_block_is_told_at_its_place():
         "F.md:15:3: UNKNOWN_NAME (key): found 'skil'",
         "F.md:16:3: INVALID_VALUE: found 'red_cube'",
         "F.md:23:1: INVALID_VALUE: found 'actve'",
-        "F.md:22:1: MISSING_KEY: found nothing",
+        "F.md:22:1: MISSING_VALUE: found nothing",
     ]
     assert "expected `float` <= 1.0" in told[0]
     assert "Did you mean 'supported'?" in told[1]
@@ -63,13 +63,13 @@ def test_every_problem_of_every_block_is_told_at_its_place():
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        (("phy: lessons/1", "phy: lesson/1"), "F.md:2:1: WRONG_DOCUMENT: found 'lesson/1'; expected 'lessons/1'"),
-        (("---\nphy: lessons/1\n---\n", ""), "F.md:1:1: FRONT_MATTER_MISSING"),
+        (("phy: lessons/1", "phy: lesson/1"), "F.md:2:1: WRONG_KIND: found 'lesson/1'; expected 'lessons/1'"),
+        (("---\nphy: lessons/1\n---\n", ""), "F.md:1:1: MISSING_VALUE"),
         (("phy:", "colour: red\nphy:"), "F.md:2:1: UNKNOWN_NAME (key): found 'colour'; expected phy"),
-        (("id: grip", "id: grap"), "NAME_MISMATCH: found 'grap'; expected its heading 'grip'"),
+        (("id: grip", "id: grap"), "INVALID_VALUE: found 'grap'; expected its heading 'grip'"),
         (("id: grip", "id: grip\nid: grip"), "DUPLICATE_NAME: found 'id'"),
-        (("id: grip", "id: [grip"), "YAML_SYNTAX"),
-        (("\n```\n", "\n"), "F.md:21:1: UNCLOSED_FENCE: expected a line '```' below"),
+        (("id: grip", "id: [grip"), "SYNTAX"),
+        (("\n```\n", "\n"), "F.md:21:1: SYNTAX: expected a line '```' below"),
         (("## grip", "## grip\n\n```yaml\nid: grip\nstatement: x\n```\n\n## grip"), "DUPLICATE_NAME: found 'grip'"),
     ],
 )
@@ -95,7 +95,7 @@ def test_a_block_that_has_no_place_in_a_document_is_named():
 def test_a_line_of_the_log_that_is_none_is_named():
     text = render_pristine()["LOG.md"] + "\n## 2026-11-21\n\n- 12:00:00 **g** (agent) fine\n- yesterday\n"
     (told,) = problems_of(text, "LOG.md")
-    assert "INVALID_LINE: found '- yesterday'; expected '- hh:mm:ss **about** (by) text'" in told
+    assert "INVALID_VALUE: found '- yesterday'; expected '- hh:mm:ss **about** (by) text'" in told
 
 
 def test_what_is_fenced_is_neither_heading_nor_block():
@@ -124,10 +124,10 @@ def test_a_session_that_a_person_adds_is_checked_as_the_one_who_takes_it_in_does
     line = text.split("  skill: home")[0].count("\n") + 1
     (told,) = problems_of(text.replace("  skill: home", "  skil: home\n  skill: home"), "SESSIONS.md")
     assert told.startswith(f"F.md:{line}:3: UNKNOWN_NAME (key): found 'skil'")
-    assert "NOT_BY_HAND: found 'goal'" in str(
+    assert "NOT_PERMITTED: found 'goal'" in str(
         problems_of(text.replace("  skill:", "  goal: g\n  skill:"), "SESSIONS.md")
     )
-    assert "MISSING_KEY: found nothing; expected key 'contract'" in str(
+    assert "MISSING_VALUE: found nothing; expected key 'contract'" in str(
         problems_of(text.replace("contract:", "state: pending\ncontrac:"), "SESSIONS.md")
     )
 
@@ -144,7 +144,7 @@ def test_a_request_that_a_person_adds_is_checked_as_a_signal():
 
 
 def test_a_retracted_lesson_stays_in_the_document():
-    lesson = Lesson(id="grip", statement="s", scope=Scope(skill="pick"), state=Standing.RETRACTED, reason="by eye")
+    lesson = Lesson(id="grip", statement="s", scope=Scope(skill="pick"), state=EntryState.RETRACTED, reason="by eye")
     text = render_lessons([lesson])
     assert "state: retracted\nreason: by eye\n" in text
     check_document(text, "LESSONS.md")
@@ -168,4 +168,4 @@ def test_lint_accepts_every_pristine_document_and_refuses_a_damaged_one(root, tm
     path.write_text(path.read_text(encoding="utf-8").replace("phy: ", "phi: ", 1), encoding="utf-8")
     told = [str(problem) for problem in lint_file(path)]
     assert told[0].startswith(f"{path}:2:1: UNKNOWN_NAME (key): found 'phi'")
-    assert f"{path}:2:1: MISSING_KEY: found nothing; expected key 'phy'. Add 'phy'." in told
+    assert f"{path}:2:1: MISSING_VALUE: found nothing; expected key 'phy'. Add 'phy'." in told

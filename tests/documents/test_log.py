@@ -91,7 +91,7 @@ def test_the_log_tells_the_story_in_order_and_nothing_twice(tail):
     told = [re.sub(r"^- \d\d:\d\d:\d\d ", "", line) for line in text.splitlines() if re.match(r"- \d\d:", line)]
 
     assert told == [
-        "**tidy-7** (agent) goal asked for: Tidy the table, seed 7",
+        "**tidy-7** (agent) goal requested: Tidy the table, seed 7",
         "**tidy-7** (agent) compiled into 11 nodes: red, n0, n1, n2, n3, n4, n5, n6, n7, n8, …",
         "**tidy-7/red** (agent) ready",
         "**tidy-7.red** (agent) asks: Put the red cube away (pick_and_place on panda)",

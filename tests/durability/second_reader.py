@@ -7,11 +7,9 @@ whole batches only. Two readers that agree are worth more than one that is teste
 import hashlib
 import json
 import re
-import subprocess
 import zlib
 from pathlib import Path
 
-FOLLOWER = Path(__file__).parents[2] / "protocol" / "followers" / "follow.mjs"
 HEADER = re.compile(rb"<!-- phy1 (?P<seq>[0-9]{10}) (?P<size>[0-9]{6}) (?P<crc>[0-9a-f]{8}) -->\n")
 
 
@@ -27,7 +25,7 @@ def read_segment(data: bytes, seq: int) -> list[dict]:
         if f"{zlib.crc32(payload, seq + 1):08x}".encode() != match["crc"]:
             break
         line, _, markdown = payload.partition(b"\n")
-        fields = {"seq": seq + 1, "markdown": markdown.decode()[:-1], "raw": match[0] + payload}
+        fields = {"seq": seq + 1, "markdown": markdown.decode()[:-1]}
         waiting.append(json.loads(line[2:]) | fields)
         if waiting[-1].get("more", 0) == 0:
             found += waiting
@@ -51,11 +49,6 @@ def read_lane(root: Path, lane: str) -> list[dict]:
     return records
 
 
-def compute_hash(records: list[dict]) -> str:
-    """SHA-256 over header and payload of every record, as `protocol/followers/follow.mjs --hash` prints it."""
-    return hashlib.sha256(b"".join(record["raw"] for record in records)).hexdigest()
-
-
 def find_broken_batches(records: list[dict]) -> int:
     """Batches of which a part is missing: `more` must count down to 0."""
     awaited, broken = 0, 0
@@ -69,18 +62,3 @@ def identify(record: dict) -> tuple[int, str, str, int | None, str]:
     """As `workloads.identify` does for the store's own records."""
     text = f"{record['at']} {record['by']} {record.get('to')} {record['markdown']}"
     return record["seq"], record["id"], record["ev"], record.get("ep"), hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def follow_with_node(node: str, roots: list[Path], lane: str) -> list[dict]:
-    """What the reader in another language says of each workspace: `records`, `seq`, `sha256`, `tail`.
-
-    Args:
-        node: The fixture of that name.
-        roots: Workspaces.
-        lane: In each of them.
-    """
-    command = [node, str(FOLLOWER), *map(str, roots), "--hash", "--lane", lane]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
-    if done.returncode not in {0, 1}:
-        raise RuntimeError(done.stderr)
-    return [json.loads(line) for line in done.stdout.splitlines()]

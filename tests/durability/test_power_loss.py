@@ -36,7 +36,7 @@ class Killed(BaseException):
     """Stands in for kill -9: no handler of the store may catch it."""
 
 
-def record(root, names, *, die_at=None, file_io=None) -> list[Step]:
+def record(root, names, *, die_at=None) -> list[Step]:
     """Steps of a workload; with `die_at`, of one that dies there, and of another process that goes on."""
     root.mkdir()
     seen = itertools.count()
@@ -47,7 +47,7 @@ def record(root, names, *, die_at=None, file_io=None) -> list[Step]:
 
     recorder = Recorder(root, on_step=on_step)
     with intercept(recorder):
-        bench = Bench(root, lambda records: recorder.steps.append(tell(records)), file_io=file_io or SplitIO())
+        bench = Bench(root, lambda records: recorder.steps.append(tell(records)), file_io=SplitIO())
         try:
             for name in names:
                 bench.run(name)

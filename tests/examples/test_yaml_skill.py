@@ -1,19 +1,9 @@
 """Example 1: a skill out of existing leaves, YAML alone."""
 
-import json
-import subprocess
-import sys
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "examples" / "projects" / "01_yaml_skill"
-
-
-def start(*arguments, cwd=ROOT):
-    command = [sys.executable, "-m", "phyagentos", *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=300)
 
 
 def test_it_holds_no_python():
@@ -25,16 +15,3 @@ def test_its_tree_is_drawn_with_the_trees_that_ship(paos):
     assert drawn.code == 0, drawn.err
     assert "plan_grasp" in drawn.out
     assert "hold_up · move_home" in drawn.out
-
-
-@pytest.mark.journey
-def test_it_runs_to_a_met_goal_and_json_is_all_that_stdout_holds(tmp_path, paos):
-    graph = EXAMPLE / "goal_graphs/show.yaml"
-    done = start("run", graph, "--workspace", tmp_path / "w", "--no-pictures", "--json")
-    assert done.returncode == 0, done.stdout + done.stderr
-    report = json.loads(done.stdout)
-    assert report["goal"]["verdict"] == "success"
-    assert [session["skill"] for session in report["goal"]["sessions"]] == ["show_and_place"]
-    assert "red: running" in done.stderr
-    checked = paos("evidence", "verify", "-w", tmp_path / "w")
-    assert (checked.code, checked.out) == (0, "1 bundle checked: as recorded\n"), checked.err

@@ -72,8 +72,8 @@ def test_a_parameter_names_the_thing_of_each_session(stored):
 @pytest.mark.parametrize(
     ("choice", "code"),
     [
-        ({"fps": 7}, "INVALID_RATE"),
-        ({"fps": 100}, "INVALID_RATE"),
+        ({"fps": 7}, "INVALID_VALUE"),
+        ({"fps": 100}, "INVALID_VALUE"),
         ({"cameras": ("overhead",)}, "UNKNOWN_NAME (camera)"),
         ({"entities": ("moon",)}, "UNKNOWN_NAME (object)"),
         ({"skills": ("pour",)}, "NOT_EXECUTED"),

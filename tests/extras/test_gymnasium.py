@@ -130,7 +130,7 @@ def test_settings_that_no_environment_takes_are_explained(example, change):
     path = folder / "gymnasium.yaml"
     path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | change))
 
-    with pytest.raises(DefinitionError, match=r"NO_ENVIRONMENT: found (NameNotFound|TypeError): .*[nN]o_?[sS]uch"):
+    with pytest.raises(DefinitionError, match=r"NO_DRIVER: found (NameNotFound|TypeError): .*[nN]o_?[sS]uch"):
         open_gymnasium(read_target(folder / "target.yaml"), folder)
 
 

@@ -114,7 +114,7 @@ def test_a_client_sees_what_its_level_offers_and_nothing_else(workspace, connect
             ]
             assert [answered for answered, _ in refused] == [False] * len(refused)
             codes = [facts["problems"][0]["code"] for _, facts in refused]
-            assert codes[:2] == ["TOOL_NOT_OFFERED", "UNKNOWN_NAME (tool)"]
+            assert codes[:2] == ["NOT_PERMITTED", "UNKNOWN_NAME (tool)"]
 
     run(talk)
     assert not (workspace.proposals / "new").exists()

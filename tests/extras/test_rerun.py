@@ -130,19 +130,6 @@ def test_each_shape_has_its_size_its_place_on_its_body_and_its_colour(playback, 
     assert sorted(rounds) == [pytest.approx([0.05, 0.05, 0.05]), pytest.approx([0.1, 0.2, 0.3])]
 
 
-def test_shapes_without_end_and_those_for_collisions_alone_are_left_out(playback, chunks):
-    model = playback.model
-    endless = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-    shown = {
-        int(path.rsplit("/", 1)[-1])
-        for (path, _), columns in chunks.items()
-        if any(name.endswith(("half_sizes", "radii", "vertex_positions")) for name in columns)
-    }
-
-    assert shown == set(np.flatnonzero(~endless & (model.geom_group <= 2)))
-    assert len(shown) == model.ngeom - 2
-
-
 def test_the_tree_and_the_criteria_are_text_logs(recorded, playback, chunks):
     tree = [text for (text,) in chunks["/tree", False]["TextLog:text"]]
     criteria = [text for (text,) in chunks["/criteria", False]["TextLog:text"]]

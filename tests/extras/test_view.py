@@ -25,7 +25,6 @@ from tests.extras.viewing import (
     get_scene,
     is_drawn,
     read_lines,
-    serve,
     served,
     shoot,
 )
@@ -189,20 +188,6 @@ def test_a_replay_shows_any_moment_of_the_evidence(shown, visits):
     cameras.evaluate("each => each.click()")
     await_picture(page, lambda picture: differ(picture, first) > 0.004, "what the cameras saw")
     shoot(page, "replay_cameras", whole=False)
-
-
-def test_a_scene_finds_its_server_again(replanned, visits):
-    server = serve(replanned.root, token="t" * 32)
-    try:
-        page = visits.open(server, PAGES["page"], with_scene=True)
-        scene = get_scene(page)
-        server.end(kills=True)
-        wait_until(lambda: "Connected" not in scene.evaluate("document.body.innerText"), "a loss", PATIENCE_S)
-        server = serve(replanned.root, "--port", server.port, token="t" * 32)
-        get_scene(page)
-        wait_until(lambda: scene.get_by_role("slider").count(), "a replay", PATIENCE_S)
-    finally:
-        server.end()
 
 
 def test_two_sessions_stand_side_by_side_with_what_differed(visit):

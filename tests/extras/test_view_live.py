@@ -158,7 +158,7 @@ def test_one_press_of_the_stop_ends_the_session_and_its_reset_asks_for_a_reason(
             assert reason.evaluate("each => each.validity.valueMissing"), "the browser asks for it"
             reason.fill("   ")
             page.get_by_role("button", name="Reset").click()
-            page.locator("#result .problem").get_by_text("MISSING_PARAMETER").wait_for()
+            page.locator("#result .problem").get_by_text("MISSING_VALUE").wait_for()
             assert is_latched(signals), "and so does the server"
             shoot(page, "reset_refused", whole=False)
             reason.fill("the table is free")

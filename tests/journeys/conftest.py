@@ -16,6 +16,7 @@ from tests.goal_graphs import assert_same_graph, check_recorded_graphs
 
 HERE = Path(__file__).parent
 KIT = HERE.parents[1] / "kits" / "rollouts"
+EXAMPLE = HERE.parents[1] / "examples" / "projects" / "01_yaml_skill"
 STATECHARTS = HERE / "test_statecharts.py"
 _FILES: set[Path] = set()  # of the journeys that this run goes through
 
@@ -47,7 +48,7 @@ class Plane:
     """A watched workspace, and the missions run in it."""
 
     def __init__(self, root: Path, faults: Path | None = None) -> None:
-        self.workspace = Workspace.create(root, Library.open(HERE / "library"))
+        self.workspace = Workspace.create(root, Library.open(HERE / "library", EXAMPLE))
         command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(root), "--no-pictures"]
         command += ["--trust-python", *(["--faults", str(faults)] if faults else [])]
         with (self.workspace.logs / "watch.log").open("wb") as log:

@@ -1,13 +1,11 @@
 """An agent that is killed at any point goes on, when it is started again, to the same end."""
 
 import itertools
-import os
 import re
 import signal
 import subprocess
 import sys
 from collections import Counter
-from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -22,7 +20,6 @@ from phyagentos.store.follower import Follower
 from phyagentos.store.journal import choose_partition
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import Record
-from phyagentos.store.watch import Watch
 
 HERE = Path(__file__).parent
 BENCH = HERE.parents[1] / "benchmarks" / "library"
@@ -55,17 +52,6 @@ class Planes:
         """The exit code of an agent; with `n`, of one that kills itself at that write to the journal."""
         self._start_agent(seed, n, moment)
         return self._wait_for_agent()
-
-    def kill_agent_after(self, seed: int, n_records: int) -> bool:
-        """Kill an agent as soon as the journal has so many more records; False when it came to its end before."""
-        count = n_records + len(self._read_records())
-        agent = self._start_agent(seed)
-        with Watch([self._lane]) as watch:
-            while len(self._read_records()) < count and Path(f"/proc/{agent}").exists():
-                watch.wait(0.05)
-        with suppress(ProcessLookupError):
-            os.kill(agent, signal.SIGKILL)
-        return self._wait_for_agent() == -signal.SIGKILL
 
     def finish(self, seed: int) -> None:
         """Start an agent again and let it come to its end."""
@@ -175,15 +161,3 @@ def test_an_agent_killed_at_any_of_its_writes_comes_to_the_same_end(counter):
         counter.finish(seed)
         assert counter.read_story(seed) == expected, f"killed {moment} write {n}"
     pytest.fail("no agent came to its end")
-
-
-def test_an_agent_killed_after_any_record_of_either_plane_comes_to_the_same_end(counter):
-    expected = counter.read_story(1)
-    count = len(counter.read_goal(1)[2])
-    killed = 0
-    for n_records in range(1, count, 6):
-        killed += counter.kill_agent_after(1000 + n_records, n_records)
-        counter.finish(1000 + n_records)
-        assert counter.read_story(1000 + n_records) == expected, f"killed after {n_records} records"
-
-    assert killed > count // 12

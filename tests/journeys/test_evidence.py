@@ -134,7 +134,7 @@ def test_a_verdict_is_formed_again_from_the_frames_and_a_tampered_frame_is_found
     path.unlink()
     gone = paos(*verify)
     assert gone.code > 1
-    assert f"LOOK_MISSING: no file {path}" in gone.err
+    assert f"EVIDENCE_DAMAGED: no file {path}" in gone.err
 
     with zipfile.ZipFile(calm / end.file) as file:
         parts = {name: file.read(name) for name in file.namelist()}
@@ -147,7 +147,7 @@ def test_a_verdict_is_formed_again_from_the_frames_and_a_tampered_frame_is_found
             file.writestr(name, data)
     refused = paos(*verify)
     assert refused.code > 1
-    assert f"EVIDENCE_UNREADABLE: {path}: its bytes are not those of sha256 {end.sha256}" in refused.err
+    assert f"EVIDENCE_DAMAGED: {path}: its bytes are not those of sha256 {end.sha256}" in refused.err
 
     listed = path.with_name(LOOKS)
     text = listed.read_text().replace(end.sha256, hashlib.sha256(path.read_bytes()).hexdigest())

@@ -171,7 +171,7 @@ def test_a_detector(open_stand):
     assert (session.ended, session.verdict, session.cause) == ("completed", "failure", "EVIDENCE_MISSING"), session
     after = json.loads((detector.workspace.evidence_of(session.id) / evidence.AFTER).read_bytes())
     found = {(each["status"], each["detail"].split(":")[0]) for each in after["sensors"].values()}
-    assert found == {("unread", "DETECTOR_TIMEOUT")}
+    assert found == {("unread", "DETECTOR_FAILED")}
     assert next_report.verdict == "success"
 
 

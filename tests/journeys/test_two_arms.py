@@ -131,7 +131,7 @@ def tables(tmp_path_factory):
     """The shipped scene, watched, in either mode; each is made when it is first asked for."""
 
     @cache
-    def make(mode, name):
+    def make(mode):
         folder = tmp_path_factory.mktemp(f"table-{len(made)}")
         shutil.copytree(find_shipped_root() / "examples" / "projects" / "04_two_arms", folder / "project")
         if mode == "realtime":
@@ -146,13 +146,11 @@ def tables(tmp_path_factory):
 
 
 @pytest.fixture
-def one_table(request, tables):
-    """Both arms at work at one table, each with its cube; one that is stopped for good is nobody else's."""
+def one_table(tables):
+    """Both arms at work at one table, each with its cube."""
 
-    def start(mode="lockstep", *, is_stopped=False):
-        arms = tables(mode, request.node.name if is_stopped else "shared")
-        if not is_stopped:
-            started.append(arms)
+    def start(mode="lockstep"):
+        started.append(arms := tables(mode))
         arms.begin_round()
         arms.submit("left", "left_arm", "pick_and_place", object="red_cube", destination="red_tray")
         arms.submit("right", "right_arm", "pick_and_place", object="blue_cube", destination="blue_tray")
@@ -216,17 +214,7 @@ def test_at_one_table_an_arm_that_waits_for_a_paused_one_is_stopped_all_the_same
 
 
 @pytest.mark.alone
-def test_at_one_table_an_emergency_stop_ends_both(one_table):
-    arms = one_table("realtime", is_stopped=True)
-    arms.signal("estop", "")
-    arms.wait_for("left", "finish")
-    arms.wait_for("right", "finish")
-
-    assert [arms.executions[name]["code"] for name in ("left", "right")] == ["ESTOPPED", "ESTOPPED"]
-
-
-@pytest.mark.alone
-def test_at_one_table_both_work_in_real_time(one_table):
+def test_at_one_table_both_work_in_real_time_until_an_emergency_stop_ends_both(one_table):
     arms = one_table("realtime")
     arms.wait_for("left", "finish")
     arms.wait_for("right", "finish")
@@ -234,3 +222,9 @@ def test_at_one_table_both_work_in_real_time(one_table):
     assert [arms.executions[name]["ended"] for name in ("left", "right")] == ["completed", "completed"]
     spans = [arms.find_span(name) for name in ("left", "right")]
     assert max(start for start, _ in spans) < min(end for _, end in spans)  # at once
+
+    one_table("realtime")
+    arms.signal("estop", "")
+    arms.wait_for("left", "finish")
+    arms.wait_for("right", "finish")
+    assert [arms.executions[name]["code"] for name in ("left", "right")] == ["ESTOPPED", "ESTOPPED"]

@@ -84,7 +84,7 @@ def test_every_tool_refuses_hostile_arguments_and_changes_nothing(registry, work
         if tool.name == "estop":  # stops whatever it is given
             continue
         if not tool.is_stop:
-            assert refuse(registry, tool.name, no_such_key=1).label in {"UNKNOWN_NAME (key)", "MISSING_KEY"}
+            assert refuse(registry, tool.name, no_such_key=1).label in {"UNKNOWN_NAME (key)", "MISSING_VALUE"}
         for arguments in hostile:
             own = {key: value for key, value in arguments.items() if key in tool.arguments.model_fields}
             needed = {"reason": "r"} if tool.name in {"propose", "submit"} else {}
@@ -110,7 +110,7 @@ def test_a_goal_without_a_plan_becomes_a_graph_that_compiles_or_what_is_missing(
     assert [each.skill for each in compiled["sessions"]] == ["pick_and_place"]
     impossible = wanted | {"accept": ["inside(red_cube, red_tray)", "not inside(red_cube, red_tray)"]}
     assert registry.call("plan", {"goal": yaml.safe_dump(impossible)}).facts["graph"] == ""
-    assert refuse(registry, "plan", goal="goal: x").code == "MISSING_KEY"
+    assert refuse(registry, "plan", goal="goal: x").code == "MISSING_VALUE"
 
 
 def test_compile_takes_overrides_and_refuses_paths_in_them(registry):
@@ -128,9 +128,16 @@ def test_problems_stand_in_the_text_that_was_given(registry):
     assert not registry.call("lint", {"text": TIDY}).facts["problems"]
 
 
+def test_a_suite_is_checked_with_the_goal_graphs_that_it_names(registry):
+    score = "score: {red: {in_tray: [red_cube, red_tray]}}"
+    suite = f"suite: s\nobjective: O.\ntasks:\n  tidy: {{graph: tidy_tabel, {score}}}\nseeds: {{count: 1}}\n"
+    (problem,) = registry.call("lint", {"text": suite}).facts["problems"]
+    assert (problem.code, problem.hint) == ("UNKNOWN_NAME", "Did you mean 'tidy_table'?")
+
+
 @pytest.mark.parametrize("path", ["/etc/passwd", "../secret", "goal_graphs/tidy_table.yaml", "~/x"])
 def test_a_path_is_a_text_and_never_read(registry, path):
-    assert refuse(registry, "compile", graph=path).code in {"WRONG_TYPE", "MISSING_KEY", "YAML_SYNTAX"}
+    assert refuse(registry, "compile", graph=path).code in {"INVALID_VALUE", "MISSING_VALUE", "SYNTAX"}
 
 
 @pytest.mark.slow
@@ -182,7 +189,7 @@ def test_every_call_is_recorded(registry, workspace):
     lines = (workspace.logs / "tools.jsonl").read_text().splitlines()
     assert [(json.loads(line)["tool"], json.loads(line).get("code")) for line in lines] == [
         ("look", None),
-        ("propose", "MISSING_KEY"),
+        ("propose", "MISSING_VALUE"),
     ]
 
 

@@ -7,7 +7,7 @@ A case takes a goal graph that fits, edits one thing, and names the codes that m
     base: tidy_table                 # a goal graph of the library
     edits:
       - {file: protocol/safety.yaml, path: [targets, panda, joint_velocity_max, value], value: 3.0}
-    expect: [LIMIT_WIDER]
+    expect: [LIMIT_INVALID (too wide)]
 
 Files of the project are edited before anything reads them. Besides there are `SKILLRUNTIME.md` and `TARGETS.md` (a
 block edited after the goal was compiled), `session` (every contract), `live` (what the target says of itself),

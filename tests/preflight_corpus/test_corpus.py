@@ -1,7 +1,6 @@
 """Every misconfiguration of the corpus is refused before anything could move, with the right code; nothing sound is."""
 
 from collections import Counter
-from functools import cache
 
 import jsonschema
 import msgspec
@@ -17,14 +16,6 @@ from .corpus import SIDES, carry, make_control, read_cases, read_sound
 from .recording import read_recorded, record
 
 CASES = read_cases()
-
-
-@pytest.fixture(autouse=True, scope="module")
-def trees_are_listed_once():
-    """None is added while a case is examined, and each of its sessions asks a hundred times which there are."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Library, "names_of_trees", cache(Library.names_of_trees))
-        yield
 
 
 @pytest.fixture(scope="session")

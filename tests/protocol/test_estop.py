@@ -56,7 +56,7 @@ def test_a_reset_needs_a_reason_and_something_to_reset(tmp_path):
     with pytest.raises(DefinitionError, match="NOT_LATCHED"):
         reset(tmp_path, "why not", ManualClock())
     latch(tmp_path, Latch(by="anna"))
-    with pytest.raises(DefinitionError, match="REASON_MISSING"):
+    with pytest.raises(DefinitionError, match="MISSING_VALUE"):
         reset(tmp_path, "  ", ManualClock())
     assert is_latched(tmp_path)
 

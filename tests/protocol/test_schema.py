@@ -55,7 +55,7 @@ def test_a_value_that_lacks_what_it_needs_is_left_out_as_a_whole():
 def test_what_the_file_itself_needs_leaves_no_model_but_every_problem():
     model, problems = salvage(Outer, parse_yaml("title: x\nparts: {a: {size: big}}\n", "f.yaml"))
     assert model is None
-    assert [problem.label for problem in problems] == ["MISSING_KEY", "INVALID_VALUE", "UNKNOWN_NAME (key)"]
+    assert [problem.label for problem in problems] == ["MISSING_VALUE", "INVALID_VALUE", "UNKNOWN_NAME (key)"]
 
 
 def test_a_misspelt_key_stands_in_for_the_one_that_is_needed():
@@ -68,8 +68,8 @@ def test_a_misspelt_key_stands_in_for_the_one_that_is_needed():
     ("text", "message"),
     [
         ("a: 1\na: 2\n", r"f.yaml:2:1: DUPLICATE_NAME: found 'a'"),
-        ("a: [1\n", r"f.yaml:2:1: YAML_SYNTAX"),
-        ("- 1\n", r"f.yaml:1:1: WRONG_TYPE: found list; expected a mapping \(Outer\)"),
+        ("a: [1\n", r"f.yaml:2:1: SYNTAX"),
+        ("- 1\n", r"f.yaml:1:1: INVALID_VALUE: found list; expected a mapping \(Outer\)"),
     ],
 )
 def test_text_that_is_no_mapping_is_told(text, message):
@@ -101,7 +101,7 @@ def test_text_that_is_no_mapping_is_told(text, message):
     ],
 )
 def test_a_value_that_cannot_be_read_is_told_with_its_place(value, message):
-    with pytest.raises(DefinitionError, match=rf"f\.yaml:3:\d+: YAML_SYNTAX: found .*{message}"):
+    with pytest.raises(DefinitionError, match=rf"f\.yaml:3:\d+: SYNTAX: found .*{message}"):
         parse_yaml(f"a: 1\nb: {value}\n", "f.yaml", first_line=2)
 
 
@@ -128,7 +128,7 @@ def build_bomb(first, name):
 )
 def test_what_grows_beyond_memory_is_refused_before_it_is_built(text, monkeypatch):
     monkeypatch.setattr(Loader, "get_single_node", lambda _: pytest.fail("it was built"))
-    with pytest.raises(DefinitionError, match=r"f\.yaml:\d+:\d+: YAML_SYNTAX: found more than 100000 values, or "):
+    with pytest.raises(DefinitionError, match=r"f\.yaml:\d+:\d+: SYNTAX: found more than 100000 values, or "):
         parse_yaml(text, "f.yaml")
 
 

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 
 
 @pytest.mark.parametrize(
@@ -20,9 +20,9 @@ def test_two_strategies_avoid_what_either_does_and_the_own_speed_wins():
     own = Strategy(avoid_grasps=("a",), speed=0.5)
     other = Strategy(avoid_grasps=("b", "a"), avoid_sites=("s",), speed=0.25)
     assert own.join(other) == Strategy(avoid_grasps=("a", "b"), avoid_sites=("s",), speed=0.5)
-    assert OWN_WAY.join(other) == other
+    assert DEFAULT_STRATEGY.join(other) == other
 
 
 def test_people_read_it_as_words():
     assert str(Strategy(avoid_grasps=("a", "b"), speed=0.5)) == "with another grasp (not a or b) at half speed"
-    assert str(OWN_WAY) == ""
+    assert str(DEFAULT_STRATEGY) == ""

@@ -153,12 +153,12 @@ def test_a_registry_that_was_spoiled_names_line_and_key(tmp_path, library):
 def test_every_problem_of_every_skill_and_target_is_reported(tmp_path, library):
     put(tmp_path / "mine", "skills/bad/SKILL.md", "no front matter\n")
     put(tmp_path / "mine", "skills/worse/SKILL.md", SKILL.replace("skill: wave", "skill: better"))
-    with pytest.raises(DefinitionError, match=r"(?s)FRONT_MATTER_MISSING.*NAME_MISMATCH: found 'better'"):
+    with pytest.raises(DefinitionError, match=r"(?s)MISSING_VALUE.*INVALID_VALUE: found 'better'"):
         Workspace.create(tmp_path / "w", library)
 
     shutil.rmtree(tmp_path / "mine")
     put(tmp_path / "shipped", "robots/other/target.yaml", TARGET)
-    with pytest.raises(DefinitionError, match="NAME_MISMATCH: found 'toy'; expected the folder's name 'other'"):
+    with pytest.raises(DefinitionError, match="INVALID_VALUE: found 'toy'; expected the folder's name 'other'"):
         Workspace.create(tmp_path / "v", library)
 
     shutil.rmtree(tmp_path / "shipped" / "robots" / "other")

@@ -61,11 +61,11 @@ def test_a_procedure_goes_through_its_steps_and_every_call_is_traced(direct):
     [
         ({"call": "invoke_tool", "tool": "push"}, "UNKNOWN_NAME"),
         ({"call": "invoke_tool", "tool": "../home"}, "UNKNOWN_NAME"),
-        (PUT | {"arguments": {"object": "red_cube"}}, "MISSING_PARAMETER"),
+        (PUT | {"arguments": {"object": "red_cube"}}, "MISSING_VALUE"),
         (PUT | {"arguments": RIGHT | {"speed": 9}}, "UNKNOWN_NAME"),
-        (PUT | {"arguments": RIGHT | {"near": "here"}}, "PARAMETER_INVALID"),
+        (PUT | {"arguments": RIGHT | {"near": "here"}}, "INVALID_VALUE"),
         (PUT | {"arguments": RIGHT | {"object": "gold"}}, "NOT_OBSERVED"),
-        ({"call": "query_state", "predicate": "os.system('x')"}, "PREDICATE_SYNTAX"),
+        ({"call": "query_state", "predicate": "os.system('x')"}, "SYNTAX"),
     ],
 )
 def test_a_call_that_does_not_fit_is_refused_and_moves_nothing(direct, call, code):
@@ -134,7 +134,7 @@ def test_an_outside_agent_sees_turns_and_answers_each_once(direct, tmp_path):
     assert seen[2].result == {"ended": "done", "truth": "true", "because": seen[2].result["because"]}
     assert seen[3].result["problems"][0]["code"] == "INVALID_VALUE"
     assert seen[4].result == {"ended": "done", "outputs": {}}
-    with pytest.raises(DefinitionError, match="TURN_OVER"):
+    with pytest.raises(DefinitionError, match="ALREADY_OVER"):
         files.answer(5, FINISH)
 
 
@@ -149,10 +149,10 @@ def files(tmp_path):
 def test_only_the_open_turn_can_be_answered(files):
     shown, turn = files
     for number in (0, 2, -1):
-        with pytest.raises(DefinitionError, match="TURN_OVER"):
+        with pytest.raises(DefinitionError, match="ALREADY_OVER"):
             shown.answer(number, FINISH)
     shown.answer(1, FINISH)
-    with pytest.raises(DefinitionError, match="TURN_OVER"):
+    with pytest.raises(DefinitionError, match="ALREADY_OVER"):
         shown.answer(1, {"call": "observe"})
     assert shown.find_answer(1) == FINISH
     shown.show(replace(turn, turn=2))

@@ -153,7 +153,7 @@ def test_a_worker_whose_lease_is_renewed_goes_on_until_it_is_asked_to_stop(emplo
     assert (execution.ended, execution.code) == (Ended.STALLED, "NO_PROGRESS")
 
 
-class Standing:
+class EntryState:
     """The connection to a target whose time stands: a command waits until it is aborted."""
 
     def __init__(self, target) -> None:
@@ -183,7 +183,7 @@ class Standing:
 def test_a_session_ends_while_its_command_waits_for_other_targets(employed, why, code):
     target, describe = employed.bench.target, employed.bench.target._describe
     target._describe = lambda: msgspec.structs.replace(describe(), shares_time=True)
-    employed.bench.handle.link.connection = standing = Standing(target)
+    employed.bench.handle.link.connection = standing = EntryState(target)
     target.commands = standing.is_waiting.is_set
     employed.start()
     employed.renew_and_wait()  # heard while the command waits

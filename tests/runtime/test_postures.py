@@ -64,7 +64,7 @@ def test_an_unknown_posture_is_refused_with_the_nearest_name(ask, profile, libra
         ("UNKNOWN_NAME (posture)", "parameters.posture"),
         ("UNKNOWN_NAME (posture)", "accept[0]"),
     ]
-    assert "expected aside, floor; asked for by target panda: postures. Did you mean 'aside'?" in str(problems[0])
+    assert "expected aside, floor; required by target panda: postures. Did you mean 'aside'?" in str(problems[0])
 
 
 @pytest.mark.sim
@@ -111,7 +111,7 @@ def test_a_posture_is_reached_on_physics_and_judged_by_the_measured_joints(open_
 @pytest.mark.parametrize(
     ("postures", "code"),
     [
-        ("{aside: [1.2, -0.5, 0.1, -2.0, 0.0, 1.6]}", "WRONG_LENGTH"),
+        ("{aside: [1.2, -0.5, 0.1, -2.0, 0.0, 1.6]}", "INVALID_VALUE"),
         ("{aside: [3.2, -0.5, 0.1, -2.0, 0.0, 1.6, 0.5]}", "INVALID_VALUE"),
         ("{folded: [0.0, -1.7, 0.0, -3.0, 0.0, 0.0, 0.0]}", "IN_COLLISION"),
     ],

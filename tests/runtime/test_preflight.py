@@ -98,15 +98,15 @@ def test_a_sound_contract_has_no_problem_and_gets_a_plan():
     [
         ({"target": "arm2"}, "UNKNOWN_NAME (target)", "expected panda"),
         ({"skill": "pikc"}, "UNKNOWN_NAME (skill)", "Did you mean 'pick'?"),
-        ({"parameters": {}}, "MISSING_PARAMETER", "parameters.object"),
+        ({"parameters": {}}, "MISSING_VALUE", "parameters.object"),
         ({"parameters": {"object": "cube", "sped": 1}}, "UNKNOWN_NAME (parameter)", "Did you mean 'speed'?"),
-        ({"parameters": {"object": 3}}, "PARAMETER_INVALID", "a name"),
-        ({"parameters": {"object": "cube", "speed": "fast"}}, "PARAMETER_INVALID", "number"),
-        ({"parameters": {"object": "cube", "speed": 2.0}}, "PARAMETER_INVALID", "at most 1.0 m/s"),
-        ({"parameters": {"object": "cube", "speed": -1.0}}, "PARAMETER_INVALID", "at least 0.0 m/s"),
-        ({"parameters": {"object": "cube", "speed": True}}, "PARAMETER_INVALID", "number"),
-        ({"parameters": {"object": "cube", "site": [1, 2]}}, "PARAMETER_INVALID", "three numbers"),
-        ({"parameters": {"object": "cube", "style": "below"}}, "PARAMETER_INVALID", "'top' or 'side'"),
+        ({"parameters": {"object": 3}}, "INVALID_VALUE", "a name"),
+        ({"parameters": {"object": "cube", "speed": "fast"}}, "INVALID_VALUE", "number"),
+        ({"parameters": {"object": "cube", "speed": 2.0}}, "INVALID_VALUE", "at most 1.0 m/s"),
+        ({"parameters": {"object": "cube", "speed": -1.0}}, "INVALID_VALUE", "at least 0.0 m/s"),
+        ({"parameters": {"object": "cube", "speed": True}}, "INVALID_VALUE", "number"),
+        ({"parameters": {"object": "cube", "site": [1, 2]}}, "INVALID_VALUE", "three numbers"),
+        ({"parameters": {"object": "cube", "style": "below"}}, "INVALID_VALUE", "'top' or 'side'"),
         ({"resources": ("tray",)}, "UNKNOWN_NAME (resource)", "runtime_contract.yaml"),
     ],
 )
@@ -131,12 +131,12 @@ def test_all_problems_of_a_contract_are_told_at_once():
     problems = preflight.find_contract_problems(make_session(parameters={"speed": 9}))
 
     assert codes(problems) == [
-        "MISSING_PARAMETER",
-        "PARAMETER_INVALID",
+        "MISSING_VALUE",
+        "INVALID_VALUE",
         "NOT_OFFERED (observation)",
         "NOT_OFFERED (action)",
         "NOT_OFFERED (capability)",
-        "SENSOR_MISSING",
+        "SENSOR_MISMATCH (missing)",
     ]
 
 
@@ -154,10 +154,14 @@ def test_a_live_target_that_is_not_what_it_was_said_to_be_is_refused(changes):
     ("untold", "code", "text"),
     [
         ({"gripper_force_n": math.nan}, "GRIPPER_FORCE", "whose force the target does not declare"),
-        ({"kinematics": None}, "LIMIT_UNENFORCEABLE", "found none described; expected where each of 7 joints brings"),
+        (
+            {"kinematics": None},
+            "LIMIT_INVALID (unenforceable)",
+            "found none described; expected where each of 7 joints brings",
+        ),
         ({"joints": ()}, "TARGET_MISMATCH", "target.joints: TARGET_MISMATCH: found (none)"),
         ({"version": 0}, "VERSION_MISMATCH", "found version 0"),
-        ({"q_max_rad": (math.nan,) * 7}, "LIMIT_WIDER", "joint_position_max[0]"),
+        ({"q_max_rad": (math.nan,) * 7}, "LIMIT_INVALID (too wide)", "joint_position_max[0]"),
     ],
 )
 def test_a_live_target_that_is_silent_about_itself_passes_no_check(untold, code, text):
@@ -172,7 +176,7 @@ def test_kinematics_of_another_number_of_joints_are_no_kinematics(axes):
     told = msgspec.structs.replace(KINEMATICS, axes=axes)
     problems = make_preflight().find_target_problems(make_session(), describe(kinematics=told))
 
-    assert codes(problems) == ["LIMIT_UNENFORCEABLE"]
+    assert codes(problems) == ["LIMIT_INVALID (unenforceable)"]
     assert f"found {len(axes)} axes, 7 anchors" in str(problems[0])
 
 
@@ -183,7 +187,7 @@ def test_names_and_preconditions_are_judged_on_the_live_world():
 
     assert codes(problems) == ["NOT_OBSERVED", "PRECONDITION_UNMET"]
     assert "Did you mean 'cube'?" in problems[0].hint
-    assert codes(make_preflight().find_contract_problems(session)) == ["PREDICATE_SYNTAX"]
+    assert codes(make_preflight().find_contract_problems(session)) == ["SYNTAX"]
 
 
 @pytest.mark.parametrize(
@@ -252,7 +256,11 @@ def test_a_skill_whose_actions_cannot_be_bridged_is_rejected_with_every_reason()
         skills={"pick": SKILL.model_copy(update={"action_space": space})}, profile=PROFILE, settings=SETTINGS
     )
     problems = preflight.find_contract_problems(make_session())
-    assert {problem.label for problem in problems} == {"UNKNOWN_NAME (joint)", "GRIPPER_MISMATCH", "RATE_UNBRIDGED"}
+    assert {problem.label for problem in problems} == {
+        "UNKNOWN_NAME (joint)",
+        "ACTION_SPACE_MISMATCH (gripper)",
+        "ACTION_SPACE_MISMATCH (rate)",
+    }
     assert all(problem.address.startswith("g.a: skill.action_space.") for problem in problems)
 
 

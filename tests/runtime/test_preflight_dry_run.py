@@ -31,7 +31,7 @@ from phyagentos.runtime.motion.requests import (
     FindGrasps,
     FindPlacements,
     NoPlan,
-    Stance,
+    PostureCheck,
     Timing,
     World,
 )
@@ -61,7 +61,7 @@ class Oracle:
     """A planner that answers what it was told to, by kind of request."""
 
     def __init__(self, **answers) -> None:
-        free = Stance(contacts=(), escapes=True, timing=Timing(ms={}))
+        free = PostureCheck(contacts=(), escapes=True, timing=Timing(ms={}))
         self.answers, self.asked, self.waiting = {"CheckPosture": free, **answers}, [], None
 
     def submit(self, request) -> None:
@@ -443,7 +443,7 @@ def test_joints_that_only_turn_in_place_do_not_lengthen_the_reach():
 def test_a_worker_whose_settings_cannot_be_read_refuses_every_session_with_the_reasons():
     ours, theirs = Pipe()
     control = Link(ours)
-    problem = Problem(code="UNSOURCED_LIMIT", address="safety.yaml:9:5", found="'tbd'")
+    problem = Problem(code="MISSING_VALUE", address="safety.yaml:9:5", found="'tbd'")
     thread = Thread(target=serve_refusals, args=(Link(theirs), [problem]))
     thread.start()
 
@@ -461,7 +461,7 @@ def test_a_worker_whose_settings_cannot_be_read_refuses_every_session_with_the_r
 
 
 def touch(*contacts, escapes):
-    return Stance(contacts=contacts, escapes=escapes, timing=Timing(ms={}))
+    return PostureCheck(contacts=contacts, escapes=escapes, timing=Timing(ms={}))
 
 
 def test_a_start_in_contact_is_found_and_rejects_only_where_there_is_no_way_out():

@@ -479,7 +479,7 @@ def test_a_tree_with_problems_ends_before_anything_moves(build_bench, session, p
     bench = build_bench(library=plant(["locat"]))
     execution = bench.run(session)
 
-    assert (execution.ended, execution.code) == (Ended.SKILL_FAILED, "TREE_INVALID")
+    assert (execution.ended, execution.code) == (Ended.SKILL_FAILED, "BROKEN_TREE")
     assert "UNKNOWN_NAME (leaf): found 'locat'" in execution.message
     assert bench.target.commands() == []
     assert isinstance(bench.target.requests[-1], wire.End)

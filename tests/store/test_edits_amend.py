@@ -47,7 +47,7 @@ def test_a_claimed_session_is_not_amended(open_journal, submit):
     ("body", "message"),
     [
         ({"limits": {"timout_s": 5}}, r"found 'timout_s'; expected heartbeat_s.*Did you mean 'timeout_s'"),
-        ({"limits": {"timeout_s": 0}}, r"INVALID_CONTRACT.*> 0"),
+        ({"limits": {"timeout_s": 0}}, r"INVALID_VALUE.*> 0"),
         ({"limits": {"timeout_s": "soon"}}, r"Expected `float`, got `str`"),
         ({"priority": 1.5}, r"Expected `int"),
         ({"skill": "wave"}, r"unknown field `skill`"),

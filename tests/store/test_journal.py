@@ -97,11 +97,11 @@ def test_a_session_is_submitted_once_and_before_anything_else(open_journal, subm
 def test_a_contract_that_is_none_is_refused(open_journal, submit):
     agent = open_journal()
 
-    with pytest.raises(DefinitionError, match=r"session s: INVALID_CONTRACT: found .*missing required field `goal`"):
+    with pytest.raises(DefinitionError, match=r"session s: INVALID_VALUE: found .*missing required field `goal`"):
         agent.commit([Entry("s", "submit", {"id": "s"})])
-    with pytest.raises(DefinitionError, match="session s: INVALID_CONTRACT"):
+    with pytest.raises(DefinitionError, match="session s: INVALID_VALUE"):
         agent.commit([Entry("s", "submit")])
-    with pytest.raises(DefinitionError, match="session t: NAME_MISMATCH: found s; expected t"):
+    with pytest.raises(DefinitionError, match="session t: INVALID_VALUE: found s; expected t"):
         agent.commit([Entry("t", "submit", submit("s").body)])
 
 
@@ -162,7 +162,7 @@ def test_a_lock_that_stays_taken_names_its_holder(open_journal, submit, monkeypa
 
     with (
         one._lock.held(),
-        pytest.raises(ExecutionError, match=rf"JOURNAL_LOCKED: .*held for .* by process {os.getpid()} "),
+        pytest.raises(ExecutionError, match=rf"BUSY: .*held for .* by process {os.getpid()} "),
     ):
         two.commit([submit("s")])
 
@@ -173,7 +173,7 @@ def test_a_closed_journal_says_so(open_journal, submit):
     agent = open_journal()
     agent.close()
 
-    with pytest.raises(ExecutionError, match="JOURNAL_CLOSED"):
+    with pytest.raises(ExecutionError, match="JOURNAL_WRITE_FAILED"):
         agent.commit([submit("s")])
 
 

@@ -3,8 +3,10 @@
 import hashlib
 import json
 import os
+from functools import partial
 from types import SimpleNamespace
 
+import msgspec
 import pytest
 from filelock import FileLock
 
@@ -25,6 +27,7 @@ from phyagentos.protocol.settings.runtime_contract import EvidenceRetention
 from phyagentos.store import retention
 from phyagentos.store.compaction import compact_partition
 from phyagentos.store.journal import choose_partition
+from phyagentos.store.retention import apply_retention
 from phyagentos.store.segments import SystemIO
 
 from .evidence_bundles import DAY_S, EVERYTHING, HEAVY, MODEL, SMALL, Store, names_in, read_all
@@ -53,13 +56,13 @@ def test_a_succeeded_session_is_thinned_and_its_manifest_says_so(store):
     assert store.check() == []
 
 
-@pytest.mark.slow
 def test_the_running_plane_thins_after_so_many_sessions_that_ended(store):
     shipped = (find_shipped_root() / "protocol" / "runtime_contract.yaml").read_text()
     store.workspace.runtime_contract.write_text(shipped.replace("keep_last: 200", "keep_last: 0"))
     folder = store.run("g.a")
     whole = names_in(folder)
-    keeper = EvidenceKeeper(store.workspace, every=2)
+    store.clock.advance(365 * DAY_S)
+    keeper = EvidenceKeeper(store.workspace, store.clock, every=2)
     for to in ("running", "succeeded"):
         keeper.take_in(SimpleNamespace(to=to))
         keeper.refresh()
@@ -67,10 +70,27 @@ def test_the_running_plane_thins_after_so_many_sessions_that_ended(store):
 
     keeper.take_in(SimpleNamespace(to="failed"))
     keeper.refresh()
-    keeper._process.wait(60.0)
+    keeper._thread.join(60.0)
 
-    assert names_in(folder) == whole - HEAVY, (store.workspace.logs / "prune.log").read_text()
+    report = (store.workspace.logs / "prune.log").read_text()
+    assert names_in(folder) == whole - HEAVY, report
+    assert msgspec.json.decode(report)["thinned"][0]["session"] == "g.a"
     keeper.close()
+
+
+def test_a_plane_that_ends_ends_its_clean_up_between_two_bundles(store):
+    """Wherever it ends: what is marked as gone is gone, and the next clean-up takes the rest."""
+    folders = [store.run("g.a"), store.run("g.b")]
+    for turns in range(9):
+        left = iter(range(turns))
+        goes_on = partial(next, left, None)  # a turn, or None when all are taken
+        apply_retention(store.workspace, EVERYTHING, store.clock, goes_on=lambda ask=goes_on: ask() is not None)
+        assert store.check() == []
+        if turns == 0:
+            assert all(names_in(folder) >= HEAVY for folder in folders)
+    store.prune()
+
+    assert not any(names_in(folder) & HEAVY for folder in folders)
 
 
 @pytest.mark.parametrize("key", ["files", "thinned"])
@@ -92,7 +112,7 @@ def test_a_manifest_names_no_file_outside_of_its_bundle(store, tmp_path, key):
 
     assert victim.read_text() == "precious"
     assert report.damaged == ("g.a",)
-    assert "MANIFEST_DAMAGED" in str(check_bundle(folder))
+    assert "EVIDENCE_DAMAGED" in str(check_bundle(folder))
 
 
 def test_failed_and_replanned_sessions_stay_whole(store):
@@ -226,7 +246,7 @@ def test_a_bundle_that_no_session_belongs_to_is_left_alone(store):
 
 
 def test_two_clean_ups_at_once_are_refused(store):
-    with FileLock(store.workspace.evidence / ".retention.lock"), pytest.raises(ExecutionError, match="EVIDENCE_BUSY"):
+    with FileLock(store.workspace.evidence / ".retention.lock"), pytest.raises(ExecutionError, match="BUSY"):
         store.prune()
 
 
@@ -273,7 +293,7 @@ def test_a_clean_up_that_dies_at_any_call_leaves_no_bundle_that_lacks_a_file_wit
                 if not path.exists():
                     assert known[path.name].sha256 == contents[path], f"{path} is gone and unnamed at call {at}"
                     assert path.name in manifest.gone
-            assert [problem for problem in check_bundle(folder) if problem.code != "UNSEALED"] == []
+            assert [problem for problem in check_bundle(folder) if problem.code != "EVIDENCE_DAMAGED"] == []
         store.prune()
         assert store.check() == []
         assert not list(store.workspace.evidence.rglob("*.tmp"))
@@ -300,7 +320,7 @@ def test_sessions_whose_journal_is_archived_are_thinned_all_the_same(store):
 
 def test_a_clean_up_that_cannot_begin_does_not_end_the_plane(store):
     (store.workspace.logs / "prune.log").mkdir()
-    keeper = EvidenceKeeper(store.workspace, every=1)
+    keeper = EvidenceKeeper(store.workspace, store.clock, every=1)
     keeper.take_in(SimpleNamespace(to="failed"))
     keeper.refresh()
     keeper.close()

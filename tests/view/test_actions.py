@@ -39,7 +39,7 @@ def test_one_press_latches_the_emergency_stop_and_a_reset_asks_for_a_reason(docu
     signals = documents.workspace.signals.parent
     perform(documents.workspace, "estop", {})
     assert estop.read_latch(signals).reason == "pressed on the page"
-    with pytest.raises(DefinitionError, match="MISSING_PARAMETER"):
+    with pytest.raises(DefinitionError, match="MISSING_VALUE"):
         perform(documents.workspace, "reset", {"reason": " "})
     assert estop.is_latched(signals)
     perform(documents.workspace, "reset", {"reason": "the table is free"})
@@ -79,7 +79,7 @@ def test_a_graph_that_is_unsound_is_linted_and_not_submitted(documents):
 
 @pytest.mark.parametrize("name", [name for name, action in ACTIONS.items() if action.needs])
 def test_an_empty_field_is_refused(told, name):
-    with pytest.raises(DefinitionError, match="MISSING_PARAMETER"):
+    with pytest.raises(DefinitionError, match="MISSING_VALUE"):
         perform(told.workspace, name, dict.fromkeys(ACTIONS[name].needs, " "))
 
 

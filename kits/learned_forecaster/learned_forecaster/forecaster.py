@@ -34,7 +34,7 @@ def open_learned(site: ForecasterSite) -> LearnedForecaster:
         address = f"{site.workspace.runtime_contract}: forecasting.options.learned"
         hint = "Make one with `python -m learned_forecaster`."
         raise DefinitionError.of(
-            "MISSING_KEY", address, "no 'model'", "a file, by its path from the workspace on", hint
+            "MISSING_VALUE", address, "no 'model'", "a file, by its path from the workspace on", hint
         )
     model, data = read_model(site.workspace.root / file)
     return LearnedForecaster(model, f"learned/1({hashlib.sha256(data).hexdigest()[:8]})")

@@ -28,7 +28,7 @@ def train_model(workspaces: Sequence[Workspace], seed: int) -> tuple[LearnedMode
 
     Raises:
         DefinitionError: With fewer than `CASES_MIN`.
-        ExecutionError: `EVIDENCE_UNREADABLE`, `JOURNAL_DAMAGED`.
+        ExecutionError: `EVIDENCE_DAMAGED`, `JOURNAL_DAMAGED`.
     """
     found = {name: (digest, example) for each in workspaces for name, digest, example in iter_examples(each)}
     examples = [example for _, example in found.values()]

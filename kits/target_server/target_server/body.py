@@ -181,7 +181,7 @@ class Body(ABC):
             every: Of so many rows and columns the middle one is read, odd.
         """
         if cameras or windows:
-            raise Refusal("UNKNOWN_CAMERA", "the target has no cameras")
+            raise Refusal("REQUEST_INVALID", "the target has no cameras")
         return ()
 
     def measure_error(self, wanted: Sequence[float]) -> float:

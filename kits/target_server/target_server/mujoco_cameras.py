@@ -59,10 +59,10 @@ class Cameras:
     def capture(
         self, data: Any, time_s: float, names: Sequence[str], windows: Mapping[str, Window], every: int
     ) -> list[Picture]:
-        """The pictures of a state with computed poses; raises `Refusal` `UNKNOWN_CAMERA` or `INVALID_CROP`."""
+        """The pictures of a state with computed poses; raises `Refusal` `REQUEST_INVALID` or `REQUEST_INVALID`."""
         unknown = [name for name in (*names, *windows) if name not in self.sensors]
         if unknown:
-            raise Refusal("UNKNOWN_CAMERA", f"no camera {unknown[0]!r}; there are {', '.join(self.sensors)}")
+            raise Refusal("REQUEST_INVALID", f"no camera {unknown[0]!r}; there are {', '.join(self.sensors)}")
         return [self._take(data, time_s, name, windows.get(name), every) for name in names or self.sensors]
 
     def photograph(self, data: Any, geoms: Sequence[int], center_m: Array, radius_m: float) -> list[list[list[float]]]:
@@ -97,7 +97,7 @@ class Cameras:
         is_inside = min(left, top) >= 0 and left + width <= sensor.width and top + height <= sensor.height
         if not is_inside or every < 1 or every % 2 == 0 or min(rows, columns) < 1:
             size = f"{sensor.width} x {sensor.height} pixels"
-            raise Refusal("INVALID_CROP", f"every {every} of a window {window} of a picture of {size}")
+            raise Refusal("REQUEST_INVALID", f"every {every} of a window {window} of a picture of {size}")
         rgb, depth_m = self._draw(data, sensor.camera, (sensor.height, sensor.width))
         some = np.ix_(top + every // 2 + every * np.arange(rows), left + every // 2 + every * np.arange(columns))
         near_m, far_m = sensor.range_m

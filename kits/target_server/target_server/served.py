@@ -171,7 +171,7 @@ class Served:
         reply: dict[str, Any] = {"type": "Observation", "time_s": self.body.time_s, "target": _encode(self.body.read())}
         if request["truth"]:
             if not self.body.has_truth:
-                raise Refusal("NO_GROUND_TRUTH", "the target has no ground truth")
+                raise Refusal("REQUEST_INVALID", "the target has no ground truth")
             reply["entities"] = [
                 each.encode() | {"observed_at_s": self.body.time_s, "source": self.body.driver}
                 for each in self.body.list_entities()
@@ -197,7 +197,7 @@ class Served:
     def _invoke(self, request: dict[str, Any]) -> dict[str, Any]:
         name = request["name"]
         if name not in self.body.tools:
-            raise Refusal("UNKNOWN_TOOL", f"no tool {name!r}; there are {', '.join(self.body.tools) or 'none'}")
+            raise Refusal("REQUEST_INVALID", f"no tool {name!r}; there are {', '.join(self.body.tools) or 'none'}")
         files = self.body.tools[name](request["arguments"])
         artefacts = {file: {"media_type": media, "data": data} for file, (media, data) in files.items()}
         return {"type": "ToolResult", "artefacts": artefacts}
@@ -227,7 +227,7 @@ class Served:
         if not hmac.compare_digest(request["token"], mint(self._key, session, epoch)):
             raise Refusal("BAD_TOKEN", f"the token is not that of epoch {epoch} of {session}")
         if self._scene is None:
-            raise Refusal("NO_SCENE", "no scene is loaded; send LoadScene first")
+            raise Refusal("NO_EPISODE", "no scene is loaded; send LoadScene first")
         if self.look_for_stops():
             raise Refusal("ESTOPPED", f"the emergency stop is set; remove {self._stop_file} to reset it")
         if not session:

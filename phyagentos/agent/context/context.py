@@ -65,7 +65,7 @@ def build_context(purpose: str, sections: Iterable[Section], budget_tokens: int)
     """The context of these sections; those that the purpose does not have are left out, a `question` always stays.
 
     Raises:
-        DefinitionError: `UNKNOWN_NAME` for an unknown purpose; `CONTEXT_TOO_LARGE`: not even the question fits.
+        DefinitionError: `UNKNOWN_NAME` for an unknown purpose; `TOO_LARGE`: not even the question fits.
     """
     if purpose not in PRIORITIES:
         raise DefinitionError.unknown("purpose", "purpose of a context", purpose, PRIORITIES)
@@ -86,7 +86,7 @@ def build_context(purpose: str, sections: Iterable[Section], budget_tokens: int)
         if context.tokens <= budget_tokens:
             return context
     found, expected = f"a budget of {budget_tokens} tokens", f"at least {context.tokens}"
-    raise DefinitionError.of("CONTEXT_TOO_LARGE", f"context for {purpose}", found, expected)
+    raise DefinitionError.of("TOO_LARGE", f"context for {purpose}", found, expected)
 
 
 def select(section: str, entry: msgspec.Struct | Authored, **more: object) -> Fields:

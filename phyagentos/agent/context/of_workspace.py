@@ -13,7 +13,7 @@ from phyagentos.protocol.documents.schema import read_text
 from phyagentos.protocol.predicates.predicate import find_entities
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
 from phyagentos.protocol.sessions.lessons import LESSONS, Lesson
-from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Scope, Standing
+from phyagentos.protocol.sessions.memory_entries import EntryState, MemoryEntry, Scope
 from phyagentos.protocol.sessions.session import Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState
 from phyagentos.protocol.settings.safety import read_safety
@@ -95,11 +95,11 @@ def read_active(path: Path, format: DocumentFormat[_EntryT]) -> tuple[_EntryT, .
 @lru_cache(maxsize=4)
 def _read_active(path: Path, format: DocumentFormat[Any], _changed_ns: int) -> tuple[Any, ...]:
     entries = read_document(read_text(path), format, str(path)).blocks.values()
-    return tuple(each for each in entries if each.state is Standing.ACTIVE)
+    return tuple(each for each in entries if each.state is EntryState.ACTIVE)
 
 
 def _iter_world(world: Snapshot, goal: GoalStatus | None) -> Iterator[Section]:
-    """The snapshot as a whole, then its things: those that the goal names, what is movable, what is fixed."""
+    """The snapshot as a whole, then its objects: those that the goal names, what is movable, what is fixed."""
     named = {name for text in (*goal.accept, *goal.constraints) for name in find_entities(text)} if goal else set()
     true_of: dict[str, list[str]] = {}
     for each in world.relations:

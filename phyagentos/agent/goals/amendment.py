@@ -86,11 +86,11 @@ def compute_difference(new: GoalGraph, nodes: Mapping[str, NodeStatus]) -> Field
 
 
 def find_fitting(node: Node, roles: Mapping[str, str], view: View) -> dict[str, list[str]]:
-    """For each variable of a fan-out over what is seen the things of the inventory that fit, sorted by name."""
+    """For each variable of a fan-out over what is seen the objects of the inventory that fit, sorted by name."""
     seen = sorted(name for name, each in view.now.entities.items() if each.visible and each.kind != UNNAMED)
     found: dict[str, list[str]] = {}
     for key, text in ((key, text) for key, text in node.spec.foreach.items() if isinstance(text, str)):
-        named = {*iter_entities(parse_predicate(text, template=True))}  # a tray is not among the things in it
+        named = {*iter_entities(parse_predicate(text, template=True))}  # a tray is not among the objects in it
         filled = {name: parse_predicate(substitute(text, {key: name})) for name in seen if name not in named}
         renamed = {name: each.rename_targets(roles) for name, each in filled.items()}
         found[key] = [name for name, each in renamed.items() if each.evaluate(view).truth is Truth.TRUE]

@@ -55,13 +55,13 @@ class Catalogue:
         return dict.fromkeys(content.regions, "region") | listed
 
     def find_mechanisms(self, scene: str) -> dict[str, str]:
-        """How each thing with a joint moves, `slide` or `hinge`; empty when the scene cannot be read."""
+        """How each object with a joint moves, `slide` or `hinge`; empty when the scene cannot be read."""
         content = self._find_scene(scene)
         bodies = content.bodies.items() if content is not None else ()
         return {name: body.joint.kind for name, body in bodies if body.joint is not None}
 
     def find_alike(self, scene: str) -> dict[str, frozenset[str]]:
-        """Things of a scene that no picture tells from others, and those; empty when it cannot be read."""
+        """Objects of a scene that no picture tells from others, and those; empty when it cannot be read."""
         content = self._find_scene(scene)
         if content is None:
             return {}

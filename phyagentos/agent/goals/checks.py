@@ -35,7 +35,7 @@ class Checks:
     def check_spec(self) -> Iterator[Problem]:
         """Problems of name, scene, roles and every predicate."""
         if len(self.spec.goal) > NAME_MAX:
-            yield self.located.problem("INVALID_NAME", ("goal",), repr(self.spec.goal), f"at most {NAME_MAX} letters")
+            yield self.located.problem("INVALID_VALUE", ("goal",), repr(self.spec.goal), f"at most {NAME_MAX} letters")
         if self.spec.scene not in self.catalogue.scenes:
             yield self.located.unknown("scene", ("scene",), self.spec.scene, self.catalogue.scenes)
         for role, target in self.spec.targets.items():
@@ -44,14 +44,14 @@ class Checks:
         for node in self.nodes.values():
             if node.on_failure and not self.spec.accept:  # only the goal's own can say that it is met all the same
                 path: Path = (*node.path, "after")
-                yield self.located.problem("NOTHING_TO_ACCEPT", path, "an edge on failure", "'accept' of the goal")
+                yield self.located.problem("MISSING_VALUE", path, "an edge on failure", "'accept' of the goal")
             yield from self._check_conditions(node)
         yield from self._check_worlds()
         yield from self._check_interchangeable()
         for name, text in self.spec.described.items():
             path = ("described", name)
             if name in (self._listed or ()) or name.startswith(UNNAMED):
-                yield self.located.problem("INVALID_NAME", path, repr(name), "a name that nothing else may have")
+                yield self.located.problem("INVALID_VALUE", path, repr(name), "a name that nothing else may have")
             try:
                 parse_description(text, self.located.address_of(path))
             except DefinitionError as error:
@@ -75,9 +75,7 @@ class Checks:
             problems += self._check_data_edges(node, runtime, choices)
             if not node.spec.accept and not runtime.guarantees:
                 hint = "Add 'accept': a session without a criterion can never succeed."
-                problems.append(
-                    self.located.problem("NOTHING_TO_ACCEPT", node.path, "no acceptance", "a predicate", hint)
-                )
+                problems.append(self.located.problem("MISSING_VALUE", node.path, "no acceptance", "a predicate", hint))
         return {name: choices[name] for name in self.nodes if name in choices}, problems
 
     def _choose(self, node: Node, dag: "nx.DiGraph[str]", choices: Mapping[str, Choice]) -> Choice:
@@ -147,7 +145,7 @@ class Checks:
             yield replace(problem, address=self.located.address_of(("worlds",)))
 
     def _check_interchangeable(self) -> Iterator[Problem]:
-        """Groups of two or more things of the scene that look alike."""
+        """Groups of two or more objects of the scene that look alike."""
         for index, names in enumerate(self.spec.interchangeable):
             path: Path = ("interchangeable", index)
             if self._kinds is None:
@@ -162,7 +160,7 @@ class Checks:
                     )
 
     def iter_warnings(self) -> Iterator[Problem]:
-        """Things that the goal names and no picture tells from others, unless they are interchangeable."""
+        """Objects that the goal names and no picture tells from others, unless they are interchangeable."""
         used: dict[str, Path] = {}
         for path, text in self._iter_predicates():
             for reference in parse_predicate(text, template=True).iter_references():
@@ -176,7 +174,7 @@ class Checks:
             if not any({name, *others} <= names for names in agreed):
                 hint = "Mark one of them, ask for a number of them, or write them into 'interchangeable'."
                 found = f"{name!r}, which looks as {', '.join(others)} does"
-                yield self.located.problem("ALIKE", used[name], found, "a thing that can be told from others", hint)
+                yield self.located.problem("ALIKE", used[name], found, "an object that differs from the others", hint)
 
     def _iter_predicates(self) -> Iterator[tuple[Path, str]]:
         yield from ((("constraints", index), text) for index, text in enumerate(self.spec.constraints))
@@ -216,7 +214,7 @@ class Checks:
                 if parameter.is_needed:
                     found = f"no {key!r} for skill {runtime.skill!r}"
                     hint = f"Add {key!r}. {parameter.description}".rstrip()
-                    yield self.located.problem("MISSING_PARAMETER", (*node.path, "with"), found, parameter.type, hint)
+                    yield self.located.problem("MISSING_VALUE", (*node.path, "with"), found, parameter.type, hint)
             elif isinstance(value, str) and REFERENCE.search(value):
                 continue  # a data edge: its type is checked with the output
             elif parameter.type == "posture" and value not in (known := self.catalogue.targets[choice.target].postures):
@@ -238,7 +236,7 @@ class Checks:
                 yield self.located.unknown("output", edge.path, edge.output, source.outputs, found)
             elif wanted not in (None, output.type) and (output.type, wanted) not in _FITTING:
                 found = f"output '{edge.node}.outputs.{edge.output}', which is a {output.type}"
-                yield self.located.problem("INVALID_PARAMETER", edge.path, found, f"a {wanted}")
+                yield self.located.problem("INVALID_VALUE", edge.path, found, f"a {wanted}")
 
 
 def iter_mismatches(
@@ -246,7 +244,7 @@ def iter_mismatches(
 ) -> Iterator[Problem]:
     """What is wrong with a value: type, bounds, or a name that is not in the scene (`kinds`: name -> kind)."""
     if expected := find_mismatch(parameter, value):
-        yield located.problem("INVALID_PARAMETER", path, repr(value), expected, parameter.description)
+        yield located.problem("INVALID_VALUE", path, repr(value), expected, parameter.description)
     elif parameter.type in {"entity", "entities", "place"} and kinds is not None:
         for name in [value] if isinstance(value, str) else value:
             if name not in kinds:
@@ -255,4 +253,4 @@ def iter_mismatches(
                 fitting = [each for each, other in kinds.items() if other in parameter.kinds]
                 expected = f"of kind {' or '.join(parameter.kinds)}: {format_names(fitting)}"
                 found = f"{name!r}, of kind {kind}"
-                yield located.problem("INVALID_PARAMETER", path, found, expected, parameter.description)
+                yield located.problem("INVALID_VALUE", path, found, expected, parameter.description)

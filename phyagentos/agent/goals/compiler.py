@@ -23,7 +23,7 @@ from phyagentos.protocol.predicates.syntax import format_value
 from phyagentos.protocol.sessions.calibration import TrackRecord
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.sessions.session import GoalId, Limits, Scene, Session, SessionId
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 from phyagentos.protocol.sessions.tasks import compute_session_id
 from phyagentos.protocol.world.seeds import compute_seed
 
@@ -45,7 +45,7 @@ class Revision:
     """
 
     parent: SessionId | None
-    strategy: Strategy = OWN_WAY
+    strategy: Strategy = DEFAULT_STRATEGY
     requires: tuple[str, ...] | None = None
     reasons: tuple[str, ...] = ()
     choice: Choice | None = None

@@ -94,7 +94,7 @@ class Composer:
             path, full = ("sessions", name), f"{scope.prefix}{name}"
             if len(str(name)) > NAME_MAX or not re.fullmatch(NODE_NAME, str(name)):
                 expected = f"at most {NAME_MAX} lower-case letters, digits and underscores, beginning with a letter"
-                self.problems.append(located.problem("INVALID_NAME", path, repr(name), expected))
+                self.problems.append(located.problem("INVALID_VALUE", path, repr(name), expected))
             is_plain = not isinstance(authored, dict) or not (scope.prefix or values)
             node = authored if is_plain else _fill(_lengthen(authored, scope.prefix), values)
             alone = replace(located, data={"sessions": {name: node}})
@@ -187,7 +187,7 @@ class Composer:
         for key in _SHARED:
             if head.get(key) not in (None, data.get(key)):
                 expected = f"{data.get(key)!r}, as in the including graph"
-                self.problems.append(inner.problem("INCLUDE_DIFFERS", (key,), repr(head[key]), expected))
+                self.problems.append(inner.problem("INVALID_VALUE", (key,), repr(head[key]), expected))
         data["targets"] = checked.targets | as_dict(data.get("targets"))
         accept: list[Item] = [(text, (inner, ("accept", index))) for index, text in enumerate(checked.accept)]
         if spec.accept is not None:

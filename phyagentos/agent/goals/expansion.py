@@ -129,7 +129,7 @@ def _iter_fan_out(
     if not node.foreach or any(isinstance(values, str) for values in node.foreach.values()):
         if len(name) > NODE_MAX:
             expected = f"names that make one of at most {NODE_MAX} letters"
-            problems.append(located.problem("INVALID_NAME", ("sessions", name), repr(name), expected))
+            problems.append(located.problem("INVALID_VALUE", ("sessions", name), repr(name), expected))
         yield name, node
         return
     seen: set[str] = set()
@@ -142,12 +142,12 @@ def _iter_fan_out(
         seen.add(label)
         if len(full := f"{name}-{label}") > NODE_MAX:
             expected = f"values that make a name of at most {NODE_MAX} letters"
-            problems.append(located.problem("INVALID_NAME", path, repr(full), expected))
+            problems.append(located.problem("INVALID_VALUE", path, repr(full), expected))
         data = node.model_dump(by_alias=True, exclude={"foreach"}, exclude_unset=True)
         bound = substitute_value(data, dict(zip(node.foreach, values, strict=True)))
         yield full, NodeSpec.model_validate(bound)
     if not seen:
-        problems.append(located.problem("EMPTY_FOREACH", path, "no value", "at least one"))
+        problems.append(located.problem("MISSING_VALUE", path, "no value", "at least one"))
 
 
 def _iter_data_edges(
@@ -181,6 +181,6 @@ def _iter_data_edges(
                 problems.append(located.unknown("node", path, source, known, f"{source!r} in {match[0]}"))
             elif len(members) > 1:
                 expected = " or ".join(f"${{{member}.outputs.{output}}}" for member in members)
-                problems.append(located.problem("AMBIGUOUS_REFERENCE", path, match[0], expected))
+                problems.append(located.problem("INVALID_VALUE", path, match[0], expected))
             else:
                 yield DataEdge(node=members[0], output=output, path=path)

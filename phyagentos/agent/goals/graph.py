@@ -35,9 +35,9 @@ class GoalGraph:
         bundle: As authored, overrides applied, included graphs in their places; None where the file says the same.
         dag: Edges lead to the nodes that wait; the attribute `data` names the outputs that flow.
         order: Topological; authored order decides between nodes without an edge.
-        brought: Node -> the thing that it brings to a place, and the place.
+        brought: Node -> the object that it brings to a place, and the place.
         rescuers: Node -> nodes that run when it has failed.
-        kept: Things that are not moved to make room: some condition names them, and no node brings them anywhere.
+        kept: Objects that are not moved to make room: some condition names them, and no node brings them anywhere.
         warnings: What may not be decided when it runs.
     """
 
@@ -59,7 +59,7 @@ class GoalGraph:
         return self.spec.goal
 
     def find_coming(self, node: str) -> tuple[str, ...]:
-        """Things that other nodes bring to the place where this one brings something."""
+        """Objects that other nodes bring to the place where this one brings something."""
         own, destination = self.brought.get(node, ("", ""))
         others = (thing for thing, place in self.brought.values() if place == destination and thing != own)
         return tuple(dict.fromkeys(others))

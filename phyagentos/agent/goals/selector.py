@@ -55,8 +55,8 @@ def select(
         target: A name of TARGETS.md, or `any`: one whose model is sure to be here comes first.
         arguments: As authored.
         catalogue: The candidates.
-        established: Guarantees of earlier nodes; a skill that begins with holding a thing needs one of them.
-        mechanisms: How each known thing moves, `slide` or `hinge`; a skill for the other kind does not fit it.
+        established: Guarantees of earlier nodes; a skill that begins with holding an object needs one of them.
+        mechanisms: How each known object moves, `slide` or `hinge`; a skill for the other kind does not fit it.
         address: Where the node stands, for messages.
 
     Raises:
@@ -194,12 +194,12 @@ def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, object],
 
 
 def _find_unfit(runtime: SkillRuntime, parameters: Mapping[str, object], mechanisms: Mapping[str, str]) -> str:
-    """A thing that moves otherwise than the skill presumes; empty where none is known to."""
+    """An object that moves otherwise than the skill presumes; empty where none is known to."""
     for key, parameter in runtime.parameters.items():
         thing = parameters.get(key)
         moves = mechanisms.get(thing) if isinstance(thing, str) else None
         if parameter.mechanism is not None and moves not in (None, parameter.mechanism):
-            return f"{key} has to be a thing with a {parameter.mechanism}, and {thing} has a {moves}"
+            return f"{key} has to be an object with a {parameter.mechanism}, and {thing} has a {moves}"
     return ""
 
 

@@ -200,9 +200,9 @@ class GoalSpec(Authored):
         sessions: Nodes by name.
         accept: The goal's own acceptance, judged at the end against the goal's first snapshot.
         budget: What the whole goal may cost; without end when empty.
-        interchangeable: Groups of things of equal form that may stand for each other: where nothing tells them apart,
+        interchangeable: Groups of objects of equal form that may stand for each other: where nothing tells them apart,
             their names are by agreement.
-        described: Names for things outside the inventory, each with its description (`a red box`).
+        described: Names for objects outside the inventory, each with its description (`a red box`).
     """
 
     version: Literal[1] = 1

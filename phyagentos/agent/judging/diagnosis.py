@@ -27,8 +27,8 @@ from phyagentos.protocol.world.environment import SURE, Environment, Status
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.wording import count, format_length
 
-DISTURBED_M = 0.03  # fingers that close beside a thing shift it by less
-GONE_M = 0.55  # a thing so far from where it stood is not within reach any more
+DISTURBED_M = 0.03  # fingers that close beside an object shift it by less
+GONE_M = 0.55  # an object so far from where it stood is not within reach any more
 FELL_M = 0.1  # nor is one that lies so much lower
 ROLLED_M = 0.2  # what slides or rolls off where it was put down comes no further
 
@@ -62,12 +62,13 @@ _OF_MACHINE = {Ended.RUNNER_LOST, Ended.TARGET_LOST, Ended.CANCELLED}
 _OF_THE_WAY = {"hold", "constraint", "metric", "requires"}  # kinds that concern other moments than the end
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Diagnosis:
     """The cause of an objective that was not met.
 
     Attributes:
         fact: The deciding observation, in words, with its number.
+        criterion: Text of the criterion that the fact names already.
         object: The entity concerned, None when unknown.
         support: The numbers of the evidence behind it.
         prior: Earlier sessions of the node, the oldest first.
@@ -75,6 +76,7 @@ class Diagnosis:
 
     cause: Cause
     fact: str = ""
+    criterion: str = ""
     object: str | None = None
     is_hopeless: bool = False
     stage: Stage = Stage.BEFORE
@@ -97,15 +99,14 @@ class Diagnosis:
 def diagnose(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
     """The cause why `criteria` are not all true on this evidence."""
     timeline = ManipulationTimeline.of(bundle, find_object(bundle.session, bundle.before or bundle.after, criteria))
-    cause, fact = _find_cause(bundle, criteria, timeline)
+    found = _find_cause(bundle, criteria, timeline)
     is_recorded = bool(bundle.trace) or bundle.execution.ended not in _OF_MACHINE
-    never = CODES[cause].retry is Retry.NEVER or bundle.after is None
-    if cause is Cause.CONSTRAINT_VIOLATED:
+    never = CODES[found.cause].retry is Retry.NEVER or bundle.after is None
+    if found.cause is Cause.CONSTRAINT_VIOLATED:
         broken = (each.text for each in _find_violated(criteria))
         never = never or any(evaluate_criterion(text, "hold", bundle).truth is not Truth.TRUE for text in broken)
-    return Diagnosis(
-        cause=cause,
-        fact=fact,
+    return replace(
+        found,
         object=timeline.name,
         is_hopeless=never or _is_out_of_reach(timeline, is_recorded=is_recorded),
         stage=timeline.stage,
@@ -125,32 +126,34 @@ def diagnose_after_looking(bundle: Bundle, criteria: Sequence[Criterion]) -> Dia
     if not seen or 2 * len(seen) < len(others):
         return replace(diagnosis, cause=Cause.OBJECT_HIDDEN)
     fact = f"{name} was looked for and not seen, unlike {len(seen)} of {len(others)} other objects"
-    return replace(diagnosis, cause=Cause.OBJECT_GONE, fact=fact, is_hopeless=True)
+    return replace(diagnosis, cause=Cause.OBJECT_GONE, fact=fact, criterion="", is_hopeless=True)
 
 
 def find_object(session: Session, world: Environment | None, criteria: Sequence[Criterion] = ()) -> str | None:
-    """What a session acts on, or else the first movable thing that its criteria name."""
+    """What a session acts on, or else the first movable object that its criteria name."""
     if world is None:
         return None
     mentioned = (name for criterion in criteria for name in find_entities(criterion.text))
     return session.find_object(world) or world.find_movable(mentioned)
 
 
-def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], timeline: ManipulationTimeline) -> tuple[Cause, str]:
+def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], timeline: ManipulationTimeline) -> Diagnosis:
     execution = bundle.execution
     if not criteria:
-        return Cause.NO_CRITERIA, "the contract has no criterion, so nothing can be accepted"
+        return Diagnosis(Cause.NO_CRITERIA, "the contract has no criterion, so nothing can be accepted")
     if bundle.after is None:
-        return Cause.EVIDENCE_MISSING, "the world was not observed after the session"
+        return Diagnosis(Cause.EVIDENCE_MISSING, "the world was not observed after the session")
     if (fault := _find_judging_fault(criteria)) is not None:
         return fault
     if execution.ended in _OF_MACHINE:
-        return Cause(execution.ended.upper()), _describe_end(bundle)
+        return Diagnosis(Cause(execution.ended.upper()), _describe_end(bundle))
     if timeline.name and timeline.now is None and timeline.stage < Stage.GRASPED:
-        return Cause.OBJECT_GONE, f"{timeline.name} is not in the world after the session"
+        return Diagnosis(Cause.OBJECT_GONE, f"{timeline.name} is not in the world after the session")
     if (violated := next(iter(_find_violated(criteria)), None)) is not None:
         when = f" at {violated.at_s:.2f} s" if violated.at_s is not None else ""
-        return Cause.CONSTRAINT_VIOLATED, f"{violated.text} was false{when}: {violated.because}"
+        return Diagnosis(
+            Cause.CONSTRAINT_VIOLATED, f"{violated.text} was false{when}: {violated.because}", violated.text
+        )
     if (disturbed := _find_disturbance(bundle, timeline)) is not None:
         return disturbed
     failed = find_failed_leaf(bundle)
@@ -159,12 +162,12 @@ def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], timeline: Manipul
     if cause is None and execution.ended in {Ended.SAFETY_STOP, Ended.TIMED_OUT, Ended.STALLED}:
         cause = _look_up(_OF_STOPS, execution.code) or Cause(execution.ended.upper())
     if cause is not None:
-        return cause, _describe_end(bundle)
+        return Diagnosis(cause, _describe_end(bundle))
     if timeline.now is not None and not timeline.now.visible:
-        return Cause.OBJECT_HIDDEN, f"{timeline.name} was not seen after the session"
+        return Diagnosis(Cause.OBJECT_HIDDEN, f"{timeline.name} was not seen after the session")
     if execution.ended is Ended.SKILL_FAILED:
         cause = Cause.POLICY_FAILED if execution.code.startswith("POLICY_") else _look_up(_OF_SKILLS, execution.code)
-        return cause or Cause.UNKNOWN, _describe_end(bundle)
+        return Diagnosis(cause or Cause.UNKNOWN, _describe_end(bundle))
     return _judge_completed(bundle, bundle.after, criteria, timeline)
 
 
@@ -176,7 +179,7 @@ def _find_violated(criteria: Sequence[Criterion]) -> list[Criterion]:
     return [each for each in criteria if each.kind in {"hold", "constraint"} and each.truth is Truth.FALSE]
 
 
-def _find_disturbance(bundle: Bundle, timeline: ManipulationTimeline) -> tuple[Cause, str] | None:
+def _find_disturbance(bundle: Bundle, timeline: ManipulationTimeline) -> Diagnosis | None:
     """The object moved before the robot had grasped it, or after its release."""
     name, moved_m = timeline.name, timeline.moved_m
     if timeline.now is None or not timeline.now.visible:
@@ -184,43 +187,45 @@ def _find_disturbance(bundle: Bundle, timeline: ManipulationTimeline) -> tuple[C
     touched = timeline.stage >= Stage.GRASPED or _was_held(timeline)
     if not touched and _is_out_of_reach(timeline):
         fact = f"{name} was carried off by {format_length(moved_m)} without being held; {_describe_end(bundle)}"
-        return Cause.OBJECT_GONE, fact
-    pushes = not timeline.grips  # a skill that only pushes moves things without holding them
+        return Diagnosis(Cause.OBJECT_GONE, fact)
+    pushes = not timeline.grips  # a skill that only pushes moves objects without holding them
     if not touched and not pushes and moved_m > DISTURBED_M:
-        return Cause.OBJECT_MOVED, f"{name} moved {format_length(moved_m)} without being held; {_describe_end(bundle)}"
+        return Diagnosis(
+            Cause.OBJECT_MOVED, f"{name} moved {format_length(moved_m)} without being held; {_describe_end(bundle)}"
+        )
     if timeline.stage is Stage.RELEASED and timeline.since_release_m > ROLLED_M:
         moved = format_length(timeline.since_release_m)
-        return Cause.OBJECT_MOVED, f"{name} was put down and then moved {moved} without being held"
+        return Diagnosis(Cause.OBJECT_MOVED, f"{name} was put down and then moved {moved} without being held")
     return None
 
 
 def _judge_completed(
     bundle: Bundle, after: Environment, criteria: Sequence[Criterion], timeline: ManipulationTimeline
-) -> tuple[Cause, str]:
+) -> Diagnosis:
     """The skill reported success, yet a criterion is not true."""
     name, moved_m, execution = timeline.name, timeline.moved_m, bundle.execution
     if not any(criterion.truth is Truth.FALSE for criterion in criteria):
         unknown = next(criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN)
         if (ambiguous := next((each for each in criteria if each.alternatives), None)) is not None:
-            return Cause.AMBIGUOUS, f"{ambiguous.text} is unknown: {ambiguous.because}"
+            return Diagnosis(Cause.AMBIGUOUS, f"{ambiguous.text} is unknown: {ambiguous.because}", ambiguous.text)
         now = timeline.now
         if now is not None and now.visible and not after.shows(now.name):
             if now.is_unsure:
-                return Cause.OBJECT_HIDDEN, after.explain_unseen(now)
+                return Diagnosis(Cause.OBJECT_HIDDEN, after.explain_unseen(now))
             age_s = after.time_s - now.observed_at_s
-            return Cause.SENSOR_STALE, f"{name} was last measured {age_s:.1f} s before the end"
+            return Diagnosis(Cause.SENSOR_STALE, f"{name} was last measured {age_s:.1f} s before the end")
         is_seen = unknown.kind == "accept" and all(after.shows(name) for name in find_things(unknown.text, after))
         cause = Cause.UNDECIDABLE if is_seen else Cause.EVIDENCE_MISSING
-        return cause, f"{unknown.text} is unknown: {unknown.because}"
+        return Diagnosis(cause, f"{unknown.text} is unknown: {unknown.because}", unknown.text)
     if not execution.is_idle and execution.ticks == 0 and not _has_anything_moved(bundle.before, after):
-        return Cause.NOTHING_CHANGED, "the skill reported success after 0 commands and nothing moved"
+        return Diagnosis(Cause.NOTHING_CHANGED, "the skill reported success after 0 commands and nothing moved")
     wanted = [find_formula(criterion.text) for criterion in criteria if criterion.truth is Truth.FALSE]
     if Meaning.HOLDING in (read_statement(each).meaning for each in wanted):
-        return Cause.GRASP_MISSED, f"{name} is not held although the skill reported success"
+        return Diagnosis(Cause.GRASP_MISSED, f"{name} is not held although the skill reported success")
     if moved_m > MOVED_M:
-        return Cause.PLACED_WRONG, f"{name} moved {format_length(moved_m)}, but not to where it was wanted"
+        return Diagnosis(Cause.PLACED_WRONG, f"{name} moved {format_length(moved_m)}, but not to where it was wanted")
     commands = count(execution.ticks, "command")
-    return Cause.WITHOUT_EFFECT, f"{name or 'nothing'} moved {format_length(moved_m)} in {commands}"
+    return Diagnosis(Cause.WITHOUT_EFFECT, f"{name or 'nothing'} moved {format_length(moved_m)} in {commands}")
 
 
 def _is_out_of_reach(timeline: ManipulationTimeline, *, is_recorded: bool = True) -> bool:
@@ -257,13 +262,13 @@ def _has_anything_moved(before: Environment | None, after: Environment) -> bool:
     return any(compute_move(before.entities[name], each) > MOVED_M for name, each in after.entities.items())
 
 
-def _find_judging_fault(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
+def _find_judging_fault(criteria: Sequence[Criterion]) -> Diagnosis | None:
     """The verifier's own fault and the deciding fact in words; None when there is none."""
     criteria = [criterion for criterion in criteria if criterion.kind != FORESEEN]
     return _find_contradiction(criteria) or _find_dispute(criteria) or _find_silence(criteria)
 
 
-def _find_contradiction(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
+def _find_contradiction(criteria: Sequence[Criterion]) -> Diagnosis | None:
     """Two criteria on the end that exclude one another."""
     texts = dict.fromkeys(criterion.text for criterion in criteria if criterion.kind not in _OF_THE_WAY)
     formulas = map(find_formula, texts)  # of a text that is none its judge has said why
@@ -271,11 +276,11 @@ def _find_contradiction(criteria: Sequence[Criterion]) -> tuple[Cause, str] | No
     for demand in sorted((each for each in demands if isinstance(each, Not)), key=render):
         if demand.body in demands:
             fact = f"{render(demand.body)} and {render(demand)} are both required, and no world meets both"
-            return Cause.CRITERIA_CONTRADICT, fact
+            return Diagnosis(Cause.CRITERIA_CONTRADICT, fact)
     return None
 
 
-def _find_dispute(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
+def _find_dispute(criteria: Sequence[Criterion]) -> Diagnosis | None:
     """Every false criterion is true to another judge."""
     believed = {each.text: each for each in criteria if each.truth is Truth.TRUE and each.kind not in _OF_THE_WAY}
     denied = [criterion for criterion in criteria if criterion.truth is Truth.FALSE]
@@ -283,13 +288,17 @@ def _find_dispute(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
         return None
     worst, known = denied[0], believed[denied[0].text]
     fact = f"{worst.text} is true to {known.kind} ({known.because}) and false to {worst.kind} ({worst.because})"
-    return Cause.JUDGES_DISAGREE, fact
+    return Diagnosis(Cause.JUDGES_DISAGREE, fact, worst.text)
 
 
-def _find_silence(criteria: Sequence[Criterion]) -> tuple[Cause, str] | None:
+def _find_silence(criteria: Sequence[Criterion]) -> Diagnosis | None:
     """Only criteria without a judge's answer are open."""
     unknown = [criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN]
     is_denied = any(criterion.truth is Truth.FALSE for criterion in criteria)
     if not unknown or is_denied or any(criterion.failure is UNSET for criterion in unknown):
         return None
-    return Cause.JUDGE_FAILED, f"{unknown[0].text} was not judged by {unknown[0].kind}: {unknown[0].because}"
+    return Diagnosis(
+        Cause.JUDGE_FAILED,
+        f"{unknown[0].text} was not judged by {unknown[0].kind}: {unknown[0].because}",
+        unknown[0].text,
+    )

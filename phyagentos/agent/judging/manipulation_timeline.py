@@ -16,7 +16,7 @@ _GRIPPING = frozenset({Role.PLAN_GRASP, Role.VERIFY, Role.CARRY, Role.RELEASE}) 
 
 
 class Stage(IntEnum):
-    """How far a skill of manipulation came with its thing."""
+    """How far a skill of manipulation came with its object."""
 
     BEFORE = 0  # fingers still open
     CLOSED = 1  # fingers closed
@@ -67,7 +67,7 @@ class ManipulationTimeline:
 
 
 def compute_move(was: Entity | None, now: Entity | None) -> float:
-    """Between two sightings of a thing [m]; 0 when one of them is missing."""
+    """Between two sightings of an object [m]; 0 when one of them is missing."""
     return math.dist(was.pose.position_m, now.pose.position_m) if was and now else 0.0
 
 
@@ -100,7 +100,7 @@ def _find_stage(bundle: Bundle) -> Stage:
 
 
 def _iter_own(bundle: Bundle) -> Iterator[TraceEvent]:
-    """The trace without what was done to things that were only moved out of the way."""
+    """The trace without what was done to objects that were only moved out of the way."""
     away, about = set[str](), ""
     for event in bundle.trace:
         away |= set(event.numbers.get("things", ())) if event.role is Role.PLAN_ROOM else set()

@@ -99,7 +99,7 @@ def review_session(
 def judge_again(bundle: Bundle, seen: Seen, verifier: SessionVerifier, decision: Attempt | None) -> JudgedAgain:
     """Judge a session on its looks, perceived again, and compare that with the judgement that decided, if any.
 
-    Raises ExecutionError `LOOK_MISSING` where the bundle does not hold the look of a snapshot.
+    Raises ExecutionError `EVIDENCE_DAMAGED` where the bundle does not hold the look of a snapshot.
     """
     again, holds = _replace_snapshots(bundle, seen)
     attempt = verifier.judge(again, History())
@@ -124,7 +124,7 @@ def _replace_snapshots(bundle: Bundle, seen: Seen) -> tuple[Bundle, list[str]]:
     snapshots = {entry.role: world for entry, world in seen if not entry.text}
     for role, recorded in ((LookRole.START, bundle.before), (LookRole.END, bundle.after)):
         if recorded is not None and role not in snapshots:
-            raise ExecutionError("LOOK_MISSING", f"{bundle.folder}: no look of the {role}, but a snapshot of it")
+            raise ExecutionError("EVIDENCE_DAMAGED", f"{bundle.folder}: no look of the {role}, but a snapshot of it")
     before = snapshots.get(LookRole.START)
     again = msgspec.structs.replace(bundle, before=before, after=snapshots.get(LookRole.END))
     if before is None:

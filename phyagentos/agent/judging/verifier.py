@@ -141,9 +141,10 @@ def _find_reason(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[Diagnos
     missing = () if is_closed else find_missing_evidence(judged, bundle.after)
     if not missing or bundle.after is None or (diagnosis.is_hopeless and bundle.after.sensing == "truth"):
         return diagnosis, ()
-    unseen = ", ".join(missing)
-    fact = diagnosis.fact if diagnosis.cause is Cause.EVIDENCE_MISSING else f"{unseen} must be seen again"
-    return replace(diagnosis, cause=Cause.EVIDENCE_MISSING, fact=fact, is_hopeless=False), missing
+    if diagnosis.cause is not Cause.EVIDENCE_MISSING:
+        fact = f"{', '.join(missing)} must be seen again"
+        diagnosis = replace(diagnosis, cause=Cause.EVIDENCE_MISSING, fact=fact, criterion="")
+    return replace(diagnosis, is_hopeless=False), missing
 
 
 def _audit(attempt: Attempt, bundle: Bundle) -> Attempt:
@@ -191,7 +192,7 @@ def _explain_success(bundle: Bundle, criteria: Sequence[Criterion]) -> str:
 
 def _explain(diagnosis: Diagnosis, criteria: Sequence[Criterion]) -> str:
     ranked = sorted((each for each in criteria if each.truth is not Truth.TRUE), key=lambda e: e.truth is Truth.UNKNOWN)
-    more = [_explain_criterion(each) for each in ranked[:1] if each.text not in diagnosis.fact]
+    more = [_explain_criterion(each) for each in ranked[:1] if each.text != diagnosis.criterion]
     return " ".join(f"{sentence}." for sentence in (diagnosis.fact, *more))
 
 

@@ -18,10 +18,10 @@ from phyagentos.agent.memory.memory import Found, Memory, Retrieval
 from phyagentos.agent.memory.methodological import join_ways
 from phyagentos.agent.memory.semantic import Pattern
 from phyagentos.protocol.documents.markdown import publish
-from phyagentos.protocol.sessions.means import OWN_MEANS, Means
+from phyagentos.protocol.sessions.means import DEFAULT_MEANS, Means
 from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Risk, Scope
 from phyagentos.protocol.sessions.session import Session
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 
 REMEMBERED = 4096  # answers that are kept until memory changes
 
@@ -36,8 +36,8 @@ class Advice:
         otherwise: The advice where they cannot.
     """
 
-    strategy: Strategy = OWN_WAY
-    means: Means = OWN_MEANS
+    strategy: Strategy = DEFAULT_STRATEGY
+    means: Means = DEFAULT_MEANS
     otherwise: "Advice | None" = None
     reasons: tuple[str, ...] = ()
     sources: tuple[str, ...] = ()
@@ -129,7 +129,7 @@ class MemoryAdvisor:
 
     def _join(self, found: Sequence[Found], promoted: Pattern | None, warned: Sequence[Caution]) -> Advice:
         """One advice of several lessons: of two that disagree the better one."""
-        strategy, means = OWN_WAY, OWN_MEANS
+        strategy, means = DEFAULT_STRATEGY, DEFAULT_MEANS
         used: list[Found] = []
         for each in found:
             lesson = each.lesson
@@ -157,7 +157,7 @@ class MemoryAdvisor:
 
 
 def make_scope(session: Session, features: Features, surroundings: Surroundings, graph: str = "") -> Scope:
-    """The case of a contract: its goal, scene, skill, things, body, and what is at stake."""
+    """The case of a contract: its goal, scene, skill, objects, body, and what is at stake."""
     return Scope(
         scene=session.scene.name,
         skill=session.skill,

@@ -10,7 +10,7 @@ from phyagentos.agent.memory.entries import Entry, name_objects
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.scopes import compute_id, compute_scope
 from phyagentos.protocol.sessions.lessons import Lesson
-from phyagentos.protocol.sessions.memory_entries import Risk, Standing
+from phyagentos.protocol.sessions.memory_entries import EntryState, Risk
 
 SESSIONS_KEPT = 5  # that are named
 RARE = 0.1  # share of sessions that surely is not exceeded before a caution lapses
@@ -39,11 +39,11 @@ class Caution(Entry, frozen=True, kw_only=True, omit_defaults=True):
             last_seq=seq,
         )
 
-    def _weigh(self, seq: int) -> tuple[Standing, str]:
+    def _weigh(self, seq: int) -> tuple[EntryState, str]:
         """One event is enough, and only many sessions without another end it."""
         if self.count.interval[1] < RARE:
-            return Standing.EXPIRED, f"it is rare by now: {self.count} sessions"
-        return Standing.ACTIVE, ""
+            return EntryState.EXPIRED, f"it is rare by now: {self.count} sessions"
+        return EntryState.ACTIVE, ""
 
     def describe(self, seq: int) -> Lesson:
         """Its entry of LESSONS.md at record `seq` of memory."""

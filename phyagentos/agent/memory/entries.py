@@ -8,7 +8,7 @@ import msgspec
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.calibration import compute_interval
-from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.memory_entries import EntryState, Scope
 
 EVIDENCE_KEPT = 5  # the latest bundles that are named
 
@@ -57,7 +57,7 @@ class Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     count: Count = Count()
     evidence: tuple[str, ...] = ()
     last_seq: int = 0
-    state: Standing = Standing.ACTIVE
+    state: EntryState = EntryState.ACTIVE
     reason: str = ""
     note: str = ""
     amended: Scope | None = None
@@ -73,19 +73,19 @@ class Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         """Every verdict that speaks for or against it."""
         return self.count
 
-    def judge(self, seq: int) -> tuple[Standing, str]:
+    def judge(self, seq: int) -> tuple[EntryState, str]:
         """Whether it counts at record `seq` of memory, and why not when not."""
-        if self.state is Standing.RETRACTED:
-            return Standing.RETRACTED, self.reason
+        if self.state is EntryState.RETRACTED:
+            return EntryState.RETRACTED, self.reason
         return self._weigh(seq)
 
     def is_active(self, seq: int) -> bool:
         """Whether it counts at record `seq` of memory."""
-        return self.judge(seq)[0] is Standing.ACTIVE
+        return self.judge(seq)[0] is EntryState.ACTIVE
 
-    def _weigh(self, seq: int) -> tuple[Standing, str]:
+    def _weigh(self, seq: int) -> tuple[EntryState, str]:
         """The policy of its kind, for an entry that is not retracted."""
-        return Standing.ACTIVE, ""
+        return EntryState.ACTIVE, ""
 
     def join_evidence(self, episode: Episode) -> tuple[str, ...]:
         """The latest bundles that it rests on, with that of one more episode."""

@@ -23,7 +23,7 @@ from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.sessions.evidence import read_bundle
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE, Fact, render_knowledge
 from phyagentos.protocol.sessions.lessons import LESSONS, Lesson, render_lessons
-from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Standing
+from phyagentos.protocol.sessions.memory_entries import EntryState, MemoryEntry
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -168,7 +168,7 @@ def find_edits(theirs: Mapping[str, MemoryEntry], ours: Sequence[MemoryEntry]) -
 
 
 def _compare(theirs: MemoryEntry, ours: MemoryEntry) -> list[Edit]:
-    retracts = theirs.state is Standing.RETRACTED and ours.state is not Standing.RETRACTED
+    retracts = theirs.state is EntryState.RETRACTED and ours.state is not EntryState.RETRACTED
     note = theirs.note if theirs.note != ours.note else ""
     scope = theirs.scope if theirs.scope != ours.scope else None
     if not (retracts or note or scope):
@@ -184,7 +184,7 @@ def renew_promoted(path: Path, patterns: Iterable[Pattern]) -> bool:
     """
     ways: dict[str, list[PromotedWay]] = {}
     for each in sorted(patterns, key=lambda pattern: pattern.id):
-        if each.trial.rank is Rank.PROMOTED and each.strategy and each.state is Standing.ACTIVE:
+        if each.trial.rank is Rank.PROMOTED and each.strategy and each.state is EntryState.ACTIVE:
             where = {key: getattr(each.scope, key) for key in ("scene", "target", "object", "destination")}
             strategy = msgspec.to_builtins(each.strategy)
             way = PromotedWay(entry=each.id, strategy=strategy, rate=str(each.count), **where)

@@ -19,7 +19,7 @@ from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.memory_entries import Embodiment, Risk
 from phyagentos.protocol.sessions.session import Ended, Execution, Session, SessionId, SessionStatus
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 
@@ -126,7 +126,7 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     parent: str | None = None
     body: Embodiment = Embodiment()
     features: Features = Features()
-    strategy: Strategy = OWN_WAY
+    strategy: Strategy = DEFAULT_STRATEGY
     advised_by: tuple[str, ...] = ()
     cause: str = ""
     purpose: str = ""

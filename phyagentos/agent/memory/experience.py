@@ -19,8 +19,8 @@ from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.knowledge import Fact
 from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.means import Preparation
-from phyagentos.protocol.sessions.memory_entries import Scope, Standing
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.memory_entries import EntryState, Scope
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 
 CORRECTIONS_KEPT = 2_000
 PATTERNS_KEPT = 4_000
@@ -32,7 +32,7 @@ SESSIONS_KEPT = 10_000  # that are known to be in
 _OF_THINGS = Strategy(speed=0.5)  # these two stand for the two ways to widen a scope
 _OF_PLACES = Strategy(avoid_sites=("any",))
 
-_ORDER = {Standing.ACTIVE: 0, Standing.RETRACTED: 1, Standing.HYPOTHESIS: 2, Standing.EXPIRED: 3}
+_ORDER = {EntryState.ACTIVE: 0, EntryState.RETRACTED: 1, EntryState.HYPOTHESIS: 2, EntryState.EXPIRED: 3}
 
 
 class Experience(msgspec.Struct, kw_only=True):
@@ -107,7 +107,7 @@ class Experience(msgspec.Struct, kw_only=True):
             _shrink(self.cautions, CAUTIONS_KEPT)
         case = compute_scope(episode)
         for caution in [*self.cautions.values()]:
-            if not find_mismatch(caution.where, case, OWN_WAY):
+            if not find_mismatch(caution.where, case, DEFAULT_STRATEGY):
                 self.cautions[caution.id] = caution.add(episode, self.seq)
                 yield caution.id
 
@@ -171,7 +171,7 @@ class Experience(msgspec.Struct, kw_only=True):
         known = next((each for each in kinds if edit.entry in each), None)
         if known is not None:
             changes: Fields = {"by": edit.by}
-            changes |= {"state": Standing.RETRACTED, "reason": edit.reason} if edit.retracts else {}
+            changes |= {"state": EntryState.RETRACTED, "reason": edit.reason} if edit.retracts else {}
             changes |= {"note": edit.note} if edit.note else {}
             can_amend = known is self.corrections or known is self.cautions
             changes |= {"amended": edit.scope} if edit.scope is not None and can_amend else {}
@@ -201,7 +201,7 @@ def _drop_oldest(entries: Fields, kept: int) -> None:
 
 def _shrink(entries: Fields, kept: int) -> None:
     """Drop the oldest that is not retracted: a forgotten retraction would let the entry rise again."""
-    standing = (id for id, entry in entries.items() if entry.state is not Standing.RETRACTED)
+    standing = (id for id, entry in entries.items() if entry.state is not EntryState.RETRACTED)
     if len(entries) > kept and (oldest := next(standing, None)) is not None:
         del entries[oldest]
 

@@ -1,6 +1,6 @@
 """Memory: the records of experience, what follows from them, and what that says of a case. Paper section 4.3.
 
-Retrieval by goal, scene, things, body and risk is ranked and bounded, and a function of the experience alone, so the
+Retrieval by goal, scene, objects, body and risk is ranked and bounded, and a function of the experience alone, so the
 same snapshot gives the same answers.
 """
 
@@ -23,7 +23,7 @@ from phyagentos.agent.memory.semantic import Pattern
 from phyagentos.clock import Clock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.memory_entries import Risk, Scope
-from phyagentos.protocol.sessions.strategy import OWN_WAY
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY
 
 FOUND_MAX = 5  # entries that are returned
 
@@ -68,7 +68,7 @@ class Retrieval:
         found = [
             each
             for each in self.experience.cautions.values()
-            if not find_mismatch(each.where, scope, OWN_WAY) and each.is_active(self.experience.seq)
+            if not find_mismatch(each.where, scope, DEFAULT_STRATEGY) and each.is_active(self.experience.seq)
         ]
         return tuple(sorted(found, key=lambda each: (-each.last_seq, each.id))[:FOUND_MAX])
 

@@ -14,9 +14,9 @@ from phyagentos.agent.memory.scopes import compute_id, compute_scope, measure_wi
 from phyagentos.agent.memory.semantic import Trial
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lessons import Lesson
-from phyagentos.protocol.sessions.means import OWN_MEANS, Means, Preparation
-from phyagentos.protocol.sessions.memory_entries import Risk, Scope, Standing
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.means import DEFAULT_MEANS, Means, Preparation
+from phyagentos.protocol.sessions.memory_entries import EntryState, Risk, Scope
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 
 CHAINS_KEPT = 5  # of failure and verified correction, the latest
 ACCIDENTS_KEPT = 5
@@ -39,7 +39,7 @@ class Failure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     cause: str
     objective: str = ""
     begun: str = ""
-    strategy: Strategy = OWN_WAY
+    strategy: Strategy = DEFAULT_STRATEGY
     scope: Scope
     parameters: Fields = {}
     prepared: tuple[Preparation, ...] = ()
@@ -67,7 +67,7 @@ class Correction(Entry, frozen=True, kw_only=True, omit_defaults=True):
     cause: str
     values: Fields = {}
     labels: dict[str, dict[str, int]] = {}
-    means: Means = OWN_MEANS
+    means: Means = DEFAULT_MEANS
     goals: tuple[str, ...] = ()
     accidents: tuple[str, ...] = ()
     trial: Trial = Trial()
@@ -99,19 +99,19 @@ class Correction(Entry, frozen=True, kw_only=True, omit_defaults=True):
         }
         return msgspec.convert({**self.values, **lists}, Strategy)
 
-    def _weigh(self, seq: int) -> tuple[Standing, str]:
+    def _weigh(self, seq: int) -> tuple[EntryState, str]:
         if not self.count.successes:
-            return Standing.HYPOTHESIS, ""
+            return EntryState.HYPOTHESIS, ""
         if self.accidents:
-            return Standing.EXPIRED, f"a safety event met {self.accidents[-1]}, which followed it"
+            return EntryState.EXPIRED, f"a safety event met {self.accidents[-1]}, which followed it"
         outcomes = self.outcomes
         if outcomes.trials >= DOUBTED_FROM and outcomes.mean < DOUBTED_BELOW:
-            return Standing.EXPIRED, f"contradicted: {outcomes} outcomes speak for it"
+            return EntryState.EXPIRED, f"contradicted: {outcomes} outcomes speak for it"
         if seq - self.last_seq > EXPIRES_AFTER:
-            return Standing.EXPIRED, f"nothing confirmed it in the last {EXPIRES_AFTER} episodes"
+            return EntryState.EXPIRED, f"nothing confirmed it in the last {EXPIRES_AFTER} episodes"
         if self.amended is None and measure_width(self.scope) and len(self.cases) < CASES_NEEDED:
-            return Standing.HYPOTHESIS, "verified in one case only, not yet beyond it"
-        return Standing.ACTIVE, ""
+            return EntryState.HYPOTHESIS, "verified in one case only, not yet beyond it"
+        return EntryState.ACTIVE, ""
 
     def apply(self, episode: Episode, seq: int) -> "Correction":
         """The lesson after a first attempt that it advised."""

@@ -1,7 +1,7 @@
 """Scopes: where experience holds, how it is widened, and where it may be used.
 
 A scope is widened only along what its correction is about: a place to avoid concerns the destination, speed and grasp
-concern the thing.
+concern the object.
 """
 
 import hashlib

@@ -16,7 +16,7 @@ from phyagentos.agent.memory.entries import Entry, name_objects
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.scopes import compute_id, compute_scope
 from phyagentos.protocol.sessions.knowledge import Fact
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 
 P_BAD, P_GOOD = 0.8, 0.95  # share of first attempts: not good enough, and good enough
 ALPHA, BETA = 0.05, 0.1  # chance to promote a bad one, to turn down a good one
@@ -76,7 +76,7 @@ class Pattern(Entry, frozen=True, kw_only=True, omit_defaults=True):
         strategy: Empty for the skill's own way.
     """
 
-    strategy: Strategy = OWN_WAY
+    strategy: Strategy = DEFAULT_STRATEGY
     trial: Trial = Trial()
     causes: dict[str, int] = {}
 
@@ -100,7 +100,7 @@ class Pattern(Entry, frozen=True, kw_only=True, omit_defaults=True):
 
     def describe(self, seq: int) -> Fact:
         """Its entry of KNOWLEDGE.md at record `seq` of memory."""
-        way = str(self.strategy) or "the skill's own way"
+        way = str(self.strategy) or "the skill's default strategy"
         worst = max(self.causes, key=lambda cause: (self.causes[cause], cause), default="")
         failing = f"; most often {worst}" if worst else ""
         what = f"{self.scope.skill} of {name_objects(self.scope)} by {self.scope.target}, {way}"

@@ -18,7 +18,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.skill_runtimes import Learned, SkillRuntime
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.predicate import substitute
-from phyagentos.protocol.sessions.memory_entries import Standing
+from phyagentos.protocol.sessions.memory_entries import EntryState
 
 Start = tuple[Episode, ...]  # sessions of one start on which a sequence was verified; the last one is the attempt
 Step = tuple[SkillRuntime, Mapping[str, str]]  # a skill, and the name in the whole of each of its parameters
@@ -129,7 +129,7 @@ def _check(lesson: Correction, skills: Mapping[str, SkillRuntime], seq: int) -> 
     state, why = lesson.judge(seq)
     names = [*(each.skill for each in lesson.means.prepare), lesson.means.skill or lesson.scope.skill]
     strangers = [each for each in names if each not in skills or skills[each].kind != "builtin"]
-    if lesson.means.prepare and not strangers and state is Standing.ACTIVE and lesson.trial.rank is Rank.PROMOTED:
+    if lesson.means.prepare and not strangers and state is EntryState.ACTIVE and lesson.trial.rank is Rank.PROMOTED:
         return
     found = f"{state} {why}; {lesson.trial.rank} after {lesson.applied} first attempts"
     found += f"; no tree carries out {strangers[0]}" if strangers else "" if lesson.means.prepare else "; one session"

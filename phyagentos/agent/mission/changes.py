@@ -85,7 +85,7 @@ class Changes:
     ) -> list[Entry] | None:
         """What follows for a ready node whose condition is decided on what is seen; None where it becomes a session.
 
-        Empty while its condition cannot be told, and sessions live (not `is_quiet`) beside which none may look.
+        Empty while its condition is unknown, and sessions live (not `is_quiet`) beside which none may look.
         """
         seen = self._find_seen(name)
         criteria = self._judge(name, seen)
@@ -95,7 +95,7 @@ class Changes:
             if not is_quiet:
                 return []
             looks = look_for(unknown, seen.now) if seen.now is not None else []
-            why = f"its condition cannot be told: {unknown[0].text}: {unknown[0].because}"
+            why = f"its condition is unknown: {unknown[0].text}: {unknown[0].because}"
             return looks or self.drafter.block(name, why)
         return self._fan_out(name, seen) if self.facts.graph.nodes[name].is_open else None
 

@@ -66,7 +66,7 @@ class Drafter:
             self.evidence.take_in(status)
 
     def make_case(self, node: str, miss: UnmetObjective, fresh: Outputs = _NONE, kept: Iterable[str] = ()) -> Case:
-        """What a repair decides on; things that are `kept` are not moved."""
+        """What a repair decides on; objects that are `kept` are not moved."""
         facts = self.facts
         return Case(
             miss=miss,

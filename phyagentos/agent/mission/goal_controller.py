@@ -126,7 +126,7 @@ class GoalController:
 
     def cancel(self) -> list[Entry]:
         """Cancels the goal, where that is not yet recorded, and its live sessions."""
-        body = {"reason": "an end was asked for"}
+        body = {"reason": "a cancellation was requested"}
         entries = [
             Entry(status.contract.id, trigger, body)
             for status in self.iter_live()
@@ -237,7 +237,7 @@ class GoalController:
         return self._start((name,), {}) if found is None else found
 
     def _look_at_conditional(self) -> list[Entry]:
-        """What follows for the first ready node whose condition could not be told while other sessions lived."""
+        """What follows for the first ready node whose condition was unknown while other sessions lived."""
         if self.worklist.has_live():
             return []
         waiting = (name for name in self._conditional if self._facts.get_state(name) in _OPEN)
@@ -265,7 +265,7 @@ class GoalController:
         return entries
 
     def _find_earlier(self, session: Session) -> str:
-        """Why a node is held where memory would clear a thing away for it: another node moves that thing anyway.
+        """Why a node is held where memory would clear an object away for it: another node moves that object anyway.
 
         Empty where none does, or no session lives any more, so that a node is held back and never kept from its turn.
         """

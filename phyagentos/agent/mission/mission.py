@@ -93,7 +93,7 @@ class Mission:
         Its id is `<graph>-<seed>` by default, with a further number when that one has its verdict.
 
         Raises:
-            DefinitionError: With every problem of the graph; `INVALID_NAME`; `GOAL_DIFFERS`. Nothing was recorded.
+            DefinitionError: With every problem of the graph; `INVALID_VALUE`; `GOAL_DIFFERS`. Nothing was recorded.
             ExecutionError: `RUNTIME_LOST`, or an error of the journal.
         """
         catalogue = self._read_catalogue()

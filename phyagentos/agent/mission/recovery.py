@@ -38,7 +38,7 @@ from phyagentos.store.admission import Entry, GoalEvent
 _UNMET = "PRECONDITION_UNMET"  # preflight's code for a precondition that is false or unknown
 
 _OF_WORLD = {Cause.NO_PLAN, Cause.PLACED_WRONG, Cause.WITHOUT_EFFECT}  # another way through the world may help
-_NEVER_CARRIED = {"TOO_WIDE", "TOO_HEAVY"}  # nobody looks for a thing that cannot be carried wherever it is
+_NEVER_CARRIED = {"TOO_WIDE", "TOO_HEAVY"}  # no look helps with an object that cannot be carried at all
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

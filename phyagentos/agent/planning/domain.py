@@ -13,7 +13,15 @@ from phyagentos.agent.goals.spec import GoalSpec, WantedGoal
 from phyagentos.agent.planning.goal_facts import list_places, make_fact, read_conditions
 from phyagentos.agent.planning.operators import Scope, list_operators
 from phyagentos.agent.planning.problem import Capacity, Condition, Fact, Literal, Operator, PlanningProblem
-from phyagentos.agent.planning.rooms import FILL, Spot, count_room, find_lid, find_spots, list_carried, place_spot
+from phyagentos.agent.planning.rooms import (
+    FILL,
+    PlacementPoint,
+    count_room,
+    find_lid,
+    find_spots,
+    list_carried,
+    place_spot,
+)
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.geometry import Vector
 from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
@@ -91,7 +99,7 @@ def build_domain(
 ) -> Domain:
     """The problem of a goal in a world, `without` sessions that no plan may have.
 
-    Things may go `everywhere`, or only to places of the goal and free spots.
+    Objects may go `everywhere`, or only to places of the goal and free spots.
 
     Raises:
         DefinitionError: A predicate that cannot be planned for, or `UNKNOWN_NAME`.
@@ -173,7 +181,7 @@ def _read_goal(
 def _list_places(
     world: Environment, things: Sequence[str], calls: Iterable[Call], present: Iterable[Call], *, everywhere: bool
 ) -> list[str]:
-    """Those that the goal names; `everywhere` all vessels and regions, and what movable or used things may stand on."""
+    """Those that the goal names; `everywhere` all vessels and regions, and what movable or used ones may stand on."""
     named = [term.text for call in calls for term in list_places(call) if isinstance(term, Name)]
     known = dict.fromkeys(name for name in named if name in world.entities or name in world.regions)
     if everywhere:
@@ -184,7 +192,9 @@ def _list_places(
     return list(known)
 
 
-def _list_spots(world: Environment, things: Sequence[str], calls: Iterable[Call], profile: TargetProfile) -> list[Spot]:
+def _list_spots(
+    world: Environment, things: Sequence[str], calls: Iterable[Call], profile: TargetProfile
+) -> list[PlacementPoint]:
     points = dict.fromkeys(term.position_m for call in calls for term in call.terms if isinstance(term, Point))
     named = [term.text for call in calls for term in call.terms if isinstance(term, Name)]
     away: list[Vector] = [*points, *(world.regions[name].pose.position_m for name in named if name in world.regions)]
@@ -230,7 +240,7 @@ def _is_exact(group: frozenset[Fact], operators: Sequence[Operator]) -> bool:
 
 
 def _iter_exclusive(operators: Sequence[Operator], initial: frozenset[Fact]) -> Iterator[frozenset[Fact]]:
-    """Places of one thing, and things in one hand, of which at most one is ever true: by start and operators."""
+    """Places of one object, and objects in one hand, of which at most one is ever true: by start and operators."""
     groups: dict[str, set[Fact]] = {}
     for fact in dict.fromkeys(fact for each in operators for fact in each.changes):
         said = read_statement(formula := parse_predicate(fact).formula)

@@ -1,6 +1,7 @@
 """Predicates as facts and conditions: what a planner sees of a formula.
 
-A fact is the text of a call or a comparison. Where a thing is at a point, tolerances are left out: a point is one spot.
+A fact is the text of a call or a comparison. Where an object is at a point, tolerances are left out: a point is one
+spot.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -74,7 +75,7 @@ def read_conditions(
 
 
 def _expand(formula: Formula, things: Sequence[str]) -> Formula:
-    """A free `*` as every thing that the formula does not name."""
+    """A free `*` as every object that the formula does not name."""
     if isinstance(formula, Compare) or not any(True for _ in iter_free_stars(formula)):
         return formula
     each = tuple(_bind(formula, things))
@@ -82,7 +83,7 @@ def _expand(formula: Formula, things: Sequence[str]) -> Formula:
 
 
 def _bind(formula: Formula, things: Sequence[str]) -> Iterator[Formula]:
-    """The formula about each thing that it does not name."""
+    """The formula about each object that it does not name."""
     named = {term.text for call in iter_calls(formula) for term in call.terms if isinstance(term, Name)}
 
     def change(call: Call, thing: str) -> Call:
@@ -121,4 +122,4 @@ def _convert(formula: Formula, value: bool, things: Sequence[str], text: str, ad
 
 def _unplannable(text: str, address: str) -> DefinitionError:
     expected = "statements, 'not', 'and', 'or', and 'count' of one statement"
-    return DefinitionError.of("NOT_PLANNABLE", address, repr(text), expected, "Write a goal graph instead.")
+    return DefinitionError.of("NO_CANDIDATE", address, repr(text), expected, "Write a goal graph instead.")

@@ -1,7 +1,7 @@
-"""Skills as operators: what each needs and guarantees for which arguments, and what it undoes because it moves a thing.
+"""Skills as operators: what each needs and guarantees for which arguments, and what it undoes by what it moves.
 
-No skill is known by name. A thing that is taken or put somewhere leaves every place it was at; nothing may stand on it;
-the hand that does it must be empty, unless the skill begins with the thing in it; what hides a place must be open.
+No skill is known by name. An object that is taken or put somewhere leaves every place it was at; nothing may stand on
+it; the hand that does it must be empty, unless the skill begins with the object in it; what hides a place must be open.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -12,7 +12,7 @@ from typing import Any
 from phyagentos.agent.goals.selector import find_lacks
 from phyagentos.agent.planning.goal_facts import list_defaults, list_places, make_fact
 from phyagentos.agent.planning.problem import Fact, Operator
-from phyagentos.agent.planning.rooms import Spot, count_room, find_in_lane, is_in_reach
+from phyagentos.agent.planning.rooms import PlacementPoint, count_room, find_in_lane, is_in_reach
 from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.plain_data import Fields
@@ -42,18 +42,18 @@ _GRIPPER = "gripper_width"  # the action that a hand is opened and closed by
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scope:
-    """What arguments may be: things that can be carried, places and spots where they may go, targets of the goal.
+    """What arguments may be: objects that can be carried, places and spots where they may go, targets of the goal.
 
     Attributes:
         wanted: Calls of the goal and its constraints; numbers and postures come from them.
-        present: Calls that say where things are now.
+        present: Calls that say where objects are now.
         lids: Place -> what has to be open before it is reached.
     """
 
     world: Environment
     things: Sequence[str]
     places: Sequence[str]
-    spots: Sequence[Spot]
+    spots: Sequence[PlacementPoint]
     wanted: Sequence[Call]
     present: Sequence[Call]
     targets: Mapping[str, TargetProfile]
@@ -79,9 +79,9 @@ def list_operators(skills: Mapping[str, SkillRuntime], scope: Scope) -> list[Ope
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Draft:
-    """A skill with its arguments, as it is declared; methods say what follows from calls `known` of a thing or target.
+    """A skill with its arguments, as it is declared; methods say what follows from calls `known` of a subject.
 
-    It takes or puts the thing that is `moved`, if any, to a `place`, or keeps it in a hand. Of skills that are equal
+    It takes or puts the object that is `moved`, if any, to a `place`, or keeps it in a hand. Of skills that are equal
     otherwise the one of least `rank` is preferred.
     """
 
@@ -93,7 +93,7 @@ class _Draft:
     effects: tuple[Effect, ...]
     requires: tuple[Effect, ...]
     moved: str
-    place: str | Spot
+    place: str | PlacementPoint
 
     @property
     def gains(self) -> list[Call]:
@@ -101,7 +101,7 @@ class _Draft:
         return [call for call, value in self.effects if value]
 
     def iter_operators(self, known: Mapping[str, Sequence[Call]]) -> Iterator[Operator]:
-        """One operator, and another for each hidden place that its thing may come out of."""
+        """One operator, and another for each hidden place that its object may come out of."""
         if not self._is_exact() or not self._fits():
             return
         lids = self.scope.lids
@@ -115,7 +115,7 @@ class _Draft:
                 yield self._make(requires | declared | source, changes, f" out of {place}")
 
     def _find_hidden(self, known: Mapping[str, Sequence[Call]]) -> dict[Fact, str]:
-        """Facts that its thing is in a place which a lid hides, and that place."""
+        """Facts that its object is in a place which a lid hides, and that place."""
         lids = {place: rank for rank, place in enumerate(self.scope.lids)}
         said = {make_fact(call): read_statement(call) for call in known.get(self.moved, ())}
         inside = {
@@ -157,7 +157,7 @@ class _Draft:
             return needs
         in_hands = (call for name in (moved, place) for call in known.get(str(name), ()))
         needs |= {make_fact(call): False for call in in_hands if _is_held(call)} | self._need_clear(moved, known)
-        if isinstance(place, Spot):
+        if isinstance(place, PlacementPoint):
             needs |= {state(Meaning.MOVED, name): True for name in place.blockers if name != moved}
         else:
             is_top = place in things and world.entities[place].interior is None
@@ -167,7 +167,7 @@ class _Draft:
         return needs if is_near else needs | {state(Meaning.MOVED, moved): True}
 
     def _need_clear(self, name: str, known: Mapping[str, Sequence[Call]]) -> dict[Fact, bool]:
-        """Nothing stands on a thing but what is put there."""
+        """Nothing stands on an object but what is put there."""
         said = ((call, read_statement(call)) for call in known.get(name, ()))
         others = {*self.scope.things} - {name, self.moved}
         return {make_fact(c): False for c, each in said if each.meaning is Meaning.ON and each.name_object() in others}
@@ -184,11 +184,11 @@ class _Draft:
         if not self.moved or not place:
             return True
         is_near = is_in_reach(world, place, self.scope.targets[self.target])
-        return is_near and (isinstance(place, Spot) or count_room(world, self.moved, place) > 0)
+        return is_near and (isinstance(place, PlacementPoint) or count_room(world, self.moved, place) > 0)
 
     def _make(self, requires: Mapping[Fact, bool], changes: Mapping[Fact, bool], source: str = "") -> Operator:
         skill, entities = self.skill, self.scope.world.entities
-        at_spot = isinstance(self.place, Spot)
+        at_spot = isinstance(self.place, PlacementPoint)
         is_exact = at_spot and all(_get_tolerance(call) < _EASY_M for call, _ in self.effects)
         kinds = {key: entities[v].kind for key, v in self.parameters.items() if isinstance(v, str) and v in entities}
         is_meant = any(each.kinds or kinds.get(key) == key for key, each in skill.parameters.items())
@@ -223,8 +223,8 @@ def _iter_drafts(skill: SkillRuntime, target: str, rank: int, scope: Scope) -> I
         choices = _list_choices(skill, [*literals, *needed], moved, target, scope)
         relations = {call.name for call, value in literals if value}
         for values in product(*choices.values()):
-            spot = next((value for value in values if isinstance(value, Spot)), None)
-            written = ([round(x, 4) for x in v.point_m] if isinstance(v, Spot) else v for v in values)
+            spot = next((value for value in values if isinstance(value, PlacementPoint)), None)
+            written = ([round(x, 4) for x in v.point_m] if isinstance(v, PlacementPoint) else v for v in values)
             given = dict(zip(choices, written, strict=True))
             given |= {k: c for k, p in skill.parameters.items() for c in p.choices if chosen and c in relations}
             thing = str(given.get(moved, ""))
@@ -290,7 +290,7 @@ def _list_values(
         return [n for n, each in entities.items() if each.mechanism and each.mechanism.kind == parameter.mechanism]
     if key == moved:
         values = list(scope.things)
-    elif (said := read_statement(call)).relates:  # a vessel takes things in, a top bears them, a region both
+    elif (said := read_statement(call)).relates:  # a vessel takes objects in, a top bears them, a region both
         held, is_in = ((name, entities.get(name)) for name in scope.places), said.meaning is Meaning.INSIDE
         values = [name for name, each in held if each is None or (each.interior is not None) == is_in]
     else:
@@ -300,9 +300,9 @@ def _list_values(
 
 
 def _find_support(
-    skill: SkillRuntime, thing: str, spot: Spot | None, given: Mapping[str, object], scope: Scope
+    skill: SkillRuntime, thing: str, spot: PlacementPoint | None, given: Mapping[str, object], scope: Scope
 ) -> dict[str, str]:
-    """What a thing is put on, where the skill asks for it and no guarantee says it: what is there."""
+    """What an object is put on, where the skill asks for it and no guarantee says it: what is there."""
     key = find_parameter(skill, ParameterRole.SUPPORT)
     if not key or key in given:
         return {}
@@ -312,7 +312,7 @@ def _find_support(
 
 
 def _is_whole(skill: SkillRuntime, given: Mapping[str, object], world: Environment) -> bool:
-    """Whether every argument is there, each another thing, and parts are of the thing that is opened or closed."""
+    """Whether every argument is there, each another object, and parts are of the object that is opened or closed."""
     names = [value for value in given.values() if isinstance(value, str)]
     wholes = {given.get(key) for key, parameter in skill.parameters.items() if parameter.mechanism}
     parts = {world.entities[name].part_of for name in names if name in world.entities} - {""}
@@ -333,7 +333,7 @@ def _iter_bound(literals: Iterable[Effect], given: Mapping[str, object], target:
 
 
 def _is_undone(call: Call, moved: str) -> bool:
-    """Whether a fact is no more once a thing was moved: where it was, and what was measured from it."""
+    """Whether a fact is no more once an object was moved: where it was, and what was measured from it."""
     kinds = [kind for term, kind in zip(call.terms, list_kinds(call), strict=True) if term == Name(moved)]
     said = read_statement(call)
     return said.relates and (said.name_object() == moved or ArgumentKind.CONTAINER not in kinds)
@@ -349,7 +349,7 @@ def _get_tolerance(call: Call) -> float:
 
 
 def _find_place(effects: Iterable[Effect], moved: str) -> str:
-    """Where a thing is put; empty where it is taken."""
+    """Where an object is put; empty where it is taken."""
     calls = (call for call, value in effects if value and not _is_held(call))
     about = (call for call in calls if read_statement(call).name_object() == moved)
     return next((term.text for call in about for term in list_places(call) if isinstance(term, Name)), "")

@@ -31,7 +31,7 @@ from phyagentos.protocol.documents.flowchart import Arrow, Box, render_flowchart
 from phyagentos.protocol.world.environment import Environment
 
 
-class Lack(StrEnum):
+class UnreachableReason(StrEnum):
     """Why a goal cannot be reached."""
 
     PREDICATE = "predicate"
@@ -39,13 +39,13 @@ class Lack(StrEnum):
     CAPABILITY = "capability"
     """A skill guarantees it, and no target of the goal offers what that needs."""
     ARGUMENT = "argument"
-    """Skills guarantee it of other things or places: what it names does not fit, or is not here."""
+    """Skills guarantee it of other objects or places: what it names does not fit, or is not here."""
     PRECONDITION = "precondition"
     """Skills guarantee it, and what they need first cannot come true."""
     ROOM = "room"
     """It needs more free room than there is."""
     CONSTRAINT = "constraint"
-    """A constraint forbids every way."""
+    """A constraint forbids every plan."""
     CONTRADICTION = "contradiction"
     """Its parts and their order exclude each other."""
     TIME = "time"
@@ -54,9 +54,9 @@ class Lack(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Missing:
-    """One thing that a goal lacks, or one predicate of it; `names` are skills, predicates or places, by `lack`."""
+    """A lack of a goal, or one predicate of it; `names` are skills, predicates or places, by `lack`."""
 
-    lack: Lack
+    lack: UnreachableReason
     subject: Fact = ""
     names: tuple[str, ...] = ()
 
@@ -66,14 +66,14 @@ class Missing:
 
 
 _TEXTS = {
-    Lack.PREDICATE: "{0}: no skill guarantees it",
-    Lack.CAPABILITY: "{0}: {1}",
-    Lack.ARGUMENT: "{0}: {1} cannot be used for what it names",
-    Lack.PRECONDITION: "{0}: it needs {1} first, which cannot come true",
-    Lack.ROOM: "no free spot in {1}",
-    Lack.CONSTRAINT: "{1} forbids every way",
-    Lack.CONTRADICTION: "these exclude each other, or their order does: {1}",
-    Lack.TIME: "no plan was found within the planner's limits",
+    UnreachableReason.PREDICATE: "{0}: no skill guarantees it",
+    UnreachableReason.CAPABILITY: "{0}: {1}",
+    UnreachableReason.ARGUMENT: "{0}: {1} cannot be used for what it names",
+    UnreachableReason.PRECONDITION: "{0}: it needs {1} first, which cannot come true",
+    UnreachableReason.ROOM: "no free spot in {1}",
+    UnreachableReason.CONSTRAINT: "{1} forbids every plan",
+    UnreachableReason.CONTRADICTION: "these exclude each other, or their order does: {1}",
+    UnreachableReason.TIME: "no plan was found within the planner's limits",
 }
 
 
@@ -120,7 +120,7 @@ def plan_goal(
         DefinitionError: A predicate cannot be parsed or planned for, or a target is unknown.
     """
     planner = planner or AnswerSetPlanner()
-    for everywhere in (False, True):  # things may also go where the goal names no place
+    for everywhere in (False, True):  # objects may also go where the goal names no place
         domain = build_domain(wanted, catalogue, world, everywhere=everywhere, without=without)
         answer = planner.solve(domain.problem)
         if isinstance(answer, Plan):
@@ -128,7 +128,7 @@ def plan_goal(
             return PlannedGoal(wanted=wanted, roles=domain.roles, steps=steps)
     if isinstance(answer, ProvenUnsolvable):
         return Unsolvable(tuple(_explain(answer, domain, wanted, catalogue, world, planner)))
-    return Unsolvable((Missing(Lack.TIME),), is_proven=False)
+    return Unsolvable((Missing(UnreachableReason.TIME),), is_proven=False)
 
 
 def write_graph(planned: PlannedGoal) -> str:
@@ -212,14 +212,14 @@ def _explain(
     if wanted.constraints:
         free = build_domain(wanted.model_copy(update={"constraints": ()}), catalogue, world, everywhere=True)
         if isinstance(planner.solve(free.problem), Plan):
-            yield Missing(Lack.CONSTRAINT, names=wanted.constraints)
+            yield Missing(UnreachableReason.CONSTRAINT, names=wanted.constraints)
             return
     if proof.unreachable:
         yield from (_explain_fact(fact, domain, catalogue) for fact in proof.unreachable)
     elif isinstance(roomy := planner.solve(replace(domain.problem, capacities=())), Plan):
-        yield Missing(Lack.ROOM, names=tuple(_iter_overfull(roomy, domain.problem)))
+        yield Missing(UnreachableReason.ROOM, names=tuple(_iter_overfull(roomy, domain.problem)))
     else:
-        yield Missing(Lack.CONTRADICTION, names=(*chain(*wanted.steps), *wanted.accept))
+        yield Missing(UnreachableReason.CONTRADICTION, names=(*chain(*wanted.steps), *wanted.accept))
 
 
 def _explain_fact(fact: Fact, domain: Domain, catalogue: Catalogue) -> Missing:
@@ -229,17 +229,19 @@ def _explain_fact(fact: Fact, domain: Domain, catalogue: Catalogue) -> Missing:
         made = {change for each in domain.problem.operators for change in each.changes.items()} | domain.state
         needs = dict.fromkeys(literal for each in makers for literal in each.requires.items())
         unreachable = tuple(_render(*literal) for literal in needs if literal not in made)
-        return Missing(Lack.PRECONDITION, _render(fact, value), unreachable)
+        return Missing(UnreachableReason.PRECONDITION, _render(fact, value), unreachable)
     wanted = find_predicates([fact])
     skills = [skill for skill in catalogue.skills.values() if wanted <= find_predicates(skill.guarantees)]
     if not skills:
-        return Missing(Lack.PREDICATE, fact)
+        return Missing(UnreachableReason.PREDICATE, fact)
     profiles = [catalogue.targets[name] for name in domain.roles.values()]
     lacks = [(s.skill, p.target, [*find_lacks(s, p)]) for s in skills for p in profiles]
     skill, target, least = min(lacks, key=lambda each: len(each[2]))
     if least:
-        return Missing(Lack.CAPABILITY, fact, tuple(f"{target} lacks {lack} for {skill}" for lack in least))
-    return Missing(Lack.ARGUMENT, fact, tuple(sorted(skill.skill for skill in skills)))
+        return Missing(
+            UnreachableReason.CAPABILITY, fact, tuple(f"{target} lacks {lack} for {skill}" for lack in least)
+        )
+    return Missing(UnreachableReason.ARGUMENT, fact, tuple(sorted(skill.skill for skill in skills)))
 
 
 def _iter_overfull(plan: Plan, problem: PlanningProblem) -> Iterator[str]:

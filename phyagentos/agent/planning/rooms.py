@@ -1,4 +1,4 @@
-"""Geometry that plans need: how many things a place holds, free spots, what hides and what blocks.
+"""Geometry that plans need: how many objects a place holds, free spots, what hides and what blocks.
 
 Estimates by boxes, on the careful side; motion planning decides when a session runs.
 """
@@ -18,16 +18,16 @@ from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.protocol.world.free_spot import ROOM_M, find_free_spot, find_support
 from phyagentos.protocol.world.mechanisms import compute_motion
 
-BESIDE_M = 0.01  # between two things in one place
+BESIDE_M = 0.01  # between two objects in one place
 SPOTS_MAX = 4
-FILL = 1000  # what things in one place weigh together when it is full
+FILL = 1000  # what objects in one place weigh together when it is full
 _LANE_M = 0.02  # beside what opens
 _REACH = 1.35  # of the band in which an arm grasps best
 
 
 @dataclass(frozen=True, slots=True)
-class Spot:
-    """A point where a thing can be put, what it is put on, and what stands there now."""
+class PlacementPoint:
+    """A point where an object can be put, what it is put on, and what stands there now."""
 
     point_m: Vector
     support: str
@@ -35,15 +35,15 @@ class Spot:
 
 
 def list_carried(world: Environment) -> list[str]:
-    """Things that a hand can take somewhere: they move freely, and are no part of another."""
+    """Objects that a hand can take somewhere: they move freely, and are no part of another."""
     known = {name: world.entities.get(name) for name in world.list_movable()}
     return [name for name, each in known.items() if each is None or (each.mechanism is None and not each.part_of)]
 
 
 def count_room(world: Environment, thing: str, place: str) -> int:
-    """How many things like this one a region or vessel holds side by side, 0 where it does not fit in.
+    """How many objects like this one a region or vessel holds side by side, 0 where it does not fit in.
 
-    The top of a movable thing bears one; another top one in its middle, even a wider one, and those beside it.
+    The top of a movable object bears one; another top one in its middle, even a wider one, and those beside it.
     """
     body, holder = world.entities.get(thing), world.entities.get(place)
     if holder is not None and holder.interior is None and holder.movable:
@@ -63,16 +63,16 @@ def _count(side_m: float, own_m: float) -> int:
 
 
 def _measure_sides(entity: Entity) -> tuple[float, float]:
-    """Level sides of a thing that stands as in its own frame [m]."""
+    """Level sides of an object that stands as in its own frame [m]."""
     (left, right), (back, front) = (compute_extent(entity, axis) for axis in AXES[:2])
     return right - left, front - back
 
 
 def find_spots(
     world: Environment, things: Sequence[str], profile: TargetProfile, away_from: Sequence[Vector]
-) -> list[Spot]:
-    """Free spots on what the things stand on, apart from each other."""
-    spots: list[Spot] = []
+) -> list[PlacementPoint]:
+    """Free spots on what the objects stand on, apart from each other."""
+    spots: list[PlacementPoint] = []
     for name in things:
         support = find_support(world, name) if name in world.entities else None
         if support is None:
@@ -82,18 +82,18 @@ def find_spots(
             point = find_free_spot(world, name, places, profile.mount_position_m, profile.grasp_band_m)
             if point is None:
                 break
-            spots.append(Spot(point, support.name))
+            spots.append(PlacementPoint(point, support.name))
             taken = replace(world.entities[name], name=f"at spot {len(spots)}", pose=Pose(point))
             world = replace(world, entities=world.entities | {taken.name: taken})
     return spots
 
 
-def place_spot(world: Environment, point: Vector, things: Sequence[str]) -> Spot:
+def place_spot(world: Environment, point: Vector, things: Sequence[str]) -> PlacementPoint:
     """The spot at a point of a goal."""
     known = [world.entities[name] for name in things if name in world.entities]
     blockers = [e.name for e in known if math.dist(compute_center(e)[:2], point[:2]) < ROOM_M]
     supports = [support.name for each in known if (support := find_support(world, each.name)) is not None]
-    return Spot(point, max(supports, key=supports.count, default=""), tuple(blockers))
+    return PlacementPoint(point, max(supports, key=supports.count, default=""), tuple(blockers))
 
 
 def find_lid(world: Environment, place: str) -> str:
@@ -113,7 +113,7 @@ def find_lid(world: Environment, place: str) -> str:
 
 
 def find_in_lane(world: Environment, moving: str, things: Sequence[str]) -> list[str]:
-    """Things that stand where something has to pass when it slides open."""
+    """Objects that stand where something has to pass when it slides open."""
     entity = world.entities[moving]
     if entity.mechanism is None or entity.mechanism.kind != "slide":
         return []
@@ -133,9 +133,9 @@ def _bound(entity: Entity) -> NDArray[np.float64]:
     return np.array([below, [compute_reach(entity, axis) for axis in AXES]]) + entity.pose.position_m
 
 
-def is_in_reach(world: Environment, place: str | Spot, profile: TargetProfile) -> bool:
+def is_in_reach(world: Environment, place: str | PlacementPoint, profile: TargetProfile) -> bool:
     """Whether a place is not farther than an arm may reach; a base can come nearer."""
-    if isinstance(place, Spot):
+    if isinstance(place, PlacementPoint):
         near: Vector | None = place.point_m
     elif place in world.entities:
         near = compute_center(world.entities[place])

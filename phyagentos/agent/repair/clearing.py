@@ -20,7 +20,7 @@ from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support
 
 PURPOSE = "clear"
-CLEARED_MAX = 3  # things that are moved for one session
+CLEARED_MAX = 3  # objects that are moved for one session
 _CHANCE = 0.7  # that moving it away works, and that it was the reason
 _CHANCE_NARROW = 0.5  # by a skill that must be exact: a push needs a straight way
 FULL = "NO_FREE_SITE"  # the planner's code for a destination without room

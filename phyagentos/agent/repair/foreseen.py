@@ -26,7 +26,7 @@ from phyagentos.protocol.sessions.session import Session, SessionStatus
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.wording import count, format_share
 
-NEAR_M = 0.16  # a thing that is farther from all that the session names is not in its way
+NEAR_M = 0.16  # an object that is farther from all that the session names is not in its way
 
 
 def foresee(case: Case, means: Means) -> Revision | None:
@@ -95,7 +95,7 @@ def _find_preparation(
 
 
 def _iter_near(case: Case, world: Environment, kind: str) -> Iterator[str]:
-    """Movable things of a kind near what the session names, the nearest first; what must stay is left out."""
+    """Movable objects of a kind near what the session names, the nearest first; what must stay is left out."""
     own = {str(value) for value in case.session.parameters.values()}
     places = [world.entities[name].pose.position_m for name in sorted(own) if name in world.entities]
     free = (e for e in world.entities.values() if e.kind == kind and e.movable and e.visible and e.name not in own)

@@ -53,7 +53,7 @@ def find_look(case: Case, name: object) -> Choice | None:
 
 
 def list_unseen(session: Session, world: Environment) -> list[str]:
-    """Movable things that a session's arguments name and the world does not show, in their order."""
+    """Movable objects that a session's arguments name and the world does not show, in their order."""
     movable = set(world.list_movable())
     named = (value for value in session.parameters.values() if isinstance(value, str) and value in movable)
     return [name for name in named if not world.shows(name)]

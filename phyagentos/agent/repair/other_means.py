@@ -28,7 +28,7 @@ from phyagentos.protocol.world.truth import Truth
 _CHANCE = 0.6
 _CHANCE_TARGET = 0.5
 _CHANCE_HELD = 0.95  # nothing had gone wrong with what is held, and the first half is done
-_INTERRUPTIONS = frozenset({Cause.RUNNER_LOST, Cause.STALLED, Cause.TIMED_OUT})  # no fault of how a thing is held
+_INTERRUPTIONS = frozenset({Cause.RUNNER_LOST, Cause.STALLED, Cause.TIMED_OUT})  # no fault of how an object is held
 _BROKEN = frozenset({Cause.TARGET_LOST, Cause.RUNNER_LOST, Cause.STALLED, Cause.SAFETY_STOP})
 _FITTING = frozenset(
     {Cause.IMPOSSIBLE, Cause.NO_PLAN, Cause.GRASP_MISSED, Cause.GRASP_LOST, Cause.PLACED_WRONG, Cause.WITHOUT_EFFECT}

@@ -53,7 +53,7 @@ AIM_MAX_M = 0.08  # what was missed by more was not aimed at
 _CHANCE = 0.5  # declared for any other cause
 _CHANCE_OF_RETURN = 0.5  # nothing was found because of what earlier attempts had ruled out
 _CHANCE_OF_PASSAGE = 0.6  # another robot was in the way, and moves on
-_CHANCE_OF_GRASP = 0.3  # nothing was in reach of the hand as it held the thing
+_CHANCE_OF_GRASP = 0.3  # nothing was in reach of the hand as it held the object
 
 
 def propose_retry(case: Case) -> Iterator[Alternative]:
@@ -106,7 +106,7 @@ def revise(miss: UnmetObjective, of_skill: Collection[str] = ()) -> Revision:
 
 
 def _find_grasp_in_the_way(miss: UnmetObjective) -> str:
-    """The grasp of a thing that could be taken and not be brought to its place; empty where no grasp would be.
+    """The grasp of an object that could be taken and not be brought to its place; empty where no grasp would be.
 
     A site is planned for what is held: what fails then, or on the way to it, may be the hand's. What was set down
     before that grasp says nothing of it.
@@ -159,12 +159,12 @@ def keep_means(own: Choice, miss: UnmetObjective, catalogue: Catalogue) -> Choic
     aim = _aim(miss, catalogue.skills[session.skill])
     if (own.skill, own.target) == (session.skill, session.target) and not aim:
         return None
-    why = tuple(f"{key} {value}: the tool has missed the thing by it [m]" for key, value in aim.items())
+    why = tuple(f"{key} {value}: the tool has missed the object by it [m]" for key, value in aim.items())
     return Choice(skill=session.skill, target=session.target, parameters={**session.parameters, **aim}, reasons=why)
 
 
 def _aim(miss: UnmetObjective, skill: SkillRuntime) -> Mapping[str, Any]:
-    """By what a policy is shown a thing aside: by what its tool has missed it [m], where the thing stayed."""
+    """By what a policy is shown an object aside: by what its tool has missed it [m], where the object stayed."""
     key = skill.policy.execution.aim if skill.policy is not None else ""
     if not key or miss.bundle is None:
         return {}

@@ -71,12 +71,12 @@ class Proposed:
 
 
 def encode_proposal(proposal: Proposal) -> Proposed:
-    """The canonical bytes of a proposal, and the name that they give it; raises `TOO_LARGE` or `HIDDEN_TEXT`."""
+    """The canonical bytes of a proposal, and the name that they give it; raises `TOO_LARGE` or `INVALID_VALUE`."""
     content = proposal.model_dump(mode="json")
     letters = {each for text in iter_nested(content) if isinstance(text, str) for each in text} - set("\n\t")
     if hidden := [f"U+{ord(each):04X}" for each in sorted(letters) if unicodedata.category(each) in _HIDDEN]:
         expected = "text that is seen as it is"
-        raise DefinitionError.of("HIDDEN_TEXT", proposal.goal, ", ".join(hidden[:8]), expected)
+        raise DefinitionError.of("INVALID_VALUE", proposal.goal, ", ".join(hidden[:8]), expected)
     data = _dump(proposal)
     if len(data) > PROPOSAL_MAX:
         raise DefinitionError.of("TOO_LARGE", proposal.goal, f"{len(data)} bytes", f"at most {PROPOSAL_MAX}")
@@ -91,9 +91,9 @@ class Proposals:
         self._new, self._decisions = folder / "new", folder / "decisions"
 
     def put(self, proposed: Proposed) -> None:
-        """Write a proposal; raises DefinitionError `TOO_MANY_PROPOSALS`."""
+        """Write a proposal; raises DefinitionError `TOO_LARGE`."""
         if len(waiting := self.list_waiting()) >= WAITING_MAX:
-            raise DefinitionError.of("TOO_MANY_PROPOSALS", proposed.name, f"{len(waiting)} wait", "decisions on them")
+            raise DefinitionError.of("TOO_LARGE", proposed.name, f"{len(waiting)} wait", "decisions on them")
         create_durably(self._new / f"{proposed.name}.yaml", proposed.data)
 
     def list_waiting(self) -> list[str]:

@@ -114,7 +114,7 @@ class ToolRegistry:
             raise DefinitionError.unknown("tool", "tools", name, offered)
         if name not in offered:
             hint = f"The operator starts the server with --level {tool.level} to offer it."
-            raise DefinitionError.of("TOOL_NOT_OFFERED", name, f"level {self.level}", f"level {tool.level}", hint)
+            raise DefinitionError.of("NOT_PERMITTED", name, f"level {self.level}", f"level {tool.level}", hint)
         return tool
 
     def call(self, name: str, arguments: object) -> Answer:
@@ -124,7 +124,7 @@ class ToolRegistry:
             tool = self._get(name)
             if not 0 < size <= ARGUMENTS_MAX:
                 found, expected = f"{size} bytes of JSON", f"UTF-8, at most {ARGUMENTS_MAX} bytes"
-                raise DefinitionError.of("TOO_LARGE" if size else "INVALID_PARAMETER", name, found, expected)
+                raise DefinitionError.of("TOO_LARGE" if size else "INVALID_VALUE", name, found, expected)
             known = tool.arguments.model_fields
             if tool.is_stop and isinstance(arguments, dict):  # what it does not know holds up no stop
                 arguments = {key: each for key, each in arguments.items() if key in known}

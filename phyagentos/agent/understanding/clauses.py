@@ -1,7 +1,7 @@
 """What clauses mean: each becomes predicates that shall come true, or that must hold all through.
 
 Upstream: a reading. Downstream: the embedded understander. One method a rule of the grammar; rules that say the same of
-each thing stand in the lexicon. Clauses are steps where the request says an order, or where they exclude each other.
+each object stand in the lexicon. Clauses are steps where the request says an order, or where they exclude each other.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -18,7 +18,7 @@ from phyagentos.agent.understanding.nouns import (
     has_token,
     list_children,
 )
-from phyagentos.agent.understanding.understanding import LackKind, QuestionKind, list_opposites
+from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind, list_opposites
 from phyagentos.agent.understanding.vocabulary import REGION, ROLE, read_lexicon
 from phyagentos.protocol.predicates.library import ArgumentKind, Meaning
 from phyagentos.protocol.predicates.meaning import list_kinds, read_statement
@@ -35,8 +35,8 @@ class Clauses(Discourse):
     """Predicates of a plan, collected clause by clause.
 
     Attributes:
-        placed: Things that the latest placement has put.
-        again: Whether the goal before is meant, and things that this time are excepted.
+        placed: Objects that the latest placement has put.
+        again: Whether the goal before is meant, and objects that this time are excepted.
     """
 
     constraints: list[str] = field(default_factory=list)
@@ -75,14 +75,14 @@ class Clauses(Discourse):
             read: Callable[..., Step] = getattr(self, f"_read_{clause.data}")
             steps = [read(clause, *list_children(clause))]
         if self.unmet:  # `only`, `exactly` and `of its colour` are understood of what is put somewhere
-            self.lack(LackKind.SENTENCE, self.unmet)
+            self.lack(RequestProblemKind.SENTENCE, self.unmet)
         return steps
 
     def _read_texts(self, clause: Node) -> Step:
         return [text for step in self._read_steps(clause) for text in step]
 
     def _say(self, rule: str, things: Node, *, constraint: bool = False) -> Step:
-        """What the lexicon says of each thing; a part stands for what opens."""
+        """What the lexicon says of each object; a part stands for what opens."""
         meaning = read_lexicon()["meanings"][rule]
         constraint = constraint or meaning.get("constraint", False)
         slot = Slot(meaning["slot"])
@@ -91,7 +91,7 @@ class Clauses(Discourse):
             thing = self.get(name)
             owner = thing.part_of if slot is Slot.OPENS and not thing.opens and thing.part_of else name
             if rule == "press" and self.get(owner).opens != "slide":
-                self.lack(LackKind.FIT, name)
+                self.lack(RequestProblemKind.FIT, name)
             texts.append(meaning["form"].format(owner, at="inside" if thing.has_interior else "on"))
         return self._keep(texts) if constraint else texts
 
@@ -109,21 +109,21 @@ class Clauses(Discourse):
     def _read_placing(self, placing: Node, *parts: Node) -> Step:
         """Without a verb, as in `two cubes into the tray`, it is to put."""
         if self._verb != "put" and len(self.recent) > 1:
-            return self.lack(LackKind.SENTENCE, placing)
+            return self.lack(RequestProblemKind.SENTENCE, placing)
         return self._read_wish_place(placing, *parts)
 
     def _read_pick_put(self, _: Node, things: Node, placing: Node) -> Step:
         picked = self.resolve(things, Slot.MOVED).names
         self.recent.append([])
         wanted = self._read_wish_place(placing, *list_children(placing))
-        if {*picked} != {*self.placed}:  # another thing is put down: that is no one clause
-            self.lack(LackKind.SENTENCE, things)
+        if {*picked} != {*self.placed}:  # another object is put down: that is no one clause
+            self.lack(RequestProblemKind.SENTENCE, things)
         return wanted
 
     def _read_elided(self, clause: Node, things: Node) -> Step:
         """`press the green button and then the red one`: the verb is that of the clause before."""
         if self._verb not in {"open", "close", "press"}:
-            return self.lack(LackKind.SENTENCE, clause)
+            return self.lack(RequestProblemKind.SENTENCE, clause)
         return self._say(self._verb, things)
 
     def _read_wish_place(self, placing: Node, things: Node, *more: Node, heaps: bool = False) -> Step:
@@ -147,7 +147,7 @@ class Clauses(Discourse):
                 wanted.append(self._locate(name, dest, place))
                 wanted += [f"not {self._locate(each, dest, place)}" for each in objects.rest if each not in names]
         if not wanted and self.left_out and places.by_colour:
-            return self.lack(LackKind.THING, "; ".join(self.left_out.values()), places.names)
+            return self.lack(RequestProblemKind.THING, "; ".join(self.left_out.values()), places.names)
         return wanted
 
     def _find_places(self, dest: Node, *, by_colour: bool = False) -> Named:
@@ -157,7 +157,7 @@ class Clauses(Discourse):
                 return Named(names=self.find_it(dest, Slot.VESSEL))
             case "on_top":
                 if len(self.placed) != 1:
-                    self.lack(LackKind.SENTENCE, dest)
+                    self.lack(RequestProblemKind.SENTENCE, dest)
                 return Named(names=self.placed[:1])
             case "to_its_colour":
                 vessels = (each.name for each in self.list_fitting(Slot.VESSEL) if each.colour and not each.movable)
@@ -192,7 +192,7 @@ class Clauses(Discourse):
     def _relate(self, name: str, place: str) -> str:
         return f"{'inside' if self.get(place).has_interior else 'on'}({name}, {place})"
 
-    # doing other things
+    # doing other objects
 
     def _read_take(self, _: Node, things: Node, source: Node) -> Step:
         objects = self.restrict(self.resolve(things, Slot.MOVED), source)
@@ -204,7 +204,7 @@ class Clauses(Discourse):
     def _read_unstack(self, clause: Node, things: Node) -> Step:
         below = {name: self.get(name).stands for name in self.resolve(things, Slot.MOVED).names}
         wanted = [f"not on({name}, {place})" for name, place in below.items() if place and self.get(place).movable]
-        return wanted or self.lack(LackKind.FIT, clause)
+        return wanted or self.lack(RequestProblemKind.FIT, clause)
 
     def _read_pick(self, clause: Node, things: Node) -> Step:
         self.placed = self.resolve(things, Slot.MOVED).names
@@ -219,7 +219,7 @@ class Clauses(Discourse):
         receivers = self.resolve_one(into, Slot.VESSEL).names
         held = self.get(sources[0]).contents if len(sources) == 1 else 0
         if not held:
-            self.lack(LackKind.FIT, clause, (thing.name for thing in self.list_fitting(Slot.LOOSE)))
+            self.lack(RequestProblemKind.FIT, clause, (thing.name for thing in self.list_fitting(Slot.LOOSE)))
         if not poured.number:
             self.reasons.append(f"no number is said: most of {held}, as cameras miss some of a pile")
         return [f"contains({name}, {poured.number or int(SEEN_SHARE * held)})" for name in receivers if held]
@@ -267,9 +267,9 @@ class Clauses(Discourse):
             return [self._relate(name, place) for name, place in zip(names, reversed(places), strict=True)]
         for name, place in zip(names, places, strict=True):
             if not place:
-                self.lack(LackKind.THING, f"a name for the place of {name}")
+                self.lack(RequestProblemKind.THING, f"a name for the place of {name}")
         if len(names) != 2 or all(places):
-            self.lack(LackKind.FIT, clause)
+            self.lack(RequestProblemKind.FIT, clause)
         return []
 
     def _read_pose(self, clause: Node) -> Step:
@@ -297,7 +297,7 @@ class Clauses(Discourse):
         things = self.resolve_one(gone, Slot.MOVED, forbids=True).names
         where = self.resolve_one(places[0], Slot.PLACE).names if places else (self._wiped,) * bool(self._wiped)
         if not where:
-            self.lack(LackKind.SENTENCE, clause)
+            self.lack(RequestProblemKind.SENTENCE, clause)
         return [f"not {self._relate(name, at)}" for at in where for name in things]
 
     def _read_until(self, _: Node, command: Node, condition: Node) -> Step:
@@ -335,7 +335,7 @@ class Clauses(Discourse):
             self.constraints.append(f"upright({name})")
             wanted += [f"inside({each.name}, {name})" for each in self.list_fitting(Slot.ANY) if each.stands == name]
             wanted += [f"contains({name}, {contents})"] if contents else []
-        return wanted or self.lack(LackKind.FIT, clause)
+        return wanted or self.lack(RequestProblemKind.FIT, clause)
 
 
 def finish(steps: Sequence[Step]) -> tuple[tuple[tuple[str, ...], ...], tuple[str, ...]]:
@@ -368,7 +368,7 @@ def _says(text: str, *meanings: Meaning, is_true: bool = True) -> bool:
 
 
 def _get_object(text: str) -> str:
-    """What a predicate is about, the first thing that it names."""
+    """What a predicate is about, the first object that it names."""
     return next(iter(find_entities(text)), "")
 
 

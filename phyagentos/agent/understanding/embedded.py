@@ -9,9 +9,9 @@ from phyagentos.agent.understanding.reading import Readings, read_request
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,
-    LackKind,
     Question,
     QuestionKind,
+    RequestProblemKind,
     Understanding,
     Understood,
     conclude,
@@ -50,7 +50,7 @@ def _interpret(
     steps, accept = finish(said.read_plan(list_children(tree)[0]))
     constraints = tuple(said.constraints)
     if said.again and not vocabulary.past:
-        said.lack(LackKind.PAST, read.text)
+        said.lack(RequestProblemKind.PAST, read.text)
     elif said.again:
         past, excepted = vocabulary.past[-1], set(said.excepted)
         before = (past.constraints, *past.steps, past.accept)
@@ -60,7 +60,7 @@ def _interpret(
         steps = (*(step for step in kept[1:-1] if step), *steps)
         accept = tuple(dict.fromkeys((*kept[-1], *accept)))
     if not accept and not said.lacks and not said.questions:
-        said.lack(LackKind.GOAL, read.text)
+        said.lack(RequestProblemKind.GOAL, read.text)
     if said.lacks:
         return Impossible(lacks=tuple(dict.fromkeys(said.lacks)))
     if said.questions:

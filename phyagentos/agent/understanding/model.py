@@ -17,9 +17,9 @@ from phyagentos.agent.context.context import Section, build_context
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,
-    LackKind,
     Question,
     QuestionKind,
+    RequestProblemKind,
     Understanding,
     conclude,
     refuse,
@@ -116,7 +116,7 @@ class ModelUnderstander:
         try:
             context = build_context("plan", _describe(request, vocabulary, answers), tokens)
         except DefinitionError as error:  # the request alone is longer than the limits allow
-            return refuse(LackKind.MODEL, str(error))
+            return refuse(RequestProblemKind.MODEL, str(error))
         self.shown[context.sha256] = context.text
         messages = [{"role": "system", "content": _SYSTEM}, {"role": "user", "content": context.text}]
         started_s, spent, problems = self.clock.now_s(), 0, ["no answer within the limits"]
@@ -130,7 +130,7 @@ class ModelUnderstander:
             try:
                 found = self.complete(messages, max_tokens=room, response_format=RESPONSE_FORMAT, timeout_s=left_s)
             except ExecutionError as error:
-                return refuse(LackKind.MODEL, str(error))
+                return refuse(RequestProblemKind.MODEL, str(error))
             self.kept.append(found)
             spent += found.tokens or asked + len(found.text) // LETTERS_A_TOKEN + 1
             understood = _read(found.text, request, vocabulary, answers)
@@ -139,7 +139,7 @@ class ModelUnderstander:
             problems = understood[:PROBLEMS_MAX]
             correction = msgspec.json.encode({"problems": problems, "task": "Answer again, corrected."}).decode()
             messages += [{"role": "assistant", "content": found.text}, {"role": "user", "content": correction}]
-        return refuse(LackKind.MODEL, *problems)
+        return refuse(RequestProblemKind.MODEL, *problems)
 
 
 def write_answers(path: Path, request: str, scene: str, model: ModelUnderstander) -> None:
@@ -198,7 +198,7 @@ def _read(text: str, request: str, vocabulary: Vocabulary, answers: Mapping[str,
     except pydantic.ValidationError as error:
         return [f"{'.'.join(map(str, each['loc'])) or 'answer'}: {each['msg']}" for each in error.errors()]
     if answer.missing:
-        return refuse(LackKind.CAPABILITY, *answer.missing)
+        return refuse(RequestProblemKind.CAPABILITY, *answer.missing)
     if answer.goal is not None:
         found = conclude(request, vocabulary, answer.goal.model_dump(), reasons=answer.reasons)
         lacks = found.lacks if isinstance(found, Impossible) else ()

@@ -1,7 +1,7 @@
 """What noun phrases mean: `every cube except the red one`, `it`, `the rest`, `two of them`, `the tray of its colour`.
 
 Upstream: a reading. Downstream: the clauses. What is open becomes a question with its candidates, what is not here a
-lack; a phrase is never taken for the nearest thing.
+lack; a phrase is never taken for the nearest object.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,7 +11,7 @@ from enum import StrEnum
 from lark import Token, Tree
 
 from phyagentos.agent.understanding.reading import pluralise
-from phyagentos.agent.understanding.understanding import Lack, LackKind, Question, QuestionKind
+from phyagentos.agent.understanding.understanding import Question, QuestionKind, RequestProblem, RequestProblemKind
 from phyagentos.agent.understanding.vocabulary import LOOSE, SURFACES, Thing, Vocabulary
 from phyagentos.errors import find_nearest
 
@@ -22,26 +22,26 @@ NUMBERS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight
 class Slot(StrEnum):
     """What a phrase is needed for; it decides what `it`, `everything` and a bare colour can mean."""
 
-    MOVED = "moved"  # a thing that is taken elsewhere
+    MOVED = "moved"  # an object that is taken elsewhere
     PLACE = "place"  # where it is put
-    OPENS = "opens"  # a thing with a joint
-    VESSEL = "vessel"  # a thing that others can be in
+    OPENS = "opens"  # an object with a joint
+    VESSEL = "vessel"  # an object that others can be in
     LOOSE = "loose"  # nameless contents of a vessel, or the vessel
     ANY = "any"
 
     def takes(self, thing: Thing) -> bool:
-        """Whether a thing is fit for it."""
+        """Whether an object is fit for it."""
         fits = {"moved": thing.movable, "opens": thing.opens, "vessel": thing.has_interior, "loose": thing.contents}
         return bool(fits.get(self, True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Named:
-    """The things that a phrase means.
+    """The objects that a phrase means.
 
     Attributes:
         by_colour: Each object takes the one of its own colour.
-        rest: Things of the same noun that the phrase excludes by `only` or `exactly`.
+        rest: Objects of the same noun that the phrase excludes by `only` or `exactly`.
         number: The number in it, 0 without one.
     """
 
@@ -58,7 +58,7 @@ class Discourse:
     """What was said so far, and what was found to be open or missing.
 
     Attributes:
-        recent: Things that each clause named, the latest clause last.
+        recent: Objects that each clause named, the latest clause last.
         moved: Everything that some clause puts somewhere, in order.
         heads: The last noun of each slot.
         unmet: A phrase with `only`, `exactly` or `of its colour`, until a clause says what becomes of it.
@@ -68,7 +68,7 @@ class Discourse:
     vocabulary: Vocabulary
     answers: Mapping[str, str]
     questions: list[Question] = field(default_factory=list)
-    lacks: list[Lack] = field(default_factory=list)
+    lacks: list[RequestProblem] = field(default_factory=list)
     reasons: list[str] = field(default_factory=list)
     chosen: list[str] = field(default_factory=list)
     unsaid: list[str] = field(default_factory=list)
@@ -77,11 +77,11 @@ class Discourse:
     heads: dict[Slot, str] = field(default_factory=dict)
     unmet: str = ""
 
-    def lack(self, kind: LackKind, words: str | Node, possible: Iterable[str] = ()) -> tuple[str, ...]:
+    def lack(self, kind: RequestProblemKind, words: str | Node, possible: Iterable[str] = ()) -> tuple[str, ...]:
         """Note that something is missing: words, or those of a phrase; there is nothing then."""
         words, known = words if isinstance(words, str) else self.quote(words), tuple(possible)
         near = find_nearest(words.replace(" ", "_"), known) or ""
-        self.lacks.append(Lack(kind=kind, words=words, nearest=near, possible=known))
+        self.lacks.append(RequestProblem(kind=kind, words=words, nearest=near, possible=known))
         return ()
 
     def ask(self, kind: QuestionKind, phrase: Node, candidates: Iterable[str], about: str = "") -> tuple[str, ...]:
@@ -99,15 +99,15 @@ class Discourse:
         return self.text[tokens[0].start_pos : tokens[-1].end_pos]
 
     def get(self, name: str) -> Thing:
-        """A thing by its name."""
+        """An object by its name."""
         return self.vocabulary.things[name]
 
     def list_fitting(self, slot: Slot) -> list[Thing]:
-        """Things that a slot can take, for phrases that say no noun."""
+        """Objects that a slot can take, for phrases that say no noun."""
         return [thing for thing in self.vocabulary.things.values() if slot.takes(thing)]
 
     def resolve(self, things: Node, slot: Slot, *, forbids: bool = False) -> Named:
-        """The things of a list of phrases; `forbids` where it says what must not be, so that `a cube` is every one."""
+        """The objects of a list of phrases; `forbids` where it says what must not be, so that `a cube` is every one."""
         parts = [child for child in list_children(things) if child.data != "except"]
         is_pair = len(parts) == 2 and any(parts[0].find_data("both"))  # `both the red and the green cube`
         named = self._resolve_parts(parts, slot, forbids=forbids, is_pair=is_pair)
@@ -127,18 +127,18 @@ class Discourse:
         for exception in (child for child in list_children(phrase) if child.data == "except"):
             excepted = self.resolve_except(exception, slot)
             if names and not set(excepted) <= set(names):
-                self.lack(LackKind.THING, exception, names)
+                self.lack(RequestProblemKind.THING, exception, names)
             names = tuple(name for name in names if name not in excepted)
         return names
 
     def resolve_except(self, exception: Node, slot: Slot) -> tuple[str, ...]:
-        """The things that an exception names."""
+        """The objects that an exception names."""
         return tuple(name for each in self._resolve_parts(list_children(exception), slot) for name in each.names)
 
     def resolve_one(
         self, noun: Node, slot: Slot, *, lent: str = "", forbids: bool = False, is_pair: bool = False
     ) -> Named:
-        """The things of one phrase; none where it is open or where there is none."""
+        """The objects of one phrase; none where it is open or where there is none."""
         find = getattr(self, f"find_{noun.data}", None)  # `it`, `them`, `others`, `everything`, `everything_else`
         if find is None:
             named = self._find_quantified(noun, slot, lent, forbids=forbids, is_pair=is_pair)
@@ -159,28 +159,28 @@ class Discourse:
         return named
 
     def restrict(self, objects: Named, source: Node) -> Named:
-        """Of several things those that stand in or on what `from` names; one thing is taken from wherever it is."""
+        """Of several objects those that stand in or on what `from` names; one object is taken from wherever it is."""
         owners = self.resolve_aside(source, Slot.PLACE).names
         if len(objects.names) < 2 or not owners:
             return objects
         names = tuple(each.name for each in self._list_standing(map(self.get, objects.names), owners))
         if not names:
-            self.lack(LackKind.THING, f"{objects.words} from {self.quote(source)}", objects.names)
+            self.lack(RequestProblemKind.THING, f"{objects.words} from {self.quote(source)}", objects.names)
         return replace(objects, names=names)
 
     def find_it(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
-        """The one fitting thing that the latest clause with any named; several are asked about."""
+        """The one fitting object that the latest clause with any named; several are asked about."""
         for before in reversed(self.recent[:-1]):
             found = [name for name in before if name not in self.recent[-1] and slot.takes(self.get(name))]
             if found:
                 return (found[0],) if len(found) == 1 else self.ask(QuestionKind.WHICH, phrase, found)
-        return self.lack(LackKind.SENTENCE, phrase)
+        return self.lack(RequestProblemKind.SENTENCE, phrase)
 
     def find_them(self, noun: Node, _: Slot) -> tuple[str, ...]:
-        """The movable things of the latest clause with several; else all that were moved."""
+        """The movable objects of the latest clause with several; else all that were moved."""
         groups = [tuple(name for name in before if self.get(name).movable) for before in reversed(self.recent[:-1])]
         found = next((group for group in groups if len(group) > 1), tuple(dict.fromkeys(self.moved)))
-        return found if len(found) > 1 else self.lack(LackKind.SENTENCE, noun)
+        return found if len(found) > 1 else self.lack(RequestProblemKind.SENTENCE, noun)
 
     def find_everything(self, noun: Node, slot: Slot) -> tuple[str, ...]:
         """All that fits; without a slot, all that can be moved or opened."""
@@ -189,7 +189,7 @@ class Discourse:
         found = [thing for thing in fitting if colours <= thing.words]
         for tail in list_children(noun):
             found = self._filter(found, tail)
-        return tuple(thing.name for thing in found) or self.lack(LackKind.THING, noun)
+        return tuple(thing.name for thing in found) or self.lack(RequestProblemKind.THING, noun)
 
     def find_everything_else(self, noun: Node, slot: Slot) -> tuple[str, ...]:
         """All that fits and was not moved."""
@@ -201,7 +201,7 @@ class Discourse:
         found = self._list_alike(head) if head else self.list_fitting(slot)
         found = self._find_candidates(plain, slot, "")[0] if plain is not None else found
         names = tuple(each.name for each in found if each.name not in self.moved) if self.moved else ()
-        return names or self.lack(LackKind.THING, noun, (each.name for each in found))
+        return names or self.lack(RequestProblemKind.THING, noun, (each.name for each in found))
 
     def _resolve_parts(self, parts: Sequence[Node], slot: Slot, **how: bool) -> list[Named]:
         """Each phrase of a list; `the red and the green cube` lends its noun to the first."""
@@ -228,7 +228,7 @@ class Discourse:
             number = NUMBERS.index(said) if said in NUMBERS else int(said)
             if has_token(
                 quantity, "other"
-            ):  # than what was moved; of places, than where the thing of this clause stands
+            ):  # than what was moved; of places, than where the object of this clause stands
                 recent = self.recent[-1]
                 before = {self.get(each).stands for each in recent} if slot is Slot.PLACE else {*self.moved, *recent}
                 found = tuple(name for name in found if name not in before) if before & {*found} else ()
@@ -236,7 +236,7 @@ class Discourse:
             is_all = kind == "all" and not number
             return Named(names=found, number=self._count_contents(found) if is_all else number)
         if not found:
-            self.lack(LackKind.THING, words, self.vocabulary.things)
+            self.lack(RequestProblemKind.THING, words, self.vocabulary.things)
         named = Named(names=found, words=words, by_colour=by_colour)
         if kind == "their" and slot is Slot.PLACE and len(found) > 1 and not by_colour:
             self.reasons.append(f"{words}: the one of the same colour")
@@ -259,7 +259,7 @@ class Discourse:
     def _choose(self, named: Named, number: int, *, keeps_rest: bool) -> Named:
         """The first of several, where any will do; those that were moved already come last."""
         if number > len(named.names):
-            return Named(names=self.lack(LackKind.THING, named.words, named.names))
+            return Named(names=self.lack(RequestProblemKind.THING, named.words, named.names))
         ordered = sorted(named.names, key=lambda name: name in self.moved)
         names = tuple(name for name in named.names if name in ordered[:number])
         if number < len(named.names):
@@ -268,7 +268,7 @@ class Discourse:
         return Named(names=names, rest=named.names if keeps_rest else ())
 
     def _find_candidates(self, plain: Node, slot: Slot, lent: str) -> tuple[list[Thing], bool, bool]:
-        """Things that a noun with its words fits, whether it is a plural, and whether each goes by colour."""
+        """Objects that a noun with its words fits, whether it is a plural, and whether each goes by colour."""
         adjectives = {str(token) for token in plain.children if get_type(token) in {"adj", "elliptic"}}
         by_colour = has_token(plain, "matching") or has_token(plain, "of_its_colour")
         head, is_plural, is_generic = self._read_head(plain)
@@ -306,7 +306,7 @@ class Discourse:
         return self._list_standing(found, owners)
 
     def _list_standing(self, found: Iterable[Thing], owners: Iterable[str]) -> list[Thing]:
-        """Those that stand in or on any of some things as the scene begins; where none is said it is the table."""
+        """Those that stand in or on any of some objects as the scene begins; where none is said it is the table."""
         has_surface = any(self.get(name).kind in SURFACES for name in owners)
         return [thing for thing in found if thing.stands in owners or (not thing.stands and has_surface)]
 

@@ -1,6 +1,6 @@
 """From text to its readings: words looked up, then every tree that the grammar of requests has for them.
 
-The grammar (request.lark) is of the language, the words of things are of the scene. An Earley parser keeps every
+The grammar (request.lark) is of the language, the words of objects are of the scene. An Earley parser keeps every
 reading, so that a sentence with two meanings is found out instead of decided by the order of rules.
 """
 
@@ -15,7 +15,7 @@ from lark import Lark, Token, Tree
 from lark.exceptions import UnexpectedEOF, UnexpectedInput
 from lark.visitors import CollapseAmbiguities
 
-from phyagentos.agent.understanding.understanding import Impossible, Lack, LackKind, refuse
+from phyagentos.agent.understanding.understanding import Impossible, RequestProblem, RequestProblemKind, refuse
 from phyagentos.agent.understanding.vocabulary import Vocabulary, read_lexicon
 from phyagentos.errors import find_nearest
 
@@ -68,16 +68,18 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     content = sorted({word for word in words if len(word) >= LEAST_NEAR} | adjectives | nouns)
     strange = [word for word in _WORD.findall(text) if word not in words and not re.fullmatch(r"[\d.]+|[+-]", word)]
     if near := {word: find_nearest(word, content) or "" for word in strange}:
-        return Impossible(lacks=tuple(Lack(kind=LackKind.WORD, words=word, nearest=near[word]) for word in near))
+        return Impossible(
+            lacks=tuple(RequestProblem(kind=RequestProblemKind.WORD, words=word, nearest=near[word]) for word in near)
+        )
     if len(text) > MOST_LETTERS:
-        return refuse(LackKind.SENTENCE, text[MOST_LETTERS:])
+        return refuse(RequestProblemKind.SENTENCE, text[MOST_LETTERS:])
     try:
         forest = parser.parse(text)
     except UnexpectedInput as error:
         stop = 0 if isinstance(error, UnexpectedEOF) else error.pos_in_stream
-        return refuse(LackKind.SENTENCE, text[stop:] or text)
+        return refuse(RequestProblemKind.SENTENCE, text[stop:] or text)
     if _count_readings(forest) > MOST_READINGS:
-        return refuse(LackKind.SENTENCE, text)
+        return refuse(RequestProblemKind.SENTENCE, text)
     trees = CollapseAmbiguities().transform(forest)
     return Readings(text=text, trees=tuple(dict.fromkeys(trees)), unsaid=unsaid)
 

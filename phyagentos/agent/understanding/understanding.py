@@ -1,6 +1,6 @@
 """What understanders of requests answer: a goal, questions or what is missing; and the checks that a goal has to pass.
 
-What a model writes passes no easier than what the grammar makes: names, what things are fit for, what skills bring
+What a model writes passes no easier than what the grammar makes: names, what objects are fit for, what skills bring
 about, contradictions. Paper section 3.3.
 """
 
@@ -31,7 +31,7 @@ _MOVERS = _DEMANDS.keys() - {Meaning.CONTAINS}  # what comes true by moving the 
 
 
 class _Kind(StrEnum):
-    """A kind, with what a person is told of it before or after the words that it is about."""
+    """A kind, with what is printed of it before or after the words that it is about."""
 
     told: str
 
@@ -51,13 +51,13 @@ class QuestionKind(_Kind):
     READING = "reading", "It can be read in several ways:"
 
 
-class LackKind(_Kind):
+class RequestProblemKind(_Kind):
     """Why a request cannot be met here."""
 
     WORD = "word", "is no word of this scene or of requests"
     SENTENCE = "sentence", "is not understood as a sentence"
     THING = "thing", "is not here"
-    FIT = "fit", "is not possible with this thing"
+    FIT = "fit", "is not possible with this object"
     CAPABILITY = "capability", "is what no skill here brings about"
     CONTRADICTION = "contradiction", "cannot hold together"
     PAST = "past", "means something done before, and nothing was"
@@ -67,7 +67,7 @@ class LackKind(_Kind):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """One thing to ask back, about some words; any number may be answered where it has no candidates.
+    """A question to ask back, about some words; any number may be answered where it has no candidates.
 
     An answer refers to the key: the words, and where in the request they begin.
     """
@@ -79,10 +79,10 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Lack:
-    """One thing that is missing: a word, name or predicate, the known one most like it, and what would be possible."""
+class RequestProblem:
+    """What is missing: a word, name or predicate, the known one most like it, and what would be possible."""
 
-    kind: LackKind
+    kind: RequestProblemKind
     words: str
     nearest: str = ""
     possible: tuple[str, ...] = ()
@@ -94,9 +94,9 @@ class Understood:
 
     Attributes:
         reasons: Which words became what; for people.
-        left_out: Things that the request names and the goal leaves as they are, each with the missing place.
+        left_out: Objects that the request names and the goal leaves as they are, each with the missing place.
         unsaid: Words without an effect on the goal, as `carefully`.
-        chosen: Things that stand for `a cube` or `two of the cubes`, where the choice was left open.
+        chosen: Objects that stand for `a cube` or `two of the cubes`, where the choice was left open.
     """
 
     goal: WantedGoal
@@ -117,15 +117,15 @@ class Ambiguous:
 class Impossible:
     """What is missing here."""
 
-    lacks: tuple[Lack, ...]
+    lacks: tuple[RequestProblem, ...]
 
 
 Understanding = Understood | Ambiguous | Impossible
 
 
-def refuse(kind: LackKind, *words: str) -> Impossible:
+def refuse(kind: RequestProblemKind, *words: str) -> Impossible:
     """What is missing, all of one kind."""
-    return Impossible(lacks=tuple(Lack(kind=kind, words=each) for each in words))
+    return Impossible(lacks=tuple(RequestProblem(kind=kind, words=each) for each in words))
 
 
 def conclude(request: str, vocabulary: Vocabulary, parts: Mapping[str, Any], **more: Any) -> Understood | Impossible:
@@ -143,15 +143,17 @@ def name_goal(request: str) -> str:
     return name if re.match(r"[a-z]", name) else f"goal_{name}".strip("_")
 
 
-def find_lacks(goal: WantedGoal, vocabulary: Vocabulary) -> tuple[Lack, ...]:
+def find_lacks(goal: WantedGoal, vocabulary: Vocabulary) -> tuple[RequestProblem, ...]:
     """Everything about a goal that cannot be met here; empty where it can be planned."""
     parsed: dict[str, Predicate] = {}
-    lacks: list[Lack] = []
+    lacks: list[RequestProblem] = []
     for text in (*goal.constraints, *(text for step in goal.steps for text in step), *goal.accept):
         try:
             parsed[text] = parse_predicate(text)
         except DefinitionError as error:
-            lacks += [Lack(kind=LackKind.SENTENCE, words=str(problem)) for problem in error.problems]
+            lacks += [
+                RequestProblem(kind=RequestProblemKind.SENTENCE, words=str(problem)) for problem in error.problems
+            ]
     for text, predicate in parsed.items():
         lacks += _find_unknown(predicate, goal, vocabulary)
         if not lacks:
@@ -164,36 +166,36 @@ def find_lacks(goal: WantedGoal, vocabulary: Vocabulary) -> tuple[Lack, ...]:
     constraints = [parsed[text].formula for text in goal.constraints]
     groups = [[parsed[text].formula for text in step] for step in (*goal.steps, goal.accept)]
     clashes = [pair for group in groups for pair in _iter_clashes(group, constraints)]
-    return tuple(Lack(kind=LackKind.CONTRADICTION, words=pair) for pair in dict.fromkeys(clashes))
+    return tuple(RequestProblem(kind=RequestProblemKind.CONTRADICTION, words=pair) for pair in dict.fromkeys(clashes))
 
 
-def _find_unknown(predicate: Predicate, goal: WantedGoal, vocabulary: Vocabulary) -> Iterator[Lack]:
+def _find_unknown(predicate: Predicate, goal: WantedGoal, vocabulary: Vocabulary) -> Iterator[RequestProblem]:
     for reference in predicate.iter_references():
         is_target = reference.kind is ArgumentKind.TARGET
         known = (*goal.targets, *vocabulary.targets, "target", ROLE) if is_target else tuple(vocabulary.things)
         if reference.name not in known:
             near = find_nearest(reference.name, known) or ""
-            yield Lack(kind=LackKind.THING, words=reference.name, nearest=near, possible=known)
+            yield RequestProblem(kind=RequestProblemKind.THING, words=reference.name, nearest=near, possible=known)
 
 
-def _find_unfit(call: syntax.Call, vocabulary: Vocabulary) -> Iterator[Lack]:
-    """Things of a predicate that cannot be used so, with those that can."""
+def _find_unfit(call: syntax.Call, vocabulary: Vocabulary) -> Iterator[RequestProblem]:
+    """Objects of a predicate that cannot be used so, with those that can."""
     said = read_statement(call)
     demands = _DEMANDS.get(said.meaning, ()) if said.meaning is not None else ()
     for term, fact in zip((said.object, said.place), demands, strict=False):
         if isinstance(term, syntax.Name) and not getattr(vocabulary.things[term.text], fact):
             possible = tuple(name for name, thing in vocabulary.things.items() if getattr(thing, fact))
-            yield Lack(kind=LackKind.FIT, words=syntax.render(call), possible=possible)
+            yield RequestProblem(kind=RequestProblemKind.FIT, words=syntax.render(call), possible=possible)
     names = [term.text for term in call.terms if isinstance(term, syntax.Name)]
     if len(names) != len(set(names)):
-        yield Lack(kind=LackKind.CONTRADICTION, words=syntax.render(call))
+        yield RequestProblem(kind=RequestProblemKind.CONTRADICTION, words=syntax.render(call))
     most = sum(thing.contents for thing in vocabulary.things.values())
     if said.meaning is Meaning.CONTAINS and said.number is not None and said.number > most:
-        yield Lack(kind=LackKind.FIT, words=syntax.render(call), possible=(str(most),))
+        yield RequestProblem(kind=RequestProblemKind.FIT, words=syntax.render(call), possible=(str(most),))
 
 
-def _find_incapable(formula: syntax.Formula, vocabulary: Vocabulary) -> Iterator[Lack]:
-    """Literals that no skill brings about. To end a place is to bring the thing to another."""
+def _find_incapable(formula: syntax.Formula, vocabulary: Vocabulary) -> Iterator[RequestProblem]:
+    """Literals that no skill brings about. To end a place is to bring the object to another."""
     able = vocabulary.capabilities
     places = {each.name for each in get_predicate_library() if each.meaning in _PLACES}
     for is_true, call in ((is_true, normalize(call)) for is_true, call in iter_literals(formula)):
@@ -202,7 +204,7 @@ def _find_incapable(formula: syntax.Formula, vocabulary: Vocabulary) -> Iterator
         is_flipped = not is_true and any(each in able for each in list_opposites(call))
         stays = not is_true and meaning is Meaning.MOVED
         if name not in able and not is_ended and not is_flipped and not stays:
-            yield Lack(kind=LackKind.CAPABILITY, words=name, possible=tuple(able))
+            yield RequestProblem(kind=RequestProblemKind.CAPABILITY, words=name, possible=tuple(able))
 
 
 def _iter_clashes(group: Sequence[syntax.Formula], constraints: Sequence[syntax.Formula]) -> Iterator[str]:

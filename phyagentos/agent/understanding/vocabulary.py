@@ -1,4 +1,4 @@
-"""All that a request can be about: things and regions of the scene, what skills bring about, postures, past goals.
+"""All that a request can be about: objects and regions of the scene, what skills bring about, postures, past goals.
 
 Upstream: the catalogue and its scene file. Downstream: the understanders. Every noun comes from here.
 """
@@ -33,7 +33,7 @@ ROLE = "robot"  # of the target in goals of requests
 FRAME_M = 0.35  # how far the middle of a lid, a door or a drawer is from that of its frame at most
 LOOSE = "ball"  # one of the nameless contents of a vessel
 WORD = re.compile(r"[a-z][a-z0-9 '-]*")  # what of the text of a scene is taken for a word
-SURFACES = ("table", "floor")  # kinds on which things stand that the scene places nowhere else
+SURFACES = ("table", "floor")  # kinds on which objects stand that the scene places nowhere else
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,12 +41,12 @@ class Thing:
     """A listed body or a region, as requests can name it; what it does not have is empty.
 
     Attributes:
-        kind: Class of thing; `REGION` for a space rather than a body.
+        kind: Class of object; `REGION` for a space rather than a body.
         words: Words that may stand before its noun: of its name, its colour, its material, and of what it is part of.
         heads: Nouns that mean it: its kind, and the last word of its name.
         opens: `slide` or `hinge`.
-        part_of: The thing that it is fixed to, or whose lid, door or drawer it is.
-        stands: The thing in or on which the scene places it at first.
+        part_of: The object that it is fixed to, or whose lid, door or drawer it is.
+        stands: The object in or on which the scene places it at first.
         contents: Number of loose balls in it.
     """
 
@@ -112,7 +112,7 @@ class Vocabulary:
 
 
 def _add_synonyms(things: Mapping[str, Thing]) -> dict[str, Thing]:
-    """The things with further nouns for them, as far as nothing else here is called so."""
+    """The objects with further nouns for them, as far as nothing else here is called so."""
     taken = {head for thing in things.values() for head in thing.heads}
     more = {noun: {*others} - taken for noun, others in read_lexicon()["synonyms"].items()}
     return {
@@ -165,7 +165,7 @@ def _read_thing(spec: SceneSpec, name: str, body: Body) -> Thing:
 
 
 def _find_frame(spec: SceneSpec, name: str) -> str:
-    """The fixed thing that one with a joint is a part of: the nearest, as a scene does not say; empty where none is."""
+    """The fixed object that one with a joint is a part of: the nearest, as a scene does not say; or empty."""
     at = _find_position(spec, name)
     fixed = (other for other, body in spec.bodies.items() if body.fixed and body.kind not in SURFACES)
     apart_m = {other: math.dist(at, _find_position(spec, other)) for other in fixed}

@@ -41,7 +41,7 @@ def _check(located: Located, path: Address, condition: Any) -> list[Problem]:
         return [located.unknown("condition", (*path, name), name, _list_conditions())]
     except TypeError as error:
         signature = [each for each in inspect.signature(found).parameters if each != "folder"]
-        return [located.problem("WRONG_ARGUMENTS", (*path, name), str(error), ", ".join(signature))]
+        return [located.problem("INVALID_VALUE", (*path, name), str(error), ", ".join(signature))]
     return []
 
 

@@ -46,6 +46,10 @@ class Library:
         """Path of `trees/<name>.yaml`; raises DefinitionError with the nearest name."""
         return self._get("tree", name, f"trees/{name}.yaml", self.names_of_trees)
 
+    def has_tree(self, name: str) -> bool:
+        """Whether there is `trees/<name>.yaml`; cheaper than to list them all."""
+        return self._find(name, f"trees/{name}.yaml") is not None
+
     def get_skill(self, name: str) -> Path:
         """Path of `skills/<name>/SKILL.md`."""
         return self._get("skill", name, f"skills/{name}/SKILL.md", self.names_of_skills)
@@ -95,10 +99,13 @@ class Library:
     def _iter(self, folder: str, pattern: str) -> Iterator[tuple[Path, Path]]:
         return ((root, path) for root in self.roots for path in (root / folder).glob(pattern))
 
+    def _find(self, name: str, relative: str) -> Path | None:
+        places = _list_places(self.roots, relative) if not leads_out(name) else ()
+        return next((path for path in places if os.path.isfile(path)), None)  # noqa: PTH113 - several times a session
+
     def _get(self, kind: str, name: str, relative: str, list_names: Callable[[], list[str]]) -> Path:
-        for path in _list_places(self.roots, relative) if not leads_out(name) else ():
-            if os.path.isfile(path):  # noqa: PTH113 - for every session, several times
-                return path
+        if (path := self._find(name, relative)) is not None:
+            return path
         raise DefinitionError.unknown(kind, ", ".join(map(str, self.roots)), name, list_names())
 
 

@@ -15,7 +15,7 @@ from phyagentos.protocol.settings.operations import Operation
 from phyagentos.protocol.settings.sensors import ElementType, Length, Modality
 
 POLICY_PROTOCOL = 1  # version of the wire between a policy loop and its server
-WORLD = "environment_state"  # a stream about things, not about the robot
+WORLD = "environment_state"  # a stream about objects, not about the robot
 MODEL_SCHEME = "onnx"  # its endpoint is a file, run in this process
 POLICY_WIRES = Plugins[Callable[..., Any]](
     "phyagentos.policy_wires",
@@ -46,7 +46,7 @@ class Stream(Authored):
         key: Name that the model knows it by, its own without one; streams of one key are joined, in their order.
         resize: Height and width of a picture; the whole of it is shown, centred on black.
         turned: Whether a picture is turned by 180 degrees.
-        entities: Of `environment_state`: the parameters of the skill that name the things whose poses are shown.
+        entities: Of `environment_state`: the parameters of the skill that name the objects whose poses are shown.
         rotation: How the model writes the rotation of `tool_pose`, which is measured as w, x, y, z [rad].
     """
 
@@ -88,8 +88,8 @@ class PolicyExecution(Authored):
         until_met_s: Interval at which the acceptance of the session is looked at, in the target's time; once it holds,
             the arm is brought to rest and the policy counts as done [s]. The verdict rests on a look after that.
         begins_after: A skill that comes before another attempt: it brings the body to where demonstrations began.
-        aim: The parameter, a point, by which the first thing of `environment_state` is shown aside [m]. Another attempt
-            is given what the tool has missed it by.
+        aim: The parameter, a point, by which the first object of `environment_state` is shown aside [m]. Another
+            attempt is given what the tool has missed it by.
     """
 
     mode: Literal["hard_switch", "receding_horizon", "open_loop", "temporal_ensemble"] = "hard_switch"

@@ -113,7 +113,7 @@ def read_target(path: Path) -> TargetProfile:
     profile = validate(TargetProfile, located)
     if profile.target != path.parent.name:
         expected = f"the folder's name {path.parent.name!r}"
-        raise DefinitionError(located.problem("NAME_MISMATCH", ("target",), repr(profile.target), expected))
+        raise DefinitionError(located.problem("INVALID_VALUE", ("target",), repr(profile.target), expected))
     return profile
 
 

@@ -89,20 +89,20 @@ class ParameterRole(StrEnum):
 class Parameter(Authored):
     """One argument of a skill.
 
-    `entity` is the name of a thing, `place` of a thing with an interior or of a region, `point` three metres in the
+    `entity` is the name of an object, `place` of an object with an interior or of a region, `point` three metres in the
     world frame; `entities` and `points` are lists of them, at least one. `posture` is a name of the target's profile.
 
     Attributes:
         type: What it takes.
         description: One sentence for people.
-        role: What it is to the skill. A skill without a declared object acts on the first movable thing among its
+        role: What it is to the skill. A skill without a declared object acts on the first movable object among its
             arguments; without a declared support, it is the parameter that is called so.
         unit: Of a number.
         default: Value of an argument that is left out.
         optional: Whether it may be left out without a default.
         choices: The only values, where there are few.
-        kinds: Kinds of the things that it may name; any without.
-        mechanism: How the thing that it names has to move, where that matters.
+        kinds: Kinds of the objects that it may name; any without.
+        mechanism: How the object that it names has to move, where that matters.
         minimum: Smallest number.
         maximum: Largest number.
     """
@@ -164,7 +164,7 @@ class PromotedWay(Authored):
         entry: Of KNOWLEDGE.md, which names its evidence.
         scene: Name of the scene; empty for any, as below.
         target: Name of the target.
-        object: Kind of the thing that is acted on.
+        object: Kind of the object that is acted on.
         destination: Kind of the place where it goes.
         strategy: What is done differently.
         rate: First attempts that succeeded when it was promoted.
@@ -276,15 +276,15 @@ def read_skill(path: Path) -> tuple[SkillRuntime, Located]:
     skill = validate(SkillRuntime, located)
     if skill.skill != path.parent.name:
         raise DefinitionError(
-            located.problem("NAME_MISMATCH", ("skill",), repr(skill.skill), f"the folder's name {path.parent.name!r}")
+            located.problem("INVALID_VALUE", ("skill",), repr(skill.skill), f"the folder's name {path.parent.name!r}")
         )
     return skill, located
 
 
 def find_roles(skill: SkillRuntime) -> tuple[str, str]:
-    """Parameters of the thing that a skill acts on, and of the place where it goes; empty where it promises none.
+    """Parameters of the object that a skill acts on, and of the place where it goes; empty where it promises none.
 
-    `inside(${object}, ${destination})` relates the two; `holding(target, ${object})` names a thing alone.
+    `inside(${object}, ${destination})` relates the two; `holding(target, ${object})` names an object alone.
     """
     named = {key for key, each in skill.parameters.items() if each.type in {"entity", "place"}}
     calls = (call for text in skill.guarantees for call in iter_calls(parse_predicate(text, template=True).formula))

@@ -217,10 +217,10 @@ class Gripper(Authored):
         mass_kg: Mass of the hand, which is a part of the arm's load [kg].
         speed_m_s: Speed at which its drive changes the opening [m/s]; that of one finger is half of it.
         close_time_s: Time the drive is given to build up its grip [s].
-        palm_depth_m: How far a thing may reach above the tool centre point before it meets the palm [m].
+        palm_depth_m: How far an object may reach above the tool centre point before it meets the palm [m].
         palm_height_m: How far the palm stands above the fingertips [m].
         fingertip_m: Least height of the tool centre point above a support that the fingertips must not touch [m].
-        grasp_reach_m: How far from the tool centre point the fingers hold a thing, beyond its own size [m].
+        grasp_reach_m: How far from the tool centre point the fingers hold an object, beyond its own size [m].
     """
 
     joints: tuple[str, ...]
@@ -278,7 +278,7 @@ class TargetProfile(Authored):
         physics_step_s: One step of the simulation [s].
         workspace_m: Box that the target itself keeps its tool centre point in, least and greatest corner, world frame;
             none for no such limit. Wider than what safety.yaml allows.
-        grasp_band_m: Horizontal distances from its base between which it can take hold of things [m].
+        grasp_band_m: Horizontal distances from its base between which it can take hold of objects [m].
         contact_force_n: Beyond this force on any part of it the target stops by itself [N].
         force_bias_n: Greatest constant error of a contact force that is estimated from joint torques [N].
         force_noise_n: Standard deviation of that estimate [N].

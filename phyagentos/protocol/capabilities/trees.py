@@ -272,7 +272,7 @@ def parse_tree(located: Located, path: Path | None = None) -> tuple[Tree | None,
     parts = header.tree.split("/")
     if path is not None and path.as_posix().removesuffix(".yaml").split("/")[-len(parts) :] != parts:
         problems.append(
-            located.problem("NAME_MISMATCH", ("tree",), repr(header.tree), f"the file's name {path.stem!r}")
+            located.problem("INVALID_VALUE", ("tree",), repr(header.tree), f"the file's name {path.stem!r}")
         )
     root = _build(located, ("root",), problems, default_name=parts[-1])
     tree = Tree(header=header, root=root, located=located) if root is not None else None
@@ -314,7 +314,9 @@ def _build(located: Located, address: Address, problems: list[Problem], default_
         data = {data: None}
     if not isinstance(data, dict) or len(data) != 1:
         shown = f"a mapping with keys {', '.join(map(str, data))}" if isinstance(data, dict) else type(data).__name__
-        problems.append(located.problem("NOT_A_NODE", address, shown, "a mapping with one key: a node kind or a leaf"))
+        problems.append(
+            located.problem("INVALID_VALUE", address, shown, "a mapping with one key: a node kind or a leaf")
+        )
         return None
     key, body = next(iter(data.items()))
     place = address if is_bare else (*address, key)
@@ -329,7 +331,7 @@ def _build_condition(
     located: Located, place: Address, body: Any, problems: list[Problem], default_name: str
 ) -> Node | None:
     if not isinstance(body, str) or not body.strip():
-        problems.append(located.problem("NOT_A_PREDICATE", place, repr(body), "a predicate in quotes"))
+        problems.append(located.problem("INVALID_VALUE", place, repr(body), "a predicate in quotes"))
         return None
     return Node(kind=NodeKind.CONDITION, type="condition", name=default_name or "condition", address=place, text=body)
 
@@ -338,7 +340,7 @@ def _build_leaf(
     located: Located, leaf: str, place: Address, body: Any, problems: list[Problem], default_name: str
 ) -> Node | None:
     if body is not None and not isinstance(body, dict):
-        problems.append(located.problem("NOT_A_WIRING", place, repr(body), "a mapping of ports"))
+        problems.append(located.problem("INVALID_VALUE", place, repr(body), "a mapping of ports"))
         return None
     wiring = {str(port): _parse_value(value) for port, value in (body or {}).items()}
     name = wiring.pop("name", None)

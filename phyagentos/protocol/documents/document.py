@@ -107,7 +107,7 @@ def read_document(
         problems += error.problems
     found, unclosed = _scan(text)
     if unclosed:
-        problems.append(Problem("UNCLOSED_FENCE", f"{source}:{unclosed}:1", expected="a line '```' below"))
+        problems.append(Problem("SYNTAX", f"{source}:{unclosed}:1", expected="a line '```' below"))
     for block in found:
         if block.name in passed_over:
             continue
@@ -162,7 +162,7 @@ def split_front_matter(text: str, source: str) -> tuple[str, int]:
     match = _FRONT.match(text)
     if match is None:
         expected = "a first line '---', YAML, and a line '---'"
-        raise DefinitionError.of("FRONT_MATTER_MISSING", f"{source}:1:1", repr(text.split("\n", 1)[0][:40]), expected)
+        raise DefinitionError.of("MISSING_VALUE", f"{source}:1:1", repr(text.split("\n", 1)[0][:40]), expected)
     return match[1], 2
 
 
@@ -199,7 +199,7 @@ def _read_front(text: str, format: DocumentFormat[Any], source: str) -> Front:
     located = parse_yaml(yaml, source, line)
     front = convert_located(format.front, located)
     if front.phy != format.phy:
-        raise DefinitionError(located.problem("WRONG_DOCUMENT", ("phy",), repr(front.phy), repr(format.phy)))
+        raise DefinitionError(located.problem("WRONG_KIND", ("phy",), repr(front.phy), repr(format.phy)))
     return front
 
 
@@ -217,7 +217,7 @@ def _read_block(block: Block, format: DocumentFormat[BlockT], source: str) -> Bl
         name = attrgetter(format.key)(value)
         if name != block.name:
             path = tuple(format.key.split("."))
-            raise DefinitionError(located.problem("NAME_MISMATCH", path, repr(name), f"its heading {block.name!r}"))
+            raise DefinitionError(located.problem("INVALID_VALUE", path, repr(name), f"its heading {block.name!r}"))
     return value
 
 

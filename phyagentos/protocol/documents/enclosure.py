@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 
 from phyagentos.errors import DefinitionError, Problem
 
-SHOWN = 20  # problems; a folder full of links is told by the first of them
+SHOWN = 20  # problems; of a folder full of links the first are enough
 _DROP_FOLDERS = ("inbox", "signals", "proposals", "loops")  # `new/` and the like in them are not looked into
 _EDITORS_LOCK = ".#"  # Emacs marks a document that is being edited by such a link to nowhere; nothing opens it
 _KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}

@@ -81,5 +81,5 @@ def _read_lines(text: str, source: str) -> tuple[list[LogLine], list[Problem]]:
                 lines.append(LogLine(at=at, about=match["about"], by=match["by"], text=match["text"]))
             else:
                 expected = "'- hh:mm:ss **about** (by) text' or '## yyyy-mm-dd'"
-                problems.append(Problem("INVALID_LINE", f"{source}:{number}:1", repr(line[:40]), expected))
+                problems.append(Problem("INVALID_VALUE", f"{source}:{number}:1", repr(line[:40]), expected))
     return lines, problems

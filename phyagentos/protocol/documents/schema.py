@@ -126,7 +126,7 @@ def parse_yaml(text: str, source: str, first_line: int = 1, values_max: int = VA
         if isinstance(error, yaml.scanner.ScannerError) and mark:  # newer ones have a limit too, and words of their own
             count = text[: mark.index].count
             detail = TOO_DEEP if count("[") + count("{") - count("]") - count("}") > DEPTH_MAX else detail
-        raise DefinitionError.of("YAML_SYNTAX", place, str(detail)) from error
+        raise DefinitionError.of("SYNTAX", place, str(detail)) from error
     if problems:
         raise DefinitionError(problems)
     return Located(data=data, source=source, marks=marks)
@@ -188,7 +188,9 @@ def validate(model: type[ModelT], located: Located, path: Address = ()) -> Model
     for step in path:
         data = data[step]
     if not isinstance(data, dict):
-        raise DefinitionError(located.problem("WRONG_TYPE", path, type(data).__name__, f"a mapping ({model.__name__})"))
+        raise DefinitionError(
+            located.problem("INVALID_VALUE", path, type(data).__name__, f"a mapping ({model.__name__})")
+        )
     try:
         return model.model_validate(data)
     except pydantic.ValidationError as error:
@@ -285,14 +287,14 @@ def _to_problem(model: type[Authored], located: Located, base: Address, item: Er
     if kind == "extra_forbidden":
         return located.unknown("key", path, key, find_fields(model, loc[:-1]))
     if kind == "missing":
-        return located.problem("MISSING_KEY", path, "nothing", f"key {key!r}", f"Add {key!r}.")
+        return located.problem("MISSING_VALUE", path, "nothing", f"key {key!r}", f"Add {key!r}.")
     if kind == "misfit":
         path, found = ((*path, facts["key"]), found.get(facts["key"])) if facts["key"] else (path, found)
         return located.problem("INVALID_VALUE", path, _show(found), facts["wanted"], facts["hint"])
     if kind in {"union_tag_invalid", "union_tag_not_found"}:
         tag = facts["discriminator"].strip("'")
         if kind == "union_tag_not_found":
-            return located.problem("MISSING_KEY", path, "nothing", f"key {tag!r}", f"Add {tag!r}.")
+            return located.problem("MISSING_VALUE", path, "nothing", f"key {tag!r}", f"Add {tag!r}.")
         path, found, facts = (*path, tag), facts["tag"], {"expected": facts["expected_tags"]}
     expected = str(facts.get("expected") or _phrase(kind, facts))
     names = expected.replace("'", "").replace(" or ", ", ").split(", ")

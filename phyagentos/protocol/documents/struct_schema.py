@@ -97,7 +97,7 @@ def _iter_problems(kind: Any, value: Any, located: Located, path: Address) -> It
 
 def _iter_struct_problems(kind: type[msgspec.Struct], value: Any, located: Located, path: Address) -> Iterator[Problem]:
     if not isinstance(value, dict):
-        yield located.problem("WRONG_TYPE", path, type(value).__name__, f"a mapping ({kind.__name__})")
+        yield located.problem("INVALID_VALUE", path, type(value).__name__, f"a mapping ({kind.__name__})")
         return
     fields = {field.encode_name: field for field in msgspec.structs.fields(kind)}
     for key, each in value.items():
@@ -107,7 +107,7 @@ def _iter_struct_problems(kind: type[msgspec.Struct], value: Any, located: Locat
             yield located.unknown("key", (*path, key), str(key), fields, found=repr(key))
     for name, field in fields.items():
         if field.required and name not in value:
-            yield located.problem("MISSING_KEY", path, "nothing", f"key {name!r}", f"Add {name!r}.")
+            yield located.problem("MISSING_VALUE", path, "nothing", f"key {name!r}", f"Add {name!r}.")
 
 
 def _iter_leaf_problems(kind: Any, value: Any, located: Located, path: Address) -> Iterator[Problem]:

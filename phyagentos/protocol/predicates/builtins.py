@@ -41,20 +41,20 @@ from phyagentos.wording import compare_angles, compare_lengths, format_angle, fo
 
 RIM_M = 0.003  # how far below the rim the lowest point must lie: what rests on the rim is not inside
 FLOOR_SLACK_M = 0.010  # contact penetration and the rounding of floors
-CONTACT_M = 0.002  # how far solids that touch may be apart, or in each other, beside the stated doubt
-FOOTPRINT_SLACK_M = 0.005  # how far past the edge the centroid may be where no doubt is stated
+CONTACT_M = 0.002  # how far solids that touch may be apart, or in each other, beside the stated uncertainty
+FOOTPRINT_SLACK_M = 0.005  # how far past the edge the centroid may be where no uncertainty is stated
 UPRIGHT_RAD = 0.26  # 15 degrees: a bottle leaning on a wall does not stand
 FALLEN_RAD = 0.79  # 45 degrees
 MOVED_M = 0.015  # settling and sensing noise stay below
 MOVED_RAD = math.radians(10)
 SAME_SIDE_M = 0.0005  # half sides that differ by less are equal
 PAD_M = 0.012  # half of a pad, and the error of a pose in the hand
-WIDTH_M = 0.006  # by which the opening may differ from what is between the pads, beside the stated doubt
+WIDTH_M = 0.006  # by which the opening may differ from what is between the pads, beside the stated uncertainty
 PERCEIVED_STD_M = 0.0015  # of a position, where a pipeline states none: the median error of the one that ships
 VESSEL_STD_M = 0.004  # the same of a vessel, of which thin walls and its filling are seen
 PERCEIVED_STD_RAD = 0.02
-SHIFT_STD_M = 0.005  # by which a thing may have been shifted unseen as what hides it was put down on it
-COARSE_RAD, COARSE_FACTOR = 0.11, 3.0  # few pixels fit many turns: such a doubt is not that of a normal distribution
+SHIFT_STD_M = 0.005  # by which an object may have been shifted unseen as what hides it was put down on it
+COARSE_RAD, COARSE_FACTOR = 0.11, 3.0  # few pixels fit many turns: their uncertainty is not normal
 DOUBT_STDS = 2.0  # 95 % of a normal distribution lies within
 POSTURE_RAD = 0.05  # the error of a servo that carries a load stays below
 FACING_RAD = 0.1  # by which a base in its place may be turned
@@ -117,7 +117,7 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
 
 
 def _list_points(a: Entity) -> list[Vector]:
-    """The points of a thing that say where it is, in the world: its centre, and its datum."""
+    """The points of an object that say where it is, in the world: its centre, and its datum."""
     return [compute_center(a), *([] if a.datum_m is None else [to_parent(a.pose, a.datum_m)])]
 
 
@@ -181,7 +181,7 @@ def _name_side(gap_m: float) -> str:
 
 
 def _find_sure_top(view: View, a: Entity, b: str, doubt_m: float, near_m: float) -> Top | None:
-    """As `_find_top`; unknown where the doubt decides whether a is over b, at less than `near_m` from its top."""
+    """As `_find_top`; unknown where the uncertainty decides whether a is over b, at less than `near_m` from its top."""
     if doubt_m:
         sure = _find_top(view, a, b, -doubt_m)
         possible = _find_top(view, a, b, FOOTPRINT_SLACK_M + doubt_m)
@@ -192,7 +192,7 @@ def _find_sure_top(view: View, a: Entity, b: str, doubt_m: float, near_m: float)
 
 
 def _find_between(view: View, a: Entity, b: str, top_m: float, most_m: float) -> Entity | None:
-    """A thing under the middle of a whose top is above that of b, and by no more than `most_m`."""
+    """An object under the middle of a whose top is above that of b, and by no more than `most_m`."""
     center, highest_m = to_parent(a.pose, compute_centroid(a)), top_m + most_m
     of = view.now.entities.get(b)
     for other in view.now.entities.values():
@@ -206,7 +206,7 @@ def _find_between(view: View, a: Entity, b: str, top_m: float, most_m: float) ->
 
 
 def _measure_below(a: Entity, of: Entity | None) -> float:
-    """How far the datum of a is below that of another thing [m]; 0 where it is not, or one of them has none."""
+    """How far the datum of a is below that of another object [m]; 0 where it is not, or one of them has none."""
     datums = [to_parent(each.pose, each.datum_m) for each in (a, of) if each is not None and each.datum_m is not None]
     return max(0.0, datums[1][2] - datums[0][2]) if len(datums) == 2 else 0.0
 
@@ -238,7 +238,7 @@ def _find_low_doubt(a: Entity, up: Vector) -> float:
 
 
 def _find_hold(view: View, a: Entity) -> Reading | None:
-    """False for a thing that a hand still holds: no lasting place. Unknown where fingers may touch both sides."""
+    """False for an object that a hand still holds: no lasting place. Unknown where fingers may touch both sides."""
     if a.held_by:
         return Reading(-1.0, {"held": True}, f"{a.name} is still held by {a.held_by}")
     if view.now.sensing != "truth" and a.movable:
@@ -299,7 +299,7 @@ def _measure_perceived_holding(view: View, target: str, a: str, state: TargetSta
 
 
 def _demand_grasp(view: View, a: Entity, state: TargetState) -> None:
-    """What a grip alone does not show: the thing is between the pads, as wide as they are apart, and came along."""
+    """What a grip alone does not show: the object is between the pads, as wide as they are apart, and came along."""
     between_m = compute_grasp_width(a, state.tcp, PAD_M, state.gripper_width_m)
     if between_m is None:
         raise FactUnknown(f"the fingers press on something, and {a.name} is not between them")
@@ -438,7 +438,7 @@ def measure_distance(view: View, a: Entity, b: Place) -> Reading:
 
 
 def measure_speed(view: View, a: Entity) -> Reading:
-    """Magnitude of its linear velocity [m/s]; one look at a thing does not show it."""
+    """Magnitude of its linear velocity [m/s]; one look at an object does not show it."""
     if view.now.sensing == "perceived" and a.movable and a.looks < 2 and a.speed_m_s == 0.0:
         raise FactUnknown(f"{a.name} was looked at once, which does not show whether it moves")
     return Reading(a.speed_m_s, {"speed_m_s": round(a.speed_m_s, 5)}, f"{a.name} moves at {a.speed_m_s:.3f} m/s")
@@ -476,7 +476,7 @@ def measure_standing(view: View, target: str, least_m: float) -> Reading:
 
 
 def measure_docked(view: View, target: str, place: Place, standoff_m: float) -> Reading:
-    """Its base rests with its origin in a region, headed as that, or so far from the centre of a thing, facing it."""
+    """Its base rests with its origin in a region, headed as that, or so far from the centre of an object, facing it."""
     state = view.now.targets.get(target)
     if state is None or state.base is None:
         raise FactUnknown(f"where the base of {target} stands is not in the snapshot")

@@ -48,8 +48,8 @@ class Evaluation:
         because: The deciding fact in words.
         margin: How far it is from turning over, without unit, negative when false; only differences between samples
             of the same predicate mean anything.
-        alternatives: Names that cannot be told apart, where that makes it unknown.
-        is_marginal: Whether it is unknown by the doubt of a measurement, which another look may lessen.
+        alternatives: Names that cannot be distinguished, where that makes it unknown.
+        is_marginal: Whether it is unknown by the uncertainty of a measurement, which another look may reduce.
     """
 
     truth: Truth
@@ -71,9 +71,9 @@ def worse(a: Evaluation, b: Evaluation) -> Evaluation:
 
 
 def evaluate(formula: syntax.Formula, view: View) -> Evaluation:
-    """The value of a formula, any free `*` read as "for every movable thing that it does not name".
+    """The value of a formula, any free `*` read as "for every movable object that it does not name".
 
-    A value that turns over where things that look alike exchange their names is unknown.
+    A value that turns over where objects that look alike exchange their names is unknown.
     """
     believed = _evaluate_each(formula, view)
     if believed.truth is Truth.UNKNOWN:
@@ -95,7 +95,7 @@ def _evaluate_each(formula: syntax.Formula, view: View) -> Evaluation:
         return _evaluate(formula, view)
     names = _iter_range(formula, view)
     if not names:
-        return _unknown("there is no movable thing that '*' could stand for")
+        return _unknown("there is no movable object that '*' could stand for")
     each = [(name, _evaluate(_bind(formula, name, into_counts=False), view)) for name in names]
     name, worst = min(each, key=lambda pair: pair[1].order)
     return replace(worst, measured={"for": name, **worst.measured})
@@ -189,7 +189,7 @@ def _measure(call: syntax.Call, view: View) -> Reading:
 
 
 def _demand_rest(call: syntax.Call, view: View) -> None:
-    """A lasting fact about a thing that moves may not last; raises FactUnknown."""
+    """A lasting fact about an object that moves may not last; raises FactUnknown."""
     named = (view.now.entities.get(term.text) for term in call.terms if isinstance(term, syntax.Name))
     if reason := next((why for entity in named if entity and (why := view.now.explain_motion(entity))), ""):
         raise FactUnknown(reason)
@@ -222,7 +222,7 @@ def _resolve(definition: PredicateDefinition, terms: Sequence[syntax.Term], view
 
 
 def _iter_range(formula: syntax.Formula, view: View) -> list[str]:
-    """Movable things that the formula does not name, in order of their names.
+    """Movable objects that the formula does not name, in order of their names.
 
     Those of the inventory, seen or not; of the others those of now, which keeps each that was more than noise.
     """
@@ -233,7 +233,7 @@ def _iter_range(formula: syntax.Formula, view: View) -> list[str]:
 
 
 def _bind(formula: syntax.Formula, name: str, *, into_counts: bool = True) -> syntax.Formula:
-    """The formula about one thing: each `*` replaced by its name."""
+    """The formula about one object: each `*` replaced by its name."""
 
     def change(call: syntax.Call) -> syntax.Call:
         return replace(

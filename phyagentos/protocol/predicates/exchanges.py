@@ -1,7 +1,7 @@
-"""Worlds in which things that nothing tells apart have each other's names.
+"""Worlds in which objects that nothing tells apart have each other's names.
 
 The one rule of ambiguity: a predicate has a value only where it has the same one under every such exchange. A goal may
-agree that things are interchangeable: then the believed names are theirs.
+agree that objects are interchangeable: then the believed names are theirs.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,7 +16,7 @@ from phyagentos.protocol.predicates.library import View
 from phyagentos.protocol.predicates.syntax import Formula, Name, Star, iter_calls
 from phyagentos.protocol.world.environment import Entity, Environment, Region
 
-EXCHANGES_MAX = 720  # of one predicate: all orders of six alike things
+EXCHANGES_MAX = 720  # of one predicate: all orders of six alike objects
 
 Known = TypeVar("Known", Entity, Region)
 Exchange = Mapping[str, str]
@@ -76,7 +76,7 @@ def _rename(known: Mapping[str, Known], bodies: Exchange) -> dict[str, Known]:
 
 
 def _count_exchanges(formula: Formula, view: View, group: frozenset[str]) -> int:
-    """How many `_list_exchanges` would give; a dozen alike things have more than a memory holds."""
+    """How many `_list_exchanges` would give; a dozen alike objects have more than a memory holds."""
     ways = perm(len(group), len(_list_fixed(formula, view, group)))
     return (1 if _is_agreed(view, group) else ways) * (1 if _is_followed(view, group) else ways)
 

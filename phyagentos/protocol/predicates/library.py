@@ -1,6 +1,6 @@
 """The registry of predicates: what each is called, takes, means, measures, and how old its facts may be.
 
-Whoever plans, selects, diagnoses or repairs reads what a predicate means, see `meaning`, and never what it is called.
+Planning, selection, diagnosis and repair read what a predicate means, see `meaning`, and never what it is called.
 
 Installed packages announce a `PredicateDefinition`, or several, by the entry point group `phyagentos.predicates`.
 Importing this module registers nothing.
@@ -30,11 +30,11 @@ class ArgumentKind(StrEnum):
     """What an argument names."""
 
     ENTITY = "entity"
-    """A thing in the world."""
+    """An object in the world."""
     CONTAINER = "container"
-    """The name of a thing or a region that other things are in or on; `measure` gets the name."""
+    """The name of an object or a region that other objects are in or on; `measure` gets the name."""
     PLACE = "place"
-    """A thing, a named region, or a point `(x, y, z)`."""
+    """An object, a named region, or a point `(x, y, z)`."""
     TARGET = "target"
     """A target; the word `target` means the session's own."""
     METRIC = "metric"
@@ -90,7 +90,7 @@ class Part(StrEnum):
     """What an argument is in the statement."""
 
     OBJECT = "object"
-    """What the statement is about: the thing that is moved, taken, opened or looked at."""
+    """What the statement is about: the object that is moved, taken, opened or looked at."""
     PLACE = "place"
     """Where that is."""
 
@@ -151,7 +151,7 @@ Resolved = Entity | Place | str | float
 class Argument:
     """One argument: name, kind, a default for numbers that may be left out, and what it is in the statement.
 
-    Where no argument of a predicate states its part, the first thing is the object, and the next one the place.
+    Where no argument of a predicate states its part, the first object is the object, and the next one the place.
     """
 
     name: str
@@ -168,11 +168,11 @@ class PredicateDefinition:
         arguments: In order; those with a default come last.
         measure: Called with the view and the resolved arguments; raises `FactUnknown`.
         is_number: True when it measures a number that must be compared, False when it is a statement.
-        max_age_s: How old [s] an observation of a movable thing may be, where `FRESH_S` is too long.
+        max_age_s: How old [s] an observation of a movable object may be, where `FRESH_S` is too long.
         lasting: Whether it describes a lasting state (`inside`) rather than a passing fact (`holding`, `moved`).
-        at_rest: Whether it is unknown while a thing that it names moves.
+        at_rest: Whether it is unknown while an object that it names moves.
         by_name: True when `measure` takes the names of entities and looks itself.
-        excludes: Other predicates that are false of the same thing where this one is true: its opposites.
+        excludes: Other predicates that are false of the same object where this one is true: its opposites.
         meaning: What it says; None for what is measured and judged, and never planned for or repaired by its meaning.
     """
 
@@ -261,7 +261,7 @@ def get_predicate_library() -> PredicateLibrary:
 
 
 def get_entity(view: View, name: str, max_age_s: float = FRESH_S) -> Entity:
-    """What is known of a thing; raises FactUnknown when it is missing, or unseen by `Environment.explain_unseen`."""
+    """What is known of an object; raises FactUnknown when it is missing, or unseen by `Environment.explain_unseen`."""
     entity = view.now.entities.get(name)
     if entity is None:
         raise FactUnknown(f"{name} is not in the snapshot")
@@ -272,7 +272,7 @@ def get_entity(view: View, name: str, max_age_s: float = FRESH_S) -> Entity:
 
 
 def get_place(view: View, name: str, max_age_s: float = FRESH_S) -> Place:
-    """A region, the interior of a thing, or the centre of a thing without one; raises as `get_entity`."""
+    """A region, the interior of an object, or the centre of an object without one; raises as `get_entity`."""
     region = view.now.regions.get(name)
     if region is not None:
         return Place(name, region.pose, region.half_m)

@@ -1,6 +1,6 @@
 """Statements by what they mean: which call says that an object is inside, held or seen, and at which place.
 
-The one way from a formula to a decision. Predicates of one meaning are taken to be true of the same things, whatever
+The one way from a formula to a decision. Predicates of one meaning are taken to be true of the same objects, whatever
 they measure: one of a plug-in is promised, planned for and repaired by the skills that ship. Verdicts evaluate each.
 """
 

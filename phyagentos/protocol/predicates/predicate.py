@@ -3,9 +3,9 @@
 A predicate is evaluated on snapshots to Kleene's three values; what is missing, unseen or stale is unknown, and unknown
 is never success. Paper section 4.2.
 
-The quantifier `*` stands for a movable thing that the same scope does not name. Inside `count(...)` it is counted; any
+The quantifier `*` stands for a movable object that the same scope does not name. Inside `count(...)` it is counted; any
 other `*` means "for every one", over the whole predicate: `not moved(*)` is "nothing moved", and
-`moved(red_cube) and not moved(*)` is "red_cube moved and nothing else did". It ranges over the inventory: a thing
+`moved(red_cube) and not moved(*)` is "red_cube moved and nothing else did". It ranges over the inventory: an object
 that was not seen is unknown, also where no look has ever shown it. With nothing to range over it is unknown.
 """
 
@@ -54,7 +54,7 @@ _OF_NO_WORLD = (ArgumentKind.METRIC, ArgumentKind.POSTURE)
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """A name that a predicate mentions, what kind of thing it must be, and its column in the text."""
+    """A name that a predicate mentions, what kind of object it must be, and its column in the text."""
 
     name: str
     kind: ArgumentKind
@@ -130,13 +130,13 @@ def parse_predicate(text: str, *, address: str = "predicate", template: bool = F
 
 
 def iter_entities(predicate: Predicate) -> Iterator[str]:
-    """Names of the things and places it mentions, left to right, each once."""
+    """Names of the objects and places it mentions, left to right, each once."""
     names = (ref.name for ref in predicate.iter_references() if ref.kind is not ArgumentKind.TARGET)
     return iter(dict.fromkeys(names))
 
 
 def find_entities(text: str) -> tuple[str, ...]:
-    """Names of the things and places that a text mentions; none when it is no predicate, as from a model."""
+    """Names of the objects and places that a text mentions; none when it is no predicate, as from a model."""
     predicate, findings = read_formula(text, False)
     return tuple(iter_entities(predicate)) if predicate is not None and not findings else ()
 
@@ -148,7 +148,7 @@ def find_formula(text: str) -> syntax.Formula | None:
 
 
 def find_things(text: str, world: Environment) -> tuple[str, ...]:
-    """Names that a text mentions, and every movable thing where it has a `*`."""
+    """Names that a text mentions, and every movable object where it has a `*`."""
     movable = world.list_movable() if "*" in text else []
     return tuple(dict.fromkeys((*find_entities(text), *movable)))
 
@@ -193,7 +193,7 @@ def read_formula(text: str, template: bool) -> tuple[Predicate | None, tuple[_Fi
     try:
         formula = parse(text)
     except PredicateSyntaxError as error:
-        return None, ((error.column, Problem("PREDICATE_SYNTAX", "", error.found, error.expected, error.hint)),)
+        return None, ((error.column, Problem("SYNTAX", "", error.found, error.expected, error.hint)),)
     findings = [finding for call in syntax.iter_calls(formula) for finding in _iter_call_findings(call, template)]
     findings += _iter_use_findings(formula)
     return Predicate(formula), tuple(sorted(findings, key=lambda finding: finding[0]))
@@ -207,10 +207,10 @@ def _iter_call_findings(call: syntax.Call, template: bool) -> Iterator[_Finding]
         return
     least = sum(argument.default is None for argument in definition.arguments)
     if not least <= len(call.terms) <= len(definition.arguments):
-        yield call.column, Problem("WRONG_ARGUMENTS", "", f"{len(call.terms)} arguments", definition.signature)
+        yield call.column, Problem("INVALID_VALUE", "", f"{len(call.terms)} arguments", definition.signature)
     for argument, term in zip(definition.arguments, call.terms, strict=False):
         if argument.kind not in _TAKES[type(term)]:
-            yield term.column, Problem("WRONG_ARGUMENT", "", format_term(term), f"{argument.kind} {argument.name!r}")
+            yield term.column, Problem("INVALID_VALUE", "", format_term(term), f"{argument.kind} {argument.name!r}")
         elif isinstance(term, syntax.Variable) and not template:
             expected, hint = (
                 "a parameter that is known here",
@@ -233,12 +233,12 @@ def _iter_use_findings(formula: syntax.Formula) -> Iterator[_Finding]:
             elif (definition := _find(left)) and not definition.is_number:
                 hint = f"Write {syntax.render(left)!r} or 'not {syntax.render(left)}'."
                 found = f"{left.name!r} compared"
-                yield left.column, Problem("NOT_A_NUMBER", "", found, "a number, or no comparison", hint)
+                yield left.column, Problem("INVALID_VALUE", "", found, "a number, or no comparison", hint)
         case syntax.Count(_, column):
-            yield column, Problem("NOT_COMPARED", "", "'count'", "a comparison such as '>= 1'")
+            yield column, Problem("INVALID_VALUE", "", "'count'", "a comparison such as '>= 1'")
         case syntax.Call(name, _, column):
             if (definition := _find(formula)) and definition.is_number:
-                yield column, Problem("NOT_COMPARED", "", repr(name), "a comparison such as '< 0.2'")
+                yield column, Problem("INVALID_VALUE", "", repr(name), "a comparison such as '< 0.2'")
         case syntax.Not(body):
             yield from _iter_use_findings(body)
         case syntax.And(parts) | syntax.Or(parts):

@@ -21,10 +21,10 @@ _OF_MEANING = (meaning.read_statement, meaning.normalize, meaning.list_kinds, me
 def load_predicates(files: Iterable[Path]) -> None:
     """Execute the files, and let every statement name their predicates, in the place of an earlier project's.
 
-    Raises DefinitionError `BROKEN_PREDICATES`; `DUPLICATE_NAME` for a name that ships or is installed.
+    Raises DefinitionError `BROKEN_PYTHON`; `DUPLICATE_NAME` for a name that ships or is installed.
     """
     for path in files:
-        found = run_file(path, "BROKEN_PREDICATES").values()
+        found = run_file(path).values()
         for definition in {each.name: each for each in found if isinstance(each, PredicateDefinition)}.values():
             get_predicate_library().admit(definition)
         forget_readings()
@@ -37,10 +37,10 @@ def forget_readings() -> None:
 
 
 def read_predicate_names(path: Path) -> list[str]:
-    """The names in calls `PredicateDefinition(name="…")` of a file; raises DefinitionError `BROKEN_PREDICATES`."""
+    """The names in calls `PredicateDefinition(name="…")` of a file; raises DefinitionError `BROKEN_PYTHON`."""
     return [
         str(word.value.value)
-        for node in ast.walk(read_source(path, "BROKEN_PREDICATES"))
+        for node in ast.walk(read_source(path))
         if isinstance(node, ast.Call)
         for word in node.keywords
         if word.arg == "name" and isinstance(word.value, ast.Constant)

@@ -1,4 +1,4 @@
-"""Relations between things, computed from one snapshot: what is on, inside, held, near, left of, open.
+"""Relations between objects, computed from one snapshot: what is on, inside, held, near, left of, open.
 
 `inside`, `on`, `near`, `open` and `closed` are the predicates that verdicts use. `left_of` is meant along x of the
 world, away from the robot's mount: towards greater y.
@@ -26,7 +26,7 @@ def compute_relations(environment: Environment) -> tuple[Relation, ...]:
 
 
 def find_places(entity: Entity, environment: Environment) -> list[Relation]:
-    """What a thing is inside of, else what it is on; empty for what is fixed or held."""
+    """What an object is inside of, else what it is on; empty for what is fixed or held."""
     if entity.held_by or not entity.movable:
         return []
     others = [other for other in environment.entities.values() if other.name != entity.name]
@@ -39,7 +39,7 @@ def find_places(entity: Entity, environment: Environment) -> list[Relation]:
 
 
 def list_inside(place: str, environment: Environment) -> list[str]:
-    """Names of the things that are inside of a place."""
+    """Names of the objects that are inside of a place."""
     loose = [each.name for each in environment.entities.values() if each.movable and each.name != place]
     return [name for name in loose if _judge(environment, Meaning.INSIDE, name, place)]
 

@@ -60,7 +60,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Count:
-    """`count(body)`: the number of things for which the body holds."""
+    """`count(body)`: the number of objects for which the body holds."""
 
     body: "Formula"
     column: int = field(default=1, compare=False)

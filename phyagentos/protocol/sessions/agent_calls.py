@@ -55,12 +55,12 @@ class CallFiles:
         return None if os.path.lexists(self._get_answer(turn.turn)) else turn
 
     def answer(self, turn: int, call: dict[str, object]) -> None:
-        """Answer a turn; raises DefinitionError `TURN_OVER` unless it is the one that awaits an answer."""
+        """Answer a turn; raises DefinitionError `ALREADY_OVER` unless it is the one that awaits an answer."""
         awaited = self.find_turn()
         is_open = awaited is not None and awaited.turn == turn
         if not is_open or not create_durably(self._get_answer(turn), msgspec.json.encode(call)):
             expected = f"turn {awaited.turn}" if awaited is not None else "no turn awaits an answer now"
-            raise DefinitionError.of("TURN_OVER", self._folder.name, f"turn {turn}", expected)
+            raise DefinitionError.of("ALREADY_OVER", self._folder.name, f"turn {turn}", expected)
 
     def find_answer(self, turn: int) -> Any:
         """The answer to a turn as plain data, None before there is one; what cannot be read is an empty one."""

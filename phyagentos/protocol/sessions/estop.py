@@ -94,10 +94,10 @@ def reset(signals: Path, reason: str, clock: Clock) -> Path:
     """Let targets move again; the former latch is kept beside, with the reason it is safe; its path is returned.
 
     Raises:
-        DefinitionError: `REASON_MISSING`; `NOT_LATCHED`.
+        DefinitionError: `MISSING_VALUE`; `NOT_LATCHED`.
     """
     if not reason.strip():
-        raise DefinitionError.of("REASON_MISSING", "reset", "no reason", "why it is safe to move again")
+        raise DefinitionError.of("MISSING_VALUE", "reset", "no reason", "why it is safe to move again")
     held = read_latch(signals)
     if held is None:
         raise DefinitionError.of("NOT_LATCHED", str(signals), "no latched emergency stop")

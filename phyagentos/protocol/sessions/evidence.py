@@ -78,7 +78,7 @@ def read_bundle(folder: Path, session: Session, execution: Execution, *, with_co
     """Read what a runner left; trace and events, which explain a failure, only `with_course`.
 
     Raises:
-        ExecutionError: `EVIDENCE_UNREADABLE` when a file is damaged; a missing or empty one reads as None or empty.
+        ExecutionError: `EVIDENCE_DAMAGED` when a file is damaged; a missing or empty one reads as None or empty.
     """
     names = (BEFORE, AFTER, HOLDS, *((TRACE, EVENTS) if with_course else ()))
     try:
@@ -95,7 +95,7 @@ def read_bundle(folder: Path, session: Session, execution: Execution, *, with_co
             references=tuple(refer_to(name, found) for name, found in data.items()),
         )
     except (msgspec.MsgspecError, OSError) as error:
-        raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder}: {error}") from error
+        raise ExecutionError("EVIDENCE_DAMAGED", f"{folder}: {error}") from error
 
 
 def count_solver_calls(events: Iterable[Event]) -> Counter[str]:

@@ -97,7 +97,7 @@ class Sealer:
 
         Raises:
             OSError: When a file cannot be read or the manifest not be written.
-            ExecutionError: `MANIFEST_DAMAGED`.
+            ExecutionError: `EVIDENCE_DAMAGED`.
         """
         if sealed := read_manifest(folder):
             return sealed
@@ -138,18 +138,18 @@ def get_object_name(name: str, sha256: str) -> str:
 
 
 def read_manifest(folder: Path) -> Manifest | None:
-    """The manifest of a bundle; None when it is not sealed; raises ExecutionError `MANIFEST_DAMAGED`."""
-    return read_part(folder / MANIFEST, Manifest, "MANIFEST_DAMAGED")
+    """The manifest of a bundle; None when it is not sealed; raises ExecutionError `EVIDENCE_DAMAGED`."""
+    return read_part(folder / MANIFEST, Manifest)
 
 
-def read_part(path: Path, kind: type[_PartT], code: str = "EVIDENCE_UNREADABLE") -> _PartT | None:
-    """A JSON file of a bundle; None without one; raises ExecutionError, of this code."""
+def read_part(path: Path, kind: type[_PartT]) -> _PartT | None:
+    """A JSON file of a bundle; None without one; raises ExecutionError `EVIDENCE_DAMAGED`."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=kind)
     except FileNotFoundError:
         return None
     except (msgspec.MsgspecError, OSError) as error:
-        raise ExecutionError(code, f"{path}: {error}") from error
+        raise ExecutionError("EVIDENCE_DAMAGED", f"{path}: {error}") from error
 
 
 def replace_manifest(folder: Path, manifest: Manifest) -> None:
@@ -171,7 +171,7 @@ def unseal_bundle(folder: Path) -> None:
 def check_bundle(folder: Path, shown: Iterable[str] = ()) -> list[Problem]:
     """Hash a sealed bundle again: one problem for each file that is missing, damaged or not listed.
 
-    A bundle without a manifest is `UNSEALED`. `shown` are hashes of contexts that judgements refer to.
+    A bundle without a manifest is `EVIDENCE_DAMAGED`. `shown` are hashes of contexts that judgements refer to.
     """
     try:
         manifest = read_manifest(folder)
@@ -179,12 +179,12 @@ def check_bundle(folder: Path, shown: Iterable[str] = ()) -> list[Problem]:
         return [Problem(error.code, str(folder / MANIFEST), str(error), "a manifest")]
     if manifest is None:
         hint = "Its hashes were never recorded; `paos evidence prune` records them as they are now."
-        return [Problem("UNSEALED", str(folder), "no manifest.json", hint=hint)]
+        return [Problem("EVIDENCE_DAMAGED", str(folder), "no manifest.json", hint=hint)]
     found = {entry.name: Path(entry.path) for entry in _iter_files(folder)}
     expected = manifest.gone | manifest.files  # a clean-up that was interrupted may have left what it had listed
     problems = [_missing(folder, name, record) for name, record in manifest.files.items() if name not in found]
     problems += [
-        Problem("UNLISTED", str(path), "a file that the manifest does not name")
+        Problem("EVIDENCE_DAMAGED", str(path), "a file that the manifest does not name")
         for name, path in found.items()
         if name not in expected
     ]
@@ -279,10 +279,10 @@ def _check(path: Path, expected: FileRecord) -> Problem | None:
     found = hashlib.sha256(path.read_bytes()).hexdigest()
     if found == expected.sha256:
         return None
-    return Problem("MISMATCH", str(path), f"sha256 {found}", expected.sha256)
+    return Problem("EVIDENCE_DAMAGED", str(path), f"sha256 {found}", expected.sha256)
 
 
 def _missing(folder: Path, name: str, record: FileRecord) -> Problem:
     shared = folder.parent / OBJECTS / get_object_name(name, record.sha256)
     hint = f"The same bytes are in {shared}." if shared.exists() else ""
-    return Problem("MISSING", str(folder / name), "no such file", f"sha256 {record.sha256}", hint)
+    return Problem("EVIDENCE_DAMAGED", str(folder / name), "no such file", f"sha256 {record.sha256}", hint)

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from phyagentos.protocol.documents.document import DocumentFormat, Front
 from phyagentos.protocol.sessions.memory_entries import MemoryEntry, render_entries
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 
 
 class Fact(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
@@ -18,7 +18,7 @@ class Fact(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
     """
 
     source: str = ""
-    strategy: Strategy = OWN_WAY
+    strategy: Strategy = DEFAULT_STRATEGY
     rate: str = ""
     promoted: bool = False
 

@@ -7,9 +7,9 @@ correction helps.
 from collections.abc import Iterable
 
 from phyagentos.protocol.documents.document import DocumentFormat, Front
-from phyagentos.protocol.sessions.means import OWN_MEANS, Means
+from phyagentos.protocol.sessions.means import DEFAULT_MEANS, Means
 from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Risk, render_entries
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 
 
 class Lesson(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
@@ -27,8 +27,8 @@ class Lesson(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
 
     objective: str = ""
     cause: str = ""
-    advice: Strategy = OWN_WAY
-    means: Means = OWN_MEANS
+    advice: Strategy = DEFAULT_STRATEGY
+    means: Means = DEFAULT_MEANS
     verified_by: str = ""
     baseline: str = ""
     risk: Risk = Risk.NORMAL

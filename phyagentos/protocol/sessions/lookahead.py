@@ -116,5 +116,5 @@ class LookaheadResult(Forecast, frozen=True, kw_only=True):
 
 
 def read_lookahead(folder: Path) -> LookaheadResult | None:
-    """The look-ahead result of a bundle; None without one; raises ExecutionError `EVIDENCE_UNREADABLE`."""
+    """The look-ahead result of a bundle; None without one; raises ExecutionError `EVIDENCE_DAMAGED`."""
     return read_part(folder / LOOKAHEAD, LookaheadResult)

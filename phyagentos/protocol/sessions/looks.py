@@ -107,7 +107,7 @@ class StoredLook(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Pointer:
-    """Where a thing was seen: left, top, width and height in pixels of a whole picture, and the stamp of that [s]."""
+    """Where an object was seen: left, top, width and height in pixels of a whole picture, and the stamp of that [s]."""
 
     camera: str
     time_s: float
@@ -171,7 +171,7 @@ def shows(captures: Iterable[tuple[Any, Any]], pointer: Pointer | None) -> bool:
 
 
 def read_looks(folder: Path) -> tuple[LookEntry, ...]:
-    """The looks that a bundle names, empty without any; raises ExecutionError `EVIDENCE_UNREADABLE`."""
+    """The looks that a bundle names, empty without any; raises ExecutionError `EVIDENCE_DAMAGED`."""
     return read_part(folder / LOOKS, tuple[LookEntry, ...]) or ()
 
 
@@ -179,17 +179,17 @@ def read_stored_look(path: Path, sha256: str = "") -> StoredLook:
     """A look's file without its pixels; its bytes must have `sha256`, if given.
 
     Raises:
-        ExecutionError: `LOOK_MISSING` or `EVIDENCE_UNREADABLE`, which name the file.
+        ExecutionError: `EVIDENCE_DAMAGED`, which name the file.
     """
     try:
         if sha256 and hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
-            raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: its bytes are not those of sha256 {sha256}")
+            raise ExecutionError("EVIDENCE_DAMAGED", f"{path}: its bytes are not those of sha256 {sha256}")
         with zipfile.ZipFile(path) as file:
             return msgspec.json.decode(file.read(LOOK), type=StoredLook)
     except FileNotFoundError as error:
-        raise ExecutionError("LOOK_MISSING", f"no file {path}; expected the look of sha256 {sha256}") from error
+        raise ExecutionError("EVIDENCE_DAMAGED", f"no file {path}; expected the look of sha256 {sha256}") from error
     except (zipfile.BadZipFile, KeyError, msgspec.MsgspecError, OSError) as error:
-        raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: {error}") from error
+        raise ExecutionError("EVIDENCE_DAMAGED", f"{path}: {error}") from error
 
 
 def iter_whole_frames(folder: Path) -> Iterator[tuple[LookEntry, StoredFrame]]:
@@ -204,19 +204,19 @@ def read_pictures(folder: Path, role: LookRole) -> tuple[str, tuple[bytes, ...]]
     """The file of a look and its whole pictures as PNG, one a camera; raises as `read_stored_look`."""
     entry = next((each for each in read_looks(folder) if each.role is role), None)
     if entry is None:
-        raise ExecutionError("LOOK_MISSING", f"{folder}: no camera picture of the {role}")
+        raise ExecutionError("EVIDENCE_DAMAGED", f"{folder}: no camera picture of the {role}")
     look = read_stored_look(folder / entry.file, entry.sha256)
     whole = [frame for asked, given in look.captures if not asked.crops for frame in given.frames]
     return entry.file, tuple(read_picture(folder / entry.file, frame.rgb) for frame in whole)
 
 
 def read_picture(look: Path, name: str) -> bytes:
-    """A picture of a look's file as PNG; raises ExecutionError `EVIDENCE_UNREADABLE`."""
+    """A picture of a look's file as PNG; raises ExecutionError `EVIDENCE_DAMAGED`."""
     try:
         with zipfile.ZipFile(look) as file:
             return file.read(name)
     except (zipfile.BadZipFile, KeyError, OSError) as error:
-        raise ExecutionError("EVIDENCE_UNREADABLE", f"{look}: {error}") from error
+        raise ExecutionError("EVIDENCE_DAMAGED", f"{look}: {error}") from error
 
 
 def find_look_problems(folder: Path, worlds: Iterable[Environment], gone: Collection[str] = ()) -> list[Problem]:
@@ -235,7 +235,7 @@ def find_look_problems(folder: Path, worlds: Iterable[Environment], gone: Collec
     if not entries or problems or any(entry.file in gone for entry in entries):
         return problems
     return [
-        Problem("POINTER_BROKEN", f"{folder}: {entity.name}", pointer, "pixels that a look of this bundle holds")
+        Problem("EVIDENCE_DAMAGED", f"{folder}: {entity.name}", pointer, "pixels that a look of this bundle holds")
         for world in worlds
         for entity in world.entities.values()
         for pointer in entity.evidence

@@ -14,7 +14,7 @@ class Preparation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     Attributes:
         purpose: As in a contract: `clear`.
         skill: That did it.
-        kind: Kind of the thing that it acted on; empty for the thing of the attempt itself.
+        kind: Kind of the object that it acted on; empty for the object of the attempt itself.
     """
 
     purpose: str
@@ -43,7 +43,7 @@ class Means(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     def __bool__(self) -> bool:
         """Whether anything is done by other means."""
-        return self != OWN_MEANS
+        return self != DEFAULT_MEANS
 
     def __str__(self) -> str:
         """`set_aside of a post first, push instead`; empty for the node's own."""
@@ -53,5 +53,5 @@ class Means(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return ", ".join([*parts, *(f"{key} {value}" for key, value in sorted(self.parameters.items()))])
 
 
-OWN_MEANS = Means()
+DEFAULT_MEANS = Means()
 """As the node says."""

@@ -16,7 +16,7 @@ Count = Annotated[int, msgspec.Meta(ge=0)]
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 
 
-class Standing(StrEnum):
+class EntryState(StrEnum):
     """Whether an entry counts."""
 
     HYPOTHESIS = "hypothesis"
@@ -68,9 +68,9 @@ class Scope(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         scene: Name of a scene (`tabletop/cubes_and_trays`).
         skill: Name of a skill.
         target: Name of a target.
-        object: Kind of the thing that is acted on.
+        object: Kind of the object that is acted on.
         destination: Kind of the place where it goes.
-        entities: Names or kinds of the things it is about.
+        entities: Names or kinds of the objects it is about.
         body: Of the target where it was learned: another target must have one that matches.
         goal: Name of a goal graph.
         risk: At which it was verified: at a higher one it does not hold.
@@ -112,7 +112,7 @@ class MemoryEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     supported: Count = 0
     contradicted: Count = 0
     confidence: Share = 0.0
-    state: Standing = Standing.ACTIVE
+    state: EntryState = EntryState.ACTIVE
     reason: str = ""
     note: str = ""
     by: str = ""

@@ -43,7 +43,7 @@ def read_recording(folder: Path) -> Recording | None:
     """What a bundle holds of its cameras; None where nothing was recorded, or a clean-up took it out.
 
     Raises:
-        ExecutionError: `EVIDENCE_UNREADABLE`, which names the file.
+        ExecutionError: `EVIDENCE_DAMAGED`, which names the file.
     """
     path = folder / RECORDING
     try:
@@ -52,4 +52,4 @@ def read_recording(folder: Path) -> Recording | None:
     except FileNotFoundError:
         return None
     except (zipfile.BadZipFile, KeyError, msgspec.MsgspecError, OSError) as error:
-        raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: {error}") from error
+        raise ExecutionError("EVIDENCE_DAMAGED", f"{path}: {error}") from error

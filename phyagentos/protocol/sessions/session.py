@@ -16,7 +16,7 @@ from phyagentos.protocol.documents.document import DocumentFormat, FrontMatter
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.library import View
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 from phyagentos.protocol.sessions.verdicts import Attempt
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.idealisations import Idealisation
@@ -29,10 +29,10 @@ _GOAL_ID = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{GOAL_ID_MAX - 1}}}")
 
 
 def check_goal_id(id: str, address: str) -> GoalId:
-    """The id of a goal, which names files and folders; raises DefinitionError `INVALID_NAME` at `address`."""
+    """The id of a goal, which names files and folders; raises DefinitionError `INVALID_VALUE` at `address`."""
     if _GOAL_ID.fullmatch(id) is None:
         expected = f"letters, digits, '.', '_', '-', the first a letter or digit, at most {GOAL_ID_MAX}"
-        raise DefinitionError.of("INVALID_NAME", address, repr(id), expected)
+        raise DefinitionError.of("INVALID_VALUE", address, repr(id), expected)
     return GoalId(id)
 
 
@@ -99,13 +99,13 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Scene(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Which world a session acts in, and what its goal calls the things in it.
+    """Which world a session acts in, and what its goal calls the objects in it.
 
     Attributes:
         name: Scene file, without suffix (`tabletop/cubes_and_trays`).
         seed: Seed of the scene's randomisation.
         episode: Sessions of one episode share one world; a new episode begins with a fresh one.
-        described: Names for unnamed things, each with the description that one of them fits (`a red box`).
+        described: Names for unnamed objects, each with the description that one of them fits (`a red box`).
     """
 
     name: str
@@ -144,9 +144,9 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         lookahead: What is to be simulated before it starts; None for nothing.
         goal_left_s: Simulated time that the goal's budget left for it [s]; None where that bounds nothing.
         unless_met: Whether it ends with `ALREADY_MET`, and nothing is commanded, when its acceptance is true before.
-        interchangeable: Groups of things that the goal lets stand for each other.
-        coming: Things that the goal brings to the same place, in other sessions: room is left for them.
-        kept: Things that are not moved to make room, since the goal says something about them.
+        interchangeable: Groups of objects that the goal lets stand for each other.
+        coming: Objects that the goal brings to the same place, in other sessions: room is left for them.
+        kept: Objects that are not moved to make room, since the goal says something about them.
     """
 
     id: SessionId
@@ -164,7 +164,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     requires: tuple[str, ...] = ()
     hold: tuple[str, ...] = ()
     limits: Limits = Limits()
-    strategy: Strategy = OWN_WAY
+    strategy: Strategy = DEFAULT_STRATEGY
     priority: int = 0
     resources: tuple[str, ...] = ()
     reset_policy: ResetPolicy = ResetPolicy.ON_NEW_EPISODE
@@ -186,7 +186,7 @@ class Session(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return own_s if self.goal_left_s is None else min(own_s, self.goal_left_s)
 
     def find_object(self, world: Environment) -> str | None:
-        """The movable thing that it acts on; without a declared one, the first among its arguments. None without any.
+        """The movable object that it acts on; without a declared one, the first among its arguments. None without any.
 
         Of a list, the first.
         """

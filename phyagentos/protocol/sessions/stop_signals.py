@@ -233,7 +233,7 @@ def parse_signal(data: bytes) -> Signal:
 
 
 def _read_pairs(text: str) -> dict[str, str] | str | None:
-    """One mapping of words to words, or one word; what follows the first thing that is neither is not even read."""
+    """One mapping of words to words, or one word; what follows the first object that is neither is not even read."""
     words: list[str] = []
     depth = 0
     for event in yaml.parse(text, Loader=_LOADER):

@@ -51,18 +51,20 @@ class Strategy(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     @property
     def changed(self) -> frozenset[str]:
         """Names of the fields in which it differs from the skill's own way."""
-        return frozenset(name for name in self.__struct_fields__ if getattr(self, name) != getattr(OWN_WAY, name))
+        return frozenset(
+            name for name in self.__struct_fields__ if getattr(self, name) != getattr(DEFAULT_STRATEGY, name)
+        )
 
     def __bool__(self) -> bool:
         """Whether anything is done differently."""
-        return self != OWN_WAY
+        return self != DEFAULT_STRATEGY
 
     def __str__(self) -> str:
         """`with another grasp (not yaw 0°) at half speed`; empty when nothing is done differently."""
         shown = (("with another grasp", self.avoid_grasps), ("at another site", self.avoid_sites))
         parts = [f"{name} (not {' or '.join(map(format_label, labels))})" for name, labels in shown if labels]
         slow = "at half speed" if self.speed == 0.5 else f"at {format_share(self.speed)} of the speed"
-        return " ".join(parts if self.speed == OWN_WAY.speed else [*parts, slow])
+        return " ".join(parts if self.speed == DEFAULT_STRATEGY.speed else [*parts, slow])
 
     def avoid(self, *, grasp: str = "", site: str = "") -> "Strategy":
         """The same, without this grasp or this site."""
@@ -81,9 +83,9 @@ class Strategy(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return Strategy(
             avoid_grasps=tuple(dict.fromkeys((*self.avoid_grasps, *other.avoid_grasps))),
             avoid_sites=tuple(dict.fromkeys((*self.avoid_sites, *other.avoid_sites))),
-            speed=self.speed if self.speed != OWN_WAY.speed else other.speed,
+            speed=self.speed if self.speed != DEFAULT_STRATEGY.speed else other.speed,
         )
 
 
-OWN_WAY = Strategy()
+DEFAULT_STRATEGY = Strategy()
 """The skill's own way."""

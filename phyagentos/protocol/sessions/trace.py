@@ -20,7 +20,7 @@ class Role(StrEnum):
     PLAN_GRASP = "plan_grasp"
     """Finds ways to take hold of its input `object`; its number `labels` names them."""
     PLAN_SITE = "plan_site"
-    """Finds ways to put the held thing down (inputs `destination`, `relation`, `near`); `labels` names them."""
+    """Finds ways to put the held object down (inputs `destination`, `relation`, `near`); `labels` names them."""
     PLAN_ROOM = "plan_room"
     """Finds what has to go from where the input `object` is put (`destination`, `relation`, `near`), or out of the hand
     that is to take it: its `things`."""
@@ -33,13 +33,13 @@ class Role(StrEnum):
     GRASP = "grasp"
     """Closes the fingers."""
     VERIFY = "verify"
-    """Succeeds when the thing is held: the first time after a grasp it is gripped, later it is lifted."""
+    """Succeeds when the object is held: the first time after a grasp it is gripped, later it is lifted."""
     CARRY = "carry"
-    """From here on the thing counts as part of the hand."""
+    """From here on the object counts as part of the hand."""
     OPEN = "open"
     """Opens the fingers."""
     RELEASE = "release"
-    """Succeeds when the thing has left the hand; `position_m` is where."""
+    """Succeeds when the object has left the hand; `position_m` is where."""
     WAIT = "wait"
     """Lets simulated time pass."""
     DECIDE = "decide"
@@ -49,7 +49,7 @@ class Role(StrEnum):
 
 
 STILL = frozenset({Role.SENSE, Role.GRASP, Role.VERIFY, Role.CARRY, Role.OPEN, Role.WAIT})
-"""Roles that leave every thing where it is."""
+"""Roles that leave every object where it is."""
 
 _OF_EARLIER_BUNDLES = {
     "locate": Role.SENSE,

@@ -43,7 +43,7 @@ class Criterion(msgspec.Struct, frozen=True, kw_only=True):
         at_s: Simulated time of the deciding observation [s].
         because: One sentence for people.
         failure: Coded reason why its judge gave no usable answer; left out where it answered.
-        alternatives: Things that nothing tells apart, where the value depends on which has which name.
+        alternatives: Objects that nothing tells apart, where the value depends on which has which name.
         shown: SHA-256 of the context that a model was shown for it; the text stands in `shown/` of the bundle.
     """
 
@@ -103,7 +103,7 @@ class Attempt(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         mode: What the judgement was for.
         judges: Who was asked, each with its version and configuration, in this order.
         found: By the criteria; differs from the verdict only where the mode lets something else decide.
-        missing_evidence: Things that must be seen again, because a criterion about them is unknown.
+        missing_evidence: Objects that must be seen again, because a criterion about them is unknown.
         evidence: The files that were read.
         kind: Class of the cause (`grasp`, `external disturbance`), empty on success.
         support: The facts that the cause rests on.

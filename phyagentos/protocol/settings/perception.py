@@ -26,11 +26,11 @@ class Prior(StrEnum):
     """What perception knows of a world before its first look."""
 
     FULL = "full"
-    """Forms, sizes and colours of all things, and the map: where fixed bodies stand."""
+    """Forms, sizes and colours of all objects, and the map: where fixed bodies stand."""
     SHAPES = "shapes"
-    """Forms and sizes of all things, and the map; no colours: a thing is recognised by its form alone."""
+    """Forms and sizes of all objects, and the map; no colours: an object is recognised by its form alone."""
     NONE = "none"
-    """Nothing but what is seen: a level surface, and things without a name."""
+    """Nothing but what is seen: a level surface, and objects without a name."""
 
 
 class Pipeline(Authored):
@@ -58,7 +58,7 @@ class Embedded(Authored):
 
 
 class DetectorChoice(Authored):
-    """A detector that distinguishes things by words, where their colours do not.
+    """A detector that distinguishes objects by words, where their colours do not.
 
     Attributes:
         name: `http`, or what an installed package announces (entry points `phyagentos.detectors`).

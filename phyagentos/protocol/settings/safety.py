@@ -134,10 +134,14 @@ def _check_limits(located: Located, target: str, limits: TargetLimits) -> Iterat
     for path, limit, unit in limits.iter_limits():
         at = ("targets", target, *path)
         if limit.source.strip().lower() in NO_SOURCE:
-            yield located.problem("UNSOURCED_LIMIT", (*at, "source"), repr(limit.source), "where the number comes from")
+            yield located.problem("MISSING_VALUE", (*at, "source"), repr(limit.source), "where the number comes from")
         if limit.unit != unit:
             yield located.problem(
-                "WRONG_UNIT", (*at, "unit"), repr(limit.unit), repr(unit), CONVERSIONS.get(limit.unit.split("/")[0], "")
+                "INVALID_VALUE",
+                (*at, "unit"),
+                repr(limit.unit),
+                repr(unit),
+                CONVERSIONS.get(limit.unit.split("/")[0], ""),
             )
         if path[0] in BOXES:
             yield from _check_box(located, (*at, "value"), limit)
@@ -176,9 +180,9 @@ def as_numbers(limit: Limit) -> tuple[float, ...]:
 
 
 def get_target_limits(safety: Safety, target: str, source: str) -> TargetLimits:
-    """The limits of one target; raises DefinitionError `LIMITS_MISSING`: nothing moves without limits."""
+    """The limits of one target; raises DefinitionError `MISSING_VALUE`: nothing moves without limits."""
     if target not in safety.targets:
         found = f"no limits for target {target!r}"
         hint = f"Add targets.{target} with a source for each limit."
-        raise DefinitionError.of("LIMITS_MISSING", source, found, format_names(safety.targets), hint)
+        raise DefinitionError.of("MISSING_VALUE", source, found, format_names(safety.targets), hint)
     return safety.targets[target]

@@ -107,7 +107,7 @@ class NoiseLevel(Authored):
         depth_offset_m: See above [m].
         depth_grazing: See above [m^1.5].
         depth_unit_m: Quantization step of depth [m]; 0 for none.
-        lateral_std_rad: How far, as an angle, the edges of things waver in the picture [rad].
+        lateral_std_rad: How far, as an angle, the edges of objects waver in the picture [rad].
         pixel_dropout: Chance of a pixel to have no depth.
         glass_dropout: Chance of a pixel on glass to have no depth, besides `pixel_dropout`.
         black_dropout: The same on a black surface.

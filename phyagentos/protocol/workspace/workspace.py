@@ -24,7 +24,7 @@ MARKER = "workspace.yaml"
 _TARGETS = "\ntargets:\n"  # in safety.yaml, before the limits of each
 _LOCK = ".create.lock"
 _LIBRARY_FOLDERS = ("trees", "skills", "predicates", "scenes", "robots")
-_COPIED_WHOLE = frozenset({"skills", "robots"})  # one folder is one thing: never a mixture of two roots
+_COPIED_WHOLE = frozenset({"skills", "robots"})  # a folder is a whole: never a mixture of two roots
 _LITTER = ("__pycache__", ".*")
 
 

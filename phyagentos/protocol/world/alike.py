@@ -1,4 +1,4 @@
-"""What of a scene no picture tells apart: things of equal form and colour, the ends of a thing that has a half turn.
+"""What of a scene no picture tells apart: objects of equal form and colour, the ends of an object that has a half turn.
 
 Both planes ask: authors are warned, perception says which names it cannot decide.
 """

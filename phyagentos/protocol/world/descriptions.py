@@ -1,6 +1,7 @@
-"""Things that are given by description, `a red box`: the words, and which unnamed things they fit.
+"""Objects that are given by description, `a red box`: the words, and which unnamed objects they fit.
 
-A description names one thing; `any red box` leaves the choice among several. Near a boundary of colours two words hold.
+A description names one object; `any red box` leaves the choice among several. Near a boundary of colours two words
+hold.
 """
 
 import colorsys
@@ -24,7 +25,7 @@ GREYS = ((0.2, "black"), (0.6, "grey"), (9.0, "white"))  # up to this brightness
 COLORS = tuple(sorted({word for _, word in (*HUES, *GREYS)}))
 PALE, DARK = 0.16, 0.16  # less saturation or brightness shows no hue
 DOUBTS = ((0, 0, 0), (6, 0, 0), (-6, 0, 0), (0, 0.06, 0), (0, -0.06, 0), (0, 0, 0.1), (0, 0, -0.1))
-DENSITY_KG_M3 = 1000.0  # of the box around a thing that nothing says more about
+DENSITY_KG_M3 = 1000.0  # of the box around an object that nothing says more about
 _TEXT = re.compile(r"\s*(\S+)\s+(?:(\S+)\s+)?(\S+)\s*")
 
 
@@ -47,7 +48,7 @@ def parse_description(text: str, address: str = "") -> tuple[str, str, str]:
 
 
 def find_candidates(text: str, entities: Mapping[str, Entity]) -> dict[str, Truth]:
-    """The unnamed entities in sight that a description fits, or may fit (unknown), by name."""
+    """The visible unnamed entities that a description fits, or may fit (unknown), by name."""
     _, color, form = parse_description(text)
     seen = (each for each in entities.values() if each.kind == UNNAMED and each.status is Status.SEEN)
     fits = {each.name: {_compare(color, each.color), _compare(form, each.form)} for each in seen}

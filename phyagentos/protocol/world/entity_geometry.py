@@ -12,7 +12,7 @@ from typing import NamedTuple
 from phyagentos.geometry import UP, Pose, Vector, compute_turn, invert_rotation, multiply, rotate, to_child, to_parent
 from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
 
-LEVEL_COS = 0.9  # of the steepest top on which things stand
+LEVEL_COS = 0.9  # of the steepest top on which objects stand
 AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _HALF = math.sqrt(0.5)
 ROLLED_COS = 0.7  # of the angle between two sides that are up one after the other
@@ -82,7 +82,7 @@ def find_surface(entity: Entity, start: Vector, direction: Vector) -> float | No
 
 
 def compute_least_turn(now: Entity, was: Entity, doubt_m: float, place_m: float = math.inf) -> float:
-    """Least angle [rad] by which a thing may have turned, where a quarter turn of its box shows no more than a doubt.
+    """Least angle [rad] by which an object may have turned, as far as a quarter turn of its box shows.
 
     A quarter turn brings each side onto another one; where these differ by less than `doubt_m`, it may have been made,
     or may be none but a mistake of the measurement. A ball does not turn, and what is round turns with its axis alone.
@@ -154,7 +154,7 @@ def compute_lowest(entity: Entity, world_up: Vector = UP) -> float:
 
 
 class Top(NamedTuple):
-    """A point (3,) [m] of a surface that things may stand on, and the unit normal (3,) of that surface."""
+    """A point (3,) [m] of a surface that objects may stand on, and the unit normal (3,) of that surface."""
 
     point_m: Vector
     normal: Vector

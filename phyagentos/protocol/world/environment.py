@@ -14,14 +14,14 @@ from phyagentos.protocol.documents.document import DocumentFormat, read_document
 
 REST_M_S = 0.02  # slower is contact noise
 OPENS_AT, CLOSES_AT = 0.9, 0.1  # of a joint's travel
-REST_S = 0.25  # a thing that two looks so far apart show in one place rests
+REST_S = 0.25  # an object that two looks so far apart show in one place rests
 GRIP_N = 5.0  # a lighter pressure is the friction of the drive
 CLOSED_M = 0.002  # fingers that are less apart press on each other
-LIFTED_M = 0.02  # a thing that was taken so far was lifted, not pressed
-SURE = 0.65  # confidence below which a look does not show where a thing is, or that it is this one
-UNNAMED = "unknown"  # kind of a thing outside the inventory
+LIFTED_M = 0.02  # an object that was taken so far was lifted, not pressed
+SURE = 0.65  # confidence below which a look does not show where an object is, or that it is this one
+UNNAMED = "unknown"  # kind of an object outside the inventory
 FRESH_S = 1.0  # older is not of now: the slowest camera that ships takes a picture every 0.1 s, and is late by less
-AHEAD_S = 1.0  # touch updates a held thing between two looks; nothing is seen later than that after its snapshot
+AHEAD_S = 1.0  # touch updates a held object between two looks; nothing is seen later than that after its snapshot
 
 
 class ShapeKind(StrEnum):
@@ -38,7 +38,7 @@ class ShapeKind(StrEnum):
 
 
 class Status(StrEnum):
-    """How a thing is known now."""
+    """How an object is known now."""
 
     SEEN = "seen"
     """Its pose was measured at `observed_at_s`."""
@@ -91,7 +91,7 @@ class Contents(msgspec.Struct, frozen=True):
 
 
 class Mechanism(msgspec.Struct, frozen=True):
-    """How a thing with a joint opens.
+    """How an object with a joint opens.
 
     Attributes:
         kind: `slide` or `hinge`.
@@ -113,31 +113,31 @@ class Mechanism(msgspec.Struct, frozen=True):
 
 
 class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A thing in the world, as believed at `observed_at_s`.
+    """An object in the world, as believed at `observed_at_s`.
 
     Attributes:
         name: Unique name (`red_cube`).
-        kind: Class of thing (`cube`, `tray`, `bottle`, `wall`, `table`).
+        kind: Class of object (`cube`, `tray`, `bottle`, `wall`, `table`).
         movable: Whether it can be moved at all; walls and tables cannot.
         pose: `world_T_entity` of its body frame.
         shapes: Its solids, in the entity frame.
-        interior: Where things can be put into it; absent when nothing can.
+        interior: Where objects can be put into it; absent when nothing can.
         datum_m: (3,) the point in its frame at which its world locates it [m]: it is inside by its centre and by this
-            point, centred by this point, and on no thing whose own is higher; absent where the centre alone counts.
-        color: Colour word, empty when unknown; of an unnamed thing as it is seen, `red or orange` where two may hold.
-        rgb: (3,) that colour as it is seen, 0..1; absent for things of the inventory.
-        form: `box`, `can`, `ball` as it is seen, `box or can` where two may hold; empty for another, and for things of
+            point, centred by this point, and on no object whose own is higher; absent where the centre alone counts.
+        color: Colour word, empty when unknown; of an unnamed object as it is seen, `red or orange` where two may hold.
+        rgb: (3,) that colour as it is seen, 0..1; absent for objects of the inventory.
+        form: `box`, `can`, `ball` as it is seen, `box or can` where two may hold; empty for another, and for objects of
             the inventory.
-        described: What its name stands for where a goal gave one to an unnamed thing: `a red box`.
+        described: What its name stands for where a goal gave one to an unnamed object: `a red box`.
         visible: Whether it was seen at its pose, at `observed_at_s`; false for what is gone, and for what
-            was moved while out of sight.
+            was moved while not visible.
         held_by: Name of the target whose gripper holds it: it is touched by both fingers, or perceived between fingers
             that press; absent when none does.
         speed_m_s: Magnitude of its linear velocity [m/s].
         still_since_s: Since when it was seen, or felt, in one place [s]; absent where nothing asks, as under truth.
-        joint: Opening as a fraction 0..1 for things with a joint (drawer, door), absent for others.
-        mechanism: How it opens, for these things.
-        part_of: Name of the thing that it is fixed to.
+        joint: Opening as a fraction 0..1 for objects with a joint (drawer, door), absent for others.
+        mechanism: How it opens, for these objects.
+        part_of: Name of the object that it is fixed to.
         contents: Balls in its interior; absent where it has none, and in a scene without balls.
         observed_at_s: Simulated or robot time of the observation [s]: that of the frames, not that of the question.
         confidence: 0..1.
@@ -146,19 +146,19 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         extent_m: (3,) size of what was seen of it, along its own axes [m]; absent when it was not measured.
         in_hand: `tcp_T_entity` while it is held.
         taken_at_m: (3,) where it was when the fingers closed on it, in the world [m]; absent when it is not held.
-        looks: So many measurements its pose is the mean of; of a held thing, so many looks have shown it in the hand
+        looks: So many measurements its pose is the mean of; of a held object, so many looks have shown it in the hand
             since it was lifted.
         position_std_m: Standard deviation of its position as the measurement states [m]; 0 when not stated.
-        size_std_m: The same of each side of the box that stands for a thing of unknown form [m].
+        size_std_m: The same of each side of the box that stands for an object of unknown form [m].
         turn_std_rad: The same of its orientation [rad], among those that look alike the one that was chosen.
         tilt_std_rad: The same of the angle of its z axis to the vertical [rad], over all that look alike.
-        lean_rad: (3,) turn in the world from the stated orientation to the one that pixels alone give [rad]; a thing is
-            stated to be upright where they do not contradict it.
+        lean_rad: (3,) turn in the world from the stated orientation to the one that pixels alone give [rad]; an object
+            is stated to be upright where they do not contradict it.
         evidence: Where it was seen: `camera@time_s:left,top,width,height`, in pixels.
         alternatives: Names that this body may have as well, and whose body may have this name: no look, no mark and no
             history tells them apart. Empty where the name is known.
         named_at_s: When the present naming among the alternatives was chosen [s]; it has followed the body since.
-        bears: Of a hidden thing, what is seen to stand on it, and on nothing else: that shows where it is.
+        bears: Of a hidden object, what is seen to stand on it, and on nothing else: that shows where it is.
     """
 
     name: str
@@ -200,12 +200,12 @@ class Entity(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def is_unsure(self) -> bool:
-        """Whether a look found it, and so little fits that it may be elsewhere, or another thing."""
+        """Whether a look found it, and so little fits that it may be elsewhere, or another object."""
         return self.status is Status.SEEN and not self.confidence >= SURE
 
 
 class Region(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A named box of space, posed in the world, in which things may be put (`shelf_board`, `left_half`).
+    """A named box of space, posed in the world, in which objects may be put (`shelf_board`, `left_half`).
 
     Attributes:
         name: Unique name.
@@ -260,7 +260,7 @@ class TargetState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Change(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What became of one thing since the revision before.
+    """What became of one object since the revision before.
 
     Attributes:
         entity: Its name.
@@ -310,9 +310,9 @@ class PriorKnowledge(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tr
 
     Attributes:
         level: As perception.yaml names it.
-        forms: Names of the things whose forms and sizes it knows.
+        forms: Names of the objects whose forms and sizes it knows.
         colors: So many colours of surfaces by which it labels pixels.
-        map: Names of the fixed bodies whose places it knows, up to their doubt.
+        map: Names of the fixed bodies whose places it knows, up to their uncertainty.
     """
 
     level: str
@@ -335,8 +335,8 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
         targets: By name.
         sensors: Cameras by name; empty where nothing is perceived.
         looked_at_s: Time of the latest look at everything [s]; 0 where nothing is perceived.
-        changes: What became of things since the revision before, the largest first.
-        never_seen: Movable things that the inventory names and no look has shown.
+        changes: What became of objects since the revision before, the largest first.
+        never_seen: Movable objects that the inventory names and no look has shown.
         prior: What perception knew before its first look; absent where nothing is perceived.
     """
 
@@ -355,22 +355,22 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
     prior: PriorKnowledge | None = None
 
     def list_movable(self) -> list[str]:
-        """Names of all movable things, also of those that no look has shown."""
+        """Names of all movable objects, also of those that no look has shown."""
         return [*(name for name, entity in self.entities.items() if entity.movable), *self.never_seen]
 
     def find_movable(self, names: Iterable[object]) -> str | None:
-        """The first of these names, lists included, that is a movable thing; None when none is."""
+        """The first of these names, lists included, that is a movable object; None when none is."""
         flat = (name for each in names for name in (each if isinstance(each, list | tuple) else (each,)))
         things = (name for name in flat if isinstance(name, str) and name in self.entities)
         return next((name for name in things if self.entities[name].movable), None)
 
     def shows(self, name: str) -> bool:
-        """Whether it shows where a thing or a region is now, see `explain_unseen`."""
+        """Whether it shows where an object or a region is now, see `explain_unseen`."""
         entity = self.entities.get(name)
         return name in self.regions or (entity is not None and not self.explain_unseen(entity))
 
     def explain_motion(self, entity: Entity) -> str:
-        """Why the snapshot does not show that a thing rests; empty where it does, and for what is fixed or held."""
+        """Why the snapshot does not show that an object rests; empty where it does, and for what is fixed or held."""
         if not entity.movable or entity.status is Status.HELD or entity.held_by:
             return ""
         if not entity.speed_m_s <= REST_M_S:
@@ -382,9 +382,9 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
         return ""
 
     def explain_unseen(self, entity: Entity, max_age_s: float = FRESH_S) -> str:
-        """Why the snapshot does not show where a thing is now; empty where it does.
+        """Why the snapshot does not show where an object is now; empty where it does.
 
-        The one rule of freshness. A fixed thing cannot have changed, a held one is felt. Anything else was seen in the
+        The one rule of freshness. A fixed object cannot have changed, a held one is felt. Anything else was seen in the
         look of the snapshot: neither hidden nor gone, at most `FRESH_S` (or `max_age_s`) before it, and surely; or
         what it bears was.
         """
@@ -411,9 +411,9 @@ class Relation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     Attributes:
         name: `inside`, `on`, `holding`, `near`, `left_of`, `open`, `closed`.
-        arguments: Names of the target, things and places that it relates.
+        arguments: Names of the target, objects and places that it relates.
         measured: The numbers that decided; units in the names.
-        observed_at_s: When the oldest of the movable things was observed [s].
+        observed_at_s: When the oldest of the movable objects was observed [s].
         source: Sensors or pipelines of these facts.
     """
 
@@ -442,7 +442,7 @@ class Snapshot(Environment, frozen=True, kw_only=True):
 ENVIRONMENT = DocumentFormat(
     name="environment",
     file="ENVIRONMENT.md",
-    summary="The world as last observed: things, regions, targets, and the relations between them.",
+    summary="The world as last observed: objects, regions, targets, and the relations between them.",
     block=Snapshot,
     headings=("Snapshot",),
 )

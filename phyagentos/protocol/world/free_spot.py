@@ -12,14 +12,14 @@ from phyagentos.protocol.world.environment import Entity, Environment
 
 STEP_M = 0.04  # between spots that are looked at
 ROOM_M = 0.09  # between the middle of the spot and anything else: half a hand and half a cube
-AWAY_M = 0.16  # from the thing that it is in the way of: a hand's breadth and a half
+AWAY_M = 0.16  # from the object that it is in the way of: a hand's breadth and a half
 EDGE_M = 0.06  # from the edge of the support
-TOUCH_M = 0.02  # a top this far from the bottom of a thing carries it
-RIM_M = 0.02  # a thing on the rim fills a vessel, too
+TOUCH_M = 0.02  # a top this far from the bottom of an object carries it
+RIM_M = 0.02  # an object on the rim fills a vessel, too
 
 
 def find_filling(world: Environment, destination: str) -> list[str]:
-    """Movable things in a region or vessel, or on a movable thing, by the point at their lowest height."""
+    """Movable objects in a region or vessel, or on a movable object, by the point at their lowest height."""
     place, holder = world.regions.get(destination), world.entities.get(destination)
     if place is not None:
         pose, center, half = place.pose, (0.0, 0.0, 0.0), place.half_m

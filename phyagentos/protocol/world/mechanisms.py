@@ -1,4 +1,4 @@
-"""Motions of things that slide or turn: where they stand at an opening, and which opening a point of them shows."""
+"""Motions of objects that slide or turn: where they stand at an opening, and which opening a point of them shows."""
 
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,7 @@ def find_hinge(entity: Entity) -> tuple[float, float, float] | None:
 
 
 def compute_motion(mechanism: Mechanism, amount: float) -> "Array":
-    """(4, 4) displacement in the world that opens a thing by an amount [m], or [rad] for a hinge."""
+    """(4, 4) displacement in the world that opens an object by an amount [m], or [rad] for a hinge."""
     import numpy as np
 
     axis, anchor = _place_axis(mechanism)
@@ -35,11 +35,11 @@ def compute_motion(mechanism: Mechanism, amount: float) -> "Array":
 
 
 def measure_amount(mechanism: Mechanism, point_m: "Array", at_m: "Array") -> float:
-    """How far a thing is open [m or rad], not limited to its travel.
+    """How far an object is open [m or rad], not limited to its travel.
 
     Args:
         mechanism: How it opens.
-        point_m: (3,) a point of the thing, in its own frame.
+        point_m: (3,) a point of the object, in its own frame.
         at_m: (3,) where that point is, in the world.
     """
     import numpy as np

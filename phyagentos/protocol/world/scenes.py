@@ -151,7 +151,7 @@ class Joint(Authored):
 
 
 class Body(Authored):
-    """One thing of the scene; its name is the name of the simulator's body.
+    """One object of the scene; its name is the name of the simulator's body.
 
     Attributes:
         mass_kg: Nominal mass; the true one unless a fault or a span changes it.
@@ -161,12 +161,12 @@ class Body(Authored):
             of surfaces; each seed draws the true one. Without a surface it holds against everything.
         joint: How it moves against the world; absent for what stands fixed or moves freely.
         look: What each side of it shows, where no one colour does: colours, 0..1, with their shares. Where a body has a
-            look, pixels are told apart by their places alone, and things by form and look.
+            look, pixels are distinguished by their places alone, and objects by form and look.
         datum_m: (3,) the point in its frame at which its world locates it, where its middle alone is not asked.
         contents: What its interior is filled with, from its floor up, when the scene begins.
-        part_of: Name of an earlier body that it is fixed to, such as a handle to its drawer. It is a thing of its own:
-            it can be seen, grasped and pushed. Its place is meant in that body's frame, without jitter.
-        listed: Whether the inventory names it; what is not listed is seen as an unnamed thing.
+        part_of: Name of an earlier body that it is fixed to, such as a handle to its drawer. It is an object of its
+            own: it can be seen, grasped and pushed. Its place is meant in that body's frame, without jitter.
+        listed: Whether the inventory names it; what is not listed is seen as an unnamed object.
     """
 
     kind: str
@@ -230,7 +230,7 @@ class Area(Authored):
 
 
 class NamedRegion(Authored):
-    """A named box of space in which things may be put."""
+    """A named box of space in which objects may be put."""
 
     center_m: Number3
     half_m: Number3
@@ -304,7 +304,7 @@ def _parse_scene(text: str, path: Path) -> SceneSpec:
         raise DefinitionError(problems)
     problems += [*_find_dangling(spec, located), *_iter_misnamed(spec, located), *_iter_oversized(spec, located)]
     if not path.with_suffix("").as_posix().endswith(f"scenes/{spec.scene}"):
-        problems.append(located.problem("NAME_MISMATCH", ("scene",), repr(spec.scene), "the file's path below scenes/"))
+        problems.append(located.problem("INVALID_VALUE", ("scene",), repr(spec.scene), "the file's path below scenes/"))
     if problems:
         raise DefinitionError(problems)
     return spec
@@ -317,11 +317,11 @@ def _iter_misnamed(spec: SceneSpec, located: Located) -> Iterator[Problem]:
             if not NAME.fullmatch(name):
                 hint = f"Write {(re.sub(r'[^A-Za-z0-9_]+', '_', name).strip('_') or 'thing')!r}."
                 expected = "letters, digits and '_', with a letter first, as in predicates"
-                yield located.problem("INVALID_NAME", (kind, name), repr(name), expected, hint)
+                yield located.problem("INVALID_VALUE", (kind, name), repr(name), expected, hint)
 
 
 def _iter_oversized(spec: SceneSpec, located: Located) -> Iterator[Problem]:
-    """Movable things that are larger than any hand could move: sizes in centimetres, probably."""
+    """Movable objects that are larger than any hand could move: sizes in centimetres, probably."""
     for name, body in spec.bodies.items():
         for index, solid in enumerate(() if body.fixed or body.joint else body.shapes):
             if max(solid.size_m) > MOVABLE_M:

@@ -47,7 +47,7 @@ def open_gymnasium(profile: TargetProfile, folder: Path, outcomes: Path | None =
     """Start the environment and connect to it; its own success goes to the file `outcomes`, for who measures.
 
     Raises:
-        DefinitionError: `NO_ENVIRONMENT` when its process does not start.
+        DefinitionError: `NO_DRIVER` when its process does not start.
         ExecutionError: `TARGET_LOST` when it ends before it is connected to.
     """
     path, key = folder / SETTINGS, make_key()
@@ -92,4 +92,4 @@ def _read_endpoint(process: "subprocess.Popen[str]", lines: str) -> str:
 
 def _explain(path: Path, found: str) -> DefinitionError:
     hint = "Name an interpreter (`python`), or what `paos bench setup` has made (`environment`): docs/targets.md."
-    return DefinitionError.of("NO_ENVIRONMENT", str(path), found, "a process that serves the environment", hint)
+    return DefinitionError.of("NO_DRIVER", str(path), found, "a process that serves the environment", hint)

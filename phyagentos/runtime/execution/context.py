@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cell:
+class NeighbourAccess:
     """The robots that share a world with this one; none by default.
 
     Attributes:
@@ -55,7 +55,7 @@ class SkillContext:
     world: WorldModel
     initial: Environment
     lag: Lag
-    cell: Cell = Cell()
+    cell: NeighbourAccess = NeighbourAccess()
     evidence: Path | None = None
     events: list[Event] = field(default_factory=list)
     _uses: dict[str, int] = field(default_factory=dict)
@@ -99,7 +99,7 @@ def open_context(
     planner: "Planner",
     initial: Environment,
     world: WorldModel,
-    cell: Cell = Cell(),
+    cell: NeighbourAccess = NeighbourAccess(),
     evidence: Path | None = None,
 ) -> SkillContext:
     """The services of a session that has authority; its set-points begin where the target rests.

@@ -31,7 +31,7 @@ def find_moving(session: Session, after: Environment) -> tuple[str, ...]:
 
 
 def is_marginal(session: Session, initial: Environment, now: Environment) -> bool:
-    """Whether a criterion is unknown by the doubt of a measurement, which another look may lessen."""
+    """Whether a criterion is unknown by the uncertainty of a measurement, which another look may reduce."""
     view = session.make_view(now, initial)
     return any(parse_predicate(text).evaluate(view).is_marginal for text in (*session.accept, *session.hold))
 

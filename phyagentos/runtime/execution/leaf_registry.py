@@ -30,10 +30,10 @@ class LeafRegistry:
         """Add a leaf.
 
         Raises:
-            DefinitionError: `DUPLICATE_NAME` when another class has the name; `NOT_A_LEAF`.
+            DefinitionError: `DUPLICATE_NAME` when another class has the name; `BROKEN_PYTHON`.
         """
         if not issubclass(leaf, Leaf):
-            raise DefinitionError.of("NOT_A_LEAF", name, repr(leaf), "a subclass of phyagentos.skills.Leaf")
+            raise DefinitionError.of("BROKEN_PYTHON", name, repr(leaf), "a subclass of phyagentos.skills.Leaf")
         existing = self._classes.get(name)
         if existing is not None and existing is not leaf:
             found = f"{name!r}, already {existing.__module__}.{existing.__qualname__}"
@@ -82,7 +82,7 @@ def build_registry(library: Library) -> LeafRegistry:
     """Built-in leaves, then those of installed packages, then those of the library's skills, whose Python is executed.
 
     Raises:
-        DefinitionError: `BROKEN_BEHAVIOURS`, `DUPLICATE_NAME`, `NOT_A_LEAF`.
+        DefinitionError: `BROKEN_PYTHON`, `DUPLICATE_NAME`.
     """
     registry = _build_installed()
     for path in library.iter_behaviours():
@@ -94,7 +94,7 @@ def read_registry(library: Library) -> LeafRegistry:
     """As `build_registry`, but of the library's skills only the names of leaves, as written; executes none of them.
 
     Raises:
-        DefinitionError: `BROKEN_BEHAVIOURS` where a file is no Python.
+        DefinitionError: `BROKEN_PYTHON` where a file is no Python.
     """
     registry = _build_installed()
     for path in library.iter_behaviours():
@@ -103,10 +103,10 @@ def read_registry(library: Library) -> LeafRegistry:
 
 
 def read_leaf_names(path: Path) -> list[str]:
-    """The names in calls `registry.register("name", …)` of a file; raises DefinitionError `BROKEN_BEHAVIOURS`."""
+    """The names in calls `registry.register("name", …)` of a file; raises DefinitionError `BROKEN_PYTHON`."""
     return [
         node.args[0].value
-        for node in ast.walk(read_source(path, "BROKEN_BEHAVIOURS"))
+        for node in ast.walk(read_source(path))
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "register"
         if node.args and isinstance(node.args[0], ast.Constant) and isinstance(node.args[0].value, str)
     ]
@@ -127,9 +127,9 @@ def register_file(registry: LeafRegistry, path: Path) -> None:
     """Load a skill's `behaviours.py` and register its leaves.
 
     Raises:
-        DefinitionError: `BROKEN_BEHAVIOURS` when the file cannot be loaded or has no `register`.
+        DefinitionError: `BROKEN_PYTHON` when the file cannot be loaded or has no `register`.
     """
-    register = run_file(path, "BROKEN_BEHAVIOURS").get("register")
+    register = run_file(path).get("register")
     if not callable(register):
-        raise DefinitionError.of("BROKEN_BEHAVIOURS", str(path), "no such function", "a function register(registry)")
+        raise DefinitionError.of("BROKEN_PYTHON", str(path), "no such function", "a function register(registry)")
     register(registry)

@@ -1,6 +1,6 @@
 """What a held entity asks of the grip, from what is seen of it and from the gripper's own state.
 
-Nothing here is read from a scene: weight and friction are bounded by the densest and the smoothest of usual things.
+Nothing here is read from a scene: weight and friction are bounded by the densest and the smoothest of usual objects.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ def measure_payload(entity: Entity, state: TargetState, profile: TargetProfile) 
 
 
 def estimate_load(entity: Entity, tcp_T_entity: np.ndarray, state: TargetState, profile: TargetProfile) -> Load:
-    """The heaviest and smoothest thing of these shapes that the target may carry, held as weakly as may be."""
+    """The heaviest and smoothest object of these shapes that the target may carry, held as weakly as may be."""
     volume_m3 = sum(8.0 * float(np.prod(box.half_m)) for box in compute_shape_boxes(entity))
     mass_kg = SOLID_KG_M3 * volume_m3
     if entity.interior is not None:

@@ -82,7 +82,7 @@ class SessionLoop:
     cameras: CameraRecorder | None = None
     ticks: int = field(default=0, init=False)
     _unreported: deque[_Unreported] = field(default_factory=deque, init=False)
-    _owes_sample: bool = field(default=False, init=False)  # a confirmation left doubt: the world is to stand
+    _owes_sample: bool = field(default=False, init=False)  # a confirmation was uncertain: the world is to stand
     ms: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("tree", "think", "apply", "record"), 0.0))
 
     def run(self) -> Outcome:
@@ -217,7 +217,7 @@ def describe_request(request: EndRequest) -> Outcome:
         return Outcome(ended=Ended.SAFETY_STOP, code="LEASE_LOST", message="no watchdog has renewed the lease in time")
     # a motor that does not follow is a leaf's finding
     code = FailureCode.NO_PROGRESS if request.reason == Ended.STALLED else request.reason.upper()
-    return Outcome(ended=Ended(request.reason), code=code, message=request.why or "an end was asked for")
+    return Outcome(ended=Ended(request.reason), code=code, message=request.why or "a stop was requested")
 
 
 def _ended_by(code: str) -> Ended:

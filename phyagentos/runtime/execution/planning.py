@@ -24,7 +24,7 @@ from phyagentos.runtime.motion.requests import (
     NoPlan,
     Payload,
     PlanMove,
-    Situation,
+    PlanningState,
     World,
 )
 from phyagentos.runtime.perception.world_model import HAND
@@ -32,7 +32,7 @@ from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.wire import Step
 
 AnswerT = TypeVar("AnswerT", Approaches, Motion)
-RequestT = TypeVar("RequestT", bound=Situation)
+RequestT = TypeVar("RequestT", bound=PlanningState)
 PRESSED_MORE = 1.2  # of the force of a contact that is about to be left
 BESIDE = PortInformation(data_type=str, required=False, description="Robot to which the hand comes near on purpose.")
 WAIT_S = 0.2  # for another robot that is in the way, until it is tried again
@@ -40,7 +40,7 @@ STOOD_MAX_S = 1.5  # of such waiting for one that stands, as no gripper does for
 WAITED_MAX_S = 20.0  # in all, by any; a session of manipulation takes less
 HOMEWARD = 0.45  # of the velocity limits: what is held stays in the fingers
 LOST_PERIODS = 5  # 0.1 s without contact on both sides; single contacts flicker for a period or two
-LOST_SHARE, LOST_M = 0.5, 0.004  # fingers that lost a thing close by this share of their opening, at most by so much
+LOST_SHARE, LOST_M = 0.5, 0.004  # fingers that lost an object close by this share of their opening, at most by so much
 
 
 class PlanningLeaf(Leaf, Generic[AnswerT]):
@@ -171,7 +171,9 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
 class ApproachPlanningLeaf(PlanningLeaf[Approaches]):
     """A leaf that requests approaches and writes them to the port `approaches`."""
 
-    OUTPUT_PORTS = {"approaches": PortInformation(data_type=Approaches, description="Checked ways, nearest first.")}
+    OUTPUT_PORTS = {
+        "approaches": PortInformation(data_type=Approaches, description="Checked candidates, nearest first.")
+    }
 
     @final
     def on_answer(self, answer: Approaches) -> Status:
@@ -183,7 +185,7 @@ class ApproachPlanningLeaf(PlanningLeaf[Approaches]):
 class LinePlanningLeaf(PlanningLeaf[Approaches]):
     """A leaf that requests one straight way and writes it to the port `approach`."""
 
-    OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The way, from here to the end.")}
+    OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The path, from here to the end.")}
 
     def request_line(self, waypoints: tuple[Pose, ...]) -> FindLine:
         """A line from the present posture through tool poses, with the ports `payload` and `ignore`."""

@@ -82,7 +82,7 @@ def _iter_tree_problems(
     yield from check_loaded_tree(tree, library, registry)
     below = (node.type for node in iter_nodes(tree.root) if node.kind is NodeKind.SUBTREE)
     for subtree in dict.fromkeys(below):
-        if subtree not in (*above, name) and subtree in library.names_of_trees():
+        if subtree not in (*above, name) and library.has_tree(subtree):
             yield from _iter_tree_problems(subtree, library, registry, (*above, name))
 
 
@@ -131,7 +131,7 @@ def _find_way(start: str, goal: str, library: Library, above: tuple[str, ...] = 
     """Names of trees from one to another, along subtrees; empty where none leads there."""
     if start == goal:
         return (goal,)
-    if start in above or start not in library.names_of_trees():
+    if start in above or not library.has_tree(start):
         return ()
     tree, _ = load_tree(library.get_tree(start))
     below = [node.type for node in iter_nodes(tree.root) if node.kind is NodeKind.SUBTREE] if tree is not None else []
@@ -157,10 +157,10 @@ def _iter_list_problems(tree: Tree, node: Node, written: dict[str, type]) -> Ite
     if kind is object:  # by a leaf that was not executed
         written.setdefault(each, object)
     elif kind not in ELEMENTS:
-        yield tree.located.problem("WRONG_TYPE", place, found, "a list: names of entities, or points")
+        yield tree.located.problem("INVALID_VALUE", place, found, "a list: names of entities, or points")
     elif written.setdefault(each, ELEMENTS[kind]) is not ELEMENTS[kind]:
         found = f"'${{{each}}}' of type {_name_of(written[each])}"
-        yield tree.located.problem("WRONG_TYPE", (*node.address, "each"), found, f"type {_name_of(ELEMENTS[kind])}")
+        yield tree.located.problem("INVALID_VALUE", (*node.address, "each"), found, f"type {_name_of(ELEMENTS[kind])}")
 
 
 def _iter_reactive_problems(tree: Tree, node: Node, library: Library, registry: LeafRegistry) -> Iterator[Problem]:
@@ -235,13 +235,13 @@ def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[st
         elif isinstance(value, Reference):
             yield from _iter_reference_problems(tree, place, value, {**inputs, **outputs}[port], written)
         elif port in outputs:
-            yield tree.located.problem("NOT_A_KEY", place, repr(value), f"a key such as '${{{port}}}' to write to")
+            yield tree.located.problem("INVALID_VALUE", place, repr(value), f"a key such as '${{{port}}}' to write to")
         else:
             yield from _iter_literal_problems(tree, place, value, inputs[port])
     for port, information in inputs.items():
         if information.required and not information.has_default and port not in node.wiring:
             found = f"{node.type} without {port!r}"
-            yield tree.located.problem("MISSING_PORT", node.address, found, f"a value for {port!r}")
+            yield tree.located.problem("MISSING_VALUE", node.address, found, f"a value for {port!r}")
 
 
 def _iter_reference_problems(
@@ -253,7 +253,7 @@ def _iter_reference_problems(
         yield tree.located.problem("BROKEN_TREE", place, found, expected, format_hint(value.key, written))
     elif object not in (port.data_type, written[value.key]) and port.data_type is not written[value.key]:
         found = f"'{value}' of type {_name_of(written[value.key])}"
-        yield tree.located.problem("WRONG_TYPE", place, found, f"type {_name_of(port.data_type)}")
+        yield tree.located.problem("INVALID_VALUE", place, found, f"type {_name_of(port.data_type)}")
 
 
 def _iter_literal_problems(
@@ -263,7 +263,7 @@ def _iter_literal_problems(
         convert_literal(value, port.data_type)
     except TypeError:
         hint = f"A key is written '${{{value}}}'." if isinstance(value, str) else ""
-        yield tree.located.problem("WRONG_TYPE", place, repr(value), f"type {_name_of(port.data_type)}", hint)
+        yield tree.located.problem("INVALID_VALUE", place, repr(value), f"type {_name_of(port.data_type)}", hint)
 
 
 def _iter_condition_problems(tree: Tree, node: Node, written: dict[str, type]) -> Iterator[Problem]:

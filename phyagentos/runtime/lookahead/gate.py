@@ -43,7 +43,7 @@ class LookaheadGate:
         except ExecutionError as error:
             return (Problem(error.code, address, str(error)),)
         if result is None:
-            return (Problem(LOOKAHEAD_FAILED, address, "an end was asked for"),)
+            return (Problem(LOOKAHEAD_FAILED, address, "a stop was requested"),)
         self._result = result
         if not result.is_low:
             return ()

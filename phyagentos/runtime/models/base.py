@@ -17,7 +17,7 @@ from phyagentos.protocol.capabilities.targets import BASE_JOINTS, Base, OmniWhee
 
 FREE_JOINT = "base"
 SOLE = "sole/"  # begins the names of the spheres that legs stand on, in the free form of the model
-GROUND = "floor"  # kind of the fixed things that a base stands on
+GROUND = "floor"  # kind of the fixed objects that a base stands on
 _SCENE_BIT, _ROBOT_BIT = 1, 2
 _OVERLAP = 1.05  # of neighbouring rollers, so that the rim is nearly round
 _RUBBER = (0.15, 0.15, 0.15, 1.0)

@@ -34,12 +34,12 @@ class Lens:
         """The same lens with a window.
 
         Raises:
-            ExecutionError: `INVALID_CROP` when the window is empty or leaves the picture.
+            ExecutionError: `REQUEST_INVALID` when the window is empty or leaves the picture.
         """
         left, top, width, height = window
         if min(left, top) < 0 or min(width, height) < 1 or left + width > self.width or top + height > self.height:
             raise ExecutionError(
-                "INVALID_CROP", f"a window {window} of a picture of {self.width} x {self.height} pixels"
+                "REQUEST_INVALID", f"a window {window} of a picture of {self.width} x {self.height} pixels"
             )
         return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
 
@@ -47,12 +47,13 @@ class Lens:
         """The lens of a picture that has only the middle one of each `every` (odd) rows and columns.
 
         Raises:
-            ExecutionError: `INVALID_CROP` when nothing is left, or no row is in the middle.
+            ExecutionError: `REQUEST_INVALID` when nothing is left, or no row is in the middle.
         """
         width, height = self.width // max(every, 1), self.height // max(every, 1)
         if every < 1 or every % 2 == 0 or min(width, height) < 1:
             raise ExecutionError(
-                "INVALID_CROP", f"every {every} of {self.width} x {self.height} pixels; an odd number that leaves some"
+                "REQUEST_INVALID",
+                f"every {every} of {self.width} x {self.height} pixels; an odd number that leaves some",
             )
         return Lens(self.fx / every, self.fy / every, self.cx / every, self.cy / every, width, height)
 

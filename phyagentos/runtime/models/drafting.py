@@ -38,7 +38,7 @@ def draft_profile(path: Path, model: str, name: str) -> str:
         f"description: {name}, simulated with contact physics.",
         f"model: {model}",
         *_draft_tool(compiled, last, fingers),
-        "grasp_band_m: [0.3, 0.6]   # check: distances from the base between which things can be taken from above",
+        "grasp_band_m: [0.3, 0.6]   # check: distances from the base between which objects can be taken from above",
         "arm:",
         f"  joints: [{', '.join(names)}]",
         f"  home_rad: {_show(home)}   # check: a posture in front of its work",

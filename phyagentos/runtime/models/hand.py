@@ -1,4 +1,4 @@
-"""How a gripper's joints stand at an opening, and what its drive is told: plain for slides, else measured.
+"""How a gripper's joints stand at an opening, and what its drive is commanded: plain for slides, else measured.
 
 A jaw that turns, or a linkage, is driven through a series of set-points in a copy of the robot without contacts; at
 each one the gap between the pads and the posture of all its joints are taken. Between them is interpolated.
@@ -74,7 +74,7 @@ def measure_hand(profile: TargetProfile, folder: Path) -> HandMotion:
     if len(gripper.pads) != 2 or len(gripper.travel) != len(gripper.joints):
         found = f"{len(gripper.pads)} pads, {len(gripper.joints)} joints and {len(gripper.travel)} values of travel"
         expected = "two pads that face each other, and a value for each joint"
-        raise DefinitionError.of("WRONG_LENGTH", f"{profile.target}/target.yaml: gripper", found, expected)
+        raise DefinitionError.of("INVALID_VALUE", f"{profile.target}/target.yaml: gripper", found, expected)
     return _measure(profile, folder, find_model(profile.model, folder).stat().st_mtime_ns)
 
 

@@ -61,7 +61,7 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     lists |= {("postures", name): value for name, value in profile.postures.items()}
     sizes = {"arm": len(profile.arm.joints), "postures": len(profile.arm.joints[profile.servoed])}
     problems = [
-        located.problem("WRONG_LENGTH", address, f"{len(value)} values", f"{sizes[address[0]]}, one per joint")
+        located.problem("INVALID_VALUE", address, f"{len(value)} values", f"{sizes[address[0]]}, one per joint")
         for address, value in lists.items()
         if len(value) != sizes[address[0]]
     ]

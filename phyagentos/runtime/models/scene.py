@@ -332,7 +332,7 @@ def _add_joint(body: mujoco.MjsBody, name: str, joint: Joint, opening: float) ->
 
 
 def _decide_grip(geom: mujoco.MjsGeom, friction: float) -> None:
-    """The thing's surface decides the grip: above the pads' priority, and as stiff as they are."""
+    """The object's surface decides the grip: above the pads' priority, and as stiff as they are."""
     geom.priority, geom.condim, geom.friction = GRIP_PRIORITY, 4, (friction, 0.02 * friction, 0.001)
     geom.solref, geom.solimp = GRIP_SOLREF, (*GRIP_IMPEDANCE, 0.5, 2.0)
 

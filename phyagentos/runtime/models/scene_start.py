@@ -1,6 +1,6 @@
 """How a scene begins: which bodies are sunk into each other, have nothing to stand on, or are seen by no camera.
 
-Authors are told by lint, which draws a few seeds; preflight asks for the seed of the session, with the robot.
+Authors learn it from lint, which draws a few seeds; preflight asks for the seed of the session, with the robot.
 """
 
 from collections.abc import Iterator
@@ -89,7 +89,7 @@ def _iter_unsupported(
         if gap_m > DROP_M:
             found = f"{name!r}, {f'{gap_m:.3f} m above {below!r}' if gaps else 'with nothing below it'}"
             hint = f"Lower it by {gap_m:.3f} m, or move it to where something bears it." if gaps else "Move it."
-            yield located.problem("UNSUPPORTED", ("bodies", name, "place"), found, "something to stand on", hint)
+            yield located.problem("SCENE_INVALID", ("bodies", name, "place"), found, "something to stand on", hint)
 
 
 def _compute_bounds(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> tuple[np.ndarray, np.ndarray]:

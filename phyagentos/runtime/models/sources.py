@@ -40,6 +40,17 @@ def find_model(model: str, folder: Path, environ: Mapping[str, str] = os.environ
     raise DefinitionError.of("MODEL_MISSING", f"model {model!r}", found, expected, hint)
 
 
+def name_in_models(path: Path, environ: Mapping[str, str] = os.environ) -> tuple[str, Path | None]:
+    """What a profile calls a model file, `models:PATH`, and the folder that `PHYAGENTOS_MODELS` must name for that.
+
+    None for the folder where the variable names one already, in which the file is.
+    """
+    file, root = path.resolve(), Path(environ.get(MODELS) or path.parent).resolve()
+    if file.is_relative_to(root) and MODELS in environ:
+        return f"models:{file.relative_to(root)}", None
+    return f"models:{file.name}", file.parent
+
+
 def require_models(profile: TargetProfile, folder: Path) -> None:
     """Raise `MODEL_MISSING`, `LEADS_OUT` or `MODEL_INVALID` unless the models that a profile names can be read."""
     for model in (profile.model, profile.hand.model if profile.hand is not None else ""):

@@ -2,7 +2,7 @@
 
 MuJoCo takes the greater friction of two geoms, or that of the higher priority: neither gives the value of a pair. What
 has a `friction` of its own or no surface keeps MuJoCo's rule. Links of robots count as metal by that rule: their own
-value is the least of all, that of a thing is its pair with metal. A `grip_span` replaces the pair with the pads.
+value is the least of all, that of an object is its pair with metal. A `grip_span` replaces the pair with the pads.
 """
 
 from collections.abc import Iterator, Mapping

@@ -30,7 +30,7 @@ Robot = tuple[TargetProfile, Path]
 
 @dataclass(frozen=True, slots=True)
 class CompiledScene:
-    """Robots and things, compiled into one model, and the state that is stepped; entities at their start."""
+    """Robots and objects, compiled into one model, and the state that is stepped; entities at their start."""
 
     spec: mujoco.MjSpec
     model: mujoco.MjModel
@@ -71,7 +71,7 @@ def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> Compil
     world.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     world.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     world.option.impratio = 10.0
-    world.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # what diverged is told, not begun anew
+    world.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # divergence is reported, not reset
     world.visual.quality.shadowsize = 4096
     world.visual.headlight.ambient = [0.35, 0.35, 0.35]
     world.visual.headlight.diffuse = [0.25, 0.25, 0.25]

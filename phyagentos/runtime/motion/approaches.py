@@ -31,7 +31,7 @@ TURNS_DEG = range(0, 360, 45)  # of the hand, which is longer than it is wide
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class ApproachCandidate:
     """One acceptable tool pose, and all that a motion to it means: openings of the fingers, and what may touch.
 
     The posture above is free at every opening up to the widest, since the fingers are opened there. The line down, and
@@ -107,7 +107,7 @@ class Screen:
 
 
 def find_approaches(
-    ways: Sequence[Way],
+    ways: Sequence[ApproachCandidate],
     *,
     q_rad: Array,
     screen: Screen,
@@ -156,7 +156,7 @@ def find_approaches(
     return found
 
 
-def _is_closed(way: Way, screen: Screen, scene: PlanningScene, job: Job) -> bool:
+def _is_closed(way: ApproachCandidate, screen: Screen, scene: PlanningScene, job: Job) -> bool:
     """Whether the tool is out of its bounds or touches something at the end of a way, whatever the arm's posture."""
     bounds, tool = scene.robot.bounds, scene.robot.tool
     walls = find_wall(bounds, way.end[:3, 3]) or find_wall(bounds, way.start[:3, 3])
@@ -168,7 +168,7 @@ def _is_closed(way: Way, screen: Screen, scene: PlanningScene, job: Job) -> bool
 
 
 def _find_obstruction(
-    way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningScene
+    way: ApproachCandidate, q_rad: Array, kinematics: Kinematics, scene: PlanningScene
 ) -> tuple[str | Contact, bool]:
     """Why a posture above a way is not free, or its end is not; and whether that is so for every posture."""
     blocked = scene.sweep(q_rad, way.openings_m[0], scene.robot.profile.gripper.max_width_m)
@@ -180,7 +180,9 @@ def _find_obstruction(
     return Contact(*blocked[0]) if blocked else "", any(map(scene.is_of_tool_pose, blocked))
 
 
-def _find_line(way: Way, q_rad: Array, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Approach | None:
+def _find_line(
+    way: ApproachCandidate, q_rad: Array, kinematics: Kinematics, scene: PlanningScene, job: Job
+) -> Approach | None:
     """The approach whose line begins near a posture (n_joints,); None where that is cut off or touches something."""
     with job.stage("ik"):
         start = kinematics.solve(way.start, q_rad, kinematics.polished)
@@ -212,7 +214,7 @@ def find_touch(request: FindTouch, kinematics: Kinematics, scene: PlanningScene,
     x, y, z = request.at_m
     tool_m = np.array((x, y, z + measure_tips(scene.robot)))
     ways = [
-        Way(
+        ApproachCandidate(
             label=f"touch+{degrees:03d}",
             end=point_tool_down(np.radians(degrees), tool_m),
             hover_m=request.hover_m,

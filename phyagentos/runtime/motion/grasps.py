@@ -4,7 +4,7 @@ A box offers four yaws, which close on its faces; a round entity eight. Labels c
 survive a nudge. Where something is beside the object, the fingers open only as wide as is needed. Where no upright
 grasp fits, the hand tilts about its closing axis; then it closes on opposite edges; then on one solid of the entity
 alone, as on the wall of a bowl or on the handle of a mug; then it lies and comes along its own axis, under a board;
-at last, from where a handle opens to, across it, or to an edge that juts out. A thing of several solids is closed on
+at last, from where a handle opens to, across it, or to an edge that juts out. An object of several solids is closed on
 where both pads meet it alike, near its weight; elsewhere only where nothing else is left.
 """
 
@@ -20,7 +20,7 @@ from phyagentos.protocol.capabilities.targets import Gripper
 from phyagentos.protocol.world.entity_geometry import compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity, ShapeKind
 from phyagentos.protocol.world.mechanisms import compute_motion
-from phyagentos.runtime.motion.approaches import Screen, Way, find_approaches
+from phyagentos.runtime.motion.approaches import ApproachCandidate, Screen, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.pad_contacts import PadContact, find_pad_contact
@@ -34,24 +34,24 @@ LEAST_CLEARANCE_M = 0.002  # of what is nearly as wide as the hand opens: it is 
 NARROW_M = (0.02, 0.012)  # further open than the object is wide, where there is no room for more
 TILTS_DEG = (20, -20, 40, -40)  # about the closing axis; the smaller ones first
 SIDE_DEG = (65, -65)  # from the side, where nothing else is free
-LYING_DEG = (80, -80, 65, -65)  # of a hand that comes along its own axis; it rises on the way back, with the thing
-HAND_HALF_M = 0.036  # of a lying hand, above what the thing stands on
+LYING_DEG = (80, -80, 65, -65)  # of a hand that comes along its own axis; it rises on the way back, with the object
+HAND_HALF_M = 0.036  # of a lying hand, above what the object stands on
 EDGE_DEPTH_M = 0.008  # of the tool centre point within an edge; the pads reach a centimetre further
-SHIFTS = (0.5, -0.5, 1.0, -1.0)  # along a thing, as shares of the longest way
+SHIFTS = (0.5, -0.5, 1.0, -1.0)  # along an object, as shares of the longest way
 SHIFT_MAX_M = 0.025  # from the middle: its weight turns it between the pads
-DEAD_ENDS_MAX = 6  # groups of grasps after which the thing cannot be put down, until the first is taken
+DEAD_ENDS_MAX = 6  # groups of grasps after which the object cannot be put down, until the first is taken
 LEVER_M = 0.005  # further from the weight than the best grasp is poor
-SHIFT_PAD_M = 0.012  # of the thing that is left beside the middle of the pads
+SHIFT_PAD_M = 0.012  # of the object that is left beside the middle of the pads
 STRADDLE_M = 0.05  # over this last part of the way the fingers are beside the object
 RIM_DEPTH_M = 0.006  # of the tool centre point under the edge of a single solid; its pads reach a centimetre further
 SOLID_OPEN_M = 0.016  # further open than a single solid is wide: there is little room in a vessel
 LEANS = (1.0, 0.5, 0.0)  # of the hand with a leaning wall: as it leans, by half, upright
 SOLID_MAX_M = 0.03  # a thicker solid is no wall or handle
-TURNED_COS = 0.3  # least, of the way that the hand points with straight down once the thing is turned
+TURNED_COS = 0.3  # least, of the way that the hand points with straight down once the object is turned
 UP_COS = 0.966  # 15 degrees: the side that is up by that much need not be brought up
 ALONG_COS = 0.9  # of the closing axis with the direction that is asked for
 FRONT_DEG = (0, 8, 16, 30, 50)  # below the level, of a hand that takes a handle from its front
-OPENING_STEP = 0.01  # [m or rad] by which a thing is opened to see where its handle goes
+OPENING_STEP = 0.01  # [m or rad] by which an object is opened to see where its handle goes
 ALONG_SINE = 0.3  # of the closing axis with the way of a handle
 LEVEL_SINE, DOWN_COS = 0.6, 0.7  # of the closing axis, and of the way down to a single solid
 
@@ -68,11 +68,11 @@ def find_grasps(
     gripper = scene.robot.profile.gripper
     entity = settle(entity, request.world.entities)
     touching = frozenset((jaw, entity.name) for jaw in scene.robot.jaws)
-    make_way = partial(Way, hover_m=request.hover_m, tolerate=touching, tolerate_m=STRADDLE_M)
+    make_way = partial(ApproachCandidate, hover_m=request.hover_m, tolerate=touching, tolerate_m=STRADDLE_M)
     turns = request.then is not None and request.then.up is not None
     is_whole = turns or len(entity.shapes) == 1  # what is turned is held across its middle
     ways, poor = _compute_ways(entity, gripper, make_way, whole=is_whole)
-    corners: list[Way] = []
+    corners: list[ApproachCandidate] = []
     if is_whole and not is_round(entity):
         corners, _ = _compute_ways(entity, gripper, make_way, whole=True, corners=True)
     solids = list(_iter_solid_ways(entity, gripper, make_way))
@@ -101,8 +101,8 @@ def find_grasps(
     return job.fail("NO_IK", f"None of {len(tried)} ways to grasp {entity.name} works{avoided}.")
 
 
-def _is_wanted(way: Way, entity: Entity, request: FindGrasps) -> bool:
-    """Whether it closes as asked, and the hand still points down once another side of the thing is up."""
+def _is_wanted(way: ApproachCandidate, entity: Entity, request: FindGrasps) -> bool:
+    """Whether it closes as asked, and the hand still points down once another side of the object is up."""
     if request.then is not None and request.then.up is not None:
         up = np.array(rotate(entity.pose.quaternion_wxyz, request.then.up))
         if up[2] > UP_COS or up @ way.end[:3, 2] > -TURNED_COS:
@@ -132,8 +132,12 @@ def foresee_payload(entity: Entity, approach: Approach) -> Payload:
 
 
 def _iter_batches(
-    ways: list[Way], corners: list[Way], solids: list[Way], last: Iterator[list[Way]], entity: Entity
-) -> Iterator[list[Way]]:
+    ways: list[ApproachCandidate],
+    corners: list[ApproachCandidate],
+    solids: list[ApproachCandidate],
+    last: Iterator[list[ApproachCandidate]],
+    entity: Entity,
+) -> Iterator[list[ApproachCandidate]]:
     """What is tried together, the better first."""
     yield from _iter_tilted(ways, TILTS_DEG)
     for share in SHIFTS:
@@ -147,7 +151,7 @@ def _iter_batches(
     yield from last
 
 
-def _iter_tilted(ways: list[Way], tilts_deg: tuple[int, ...]) -> Iterator[list[Way]]:
+def _iter_tilted(ways: list[ApproachCandidate], tilts_deg: tuple[int, ...]) -> Iterator[list[ApproachCandidate]]:
     """Upright ones with the fingers as wide as they go, less wide, and tilted ones."""
     yield ways
     yield from (_narrow(ways, further_m) for further_m in NARROW_M)
@@ -157,15 +161,15 @@ def _iter_tilted(ways: list[Way], tilts_deg: tuple[int, ...]) -> Iterator[list[W
         yield _narrow(tilted, NARROW_M[0])
 
 
-def _tilt(ways: list[Way], degrees: int) -> list[Way]:
+def _tilt(ways: list[ApproachCandidate], degrees: int) -> list[ApproachCandidate]:
     return [
         replace(way, label=f"{way.label}.tilt{degrees:+03d}", end=tilt_tool(way.end, np.radians(degrees)))
         for way in ways
     ]
 
 
-def _lay(ways: list[Way], entity: Entity, degrees: int) -> Iterator[Way]:
-    """The same with a hand that lies and comes along its own axis: under what covers the thing."""
+def _lay(ways: list[ApproachCandidate], entity: Entity, degrees: int) -> Iterator[ApproachCandidate]:
+    """The same with a hand that lies and comes along its own axis: under what covers the object."""
     box = compute_entity_box(entity)
     for way in ways:
         end = tilt_tool(way.end, np.radians(degrees))
@@ -173,7 +177,9 @@ def _lay(ways: list[Way], entity: Entity, degrees: int) -> Iterator[Way]:
         yield replace(way, label=f"{way.label}.lying{degrees:+03d}", end=end, back=tuple((-end[:3, 2]).tolist()))
 
 
-def _iter_edge_ways(entity: Entity, gripper: Gripper, make_way: Callable[..., Way]) -> Iterator[list[Way]]:
+def _iter_edge_ways(
+    entity: Entity, gripper: Gripper, make_way: Callable[..., ApproachCandidate]
+) -> Iterator[list[ApproachCandidate]]:
     """Tool poses of a lying hand that closes from above and below, at each edge that may jut out over what bears it."""
     box = compute_entity_box(entity)
     vertical = int(np.argmax(np.abs(box.pose[2, :3])))
@@ -189,8 +195,8 @@ def _iter_edge_ways(entity: Entity, gripper: Gripper, make_way: Callable[..., Wa
 
 
 def _iter_front_ways(
-    request: FindGrasps, entity: Entity, gripper: Gripper, make_way: Callable[..., Way]
-) -> Iterator[list[Way]]:
+    request: FindGrasps, entity: Entity, gripper: Gripper, make_way: Callable[..., ApproachCandidate]
+) -> Iterator[list[ApproachCandidate]]:
     """Tool poses that take a handle from where it opens to, across one solid of it, at rising angles to the level."""
     whole = next((each for each in request.world.entities if each.name == entity.part_of and each.mechanism), None)
     if whole is None or whole.mechanism is None:
@@ -215,8 +221,8 @@ def _iter_front_ways(
         yield ways
 
 
-def _shift(way: Way, entity: Entity, share: float) -> Iterator[Way]:
-    """The same beside the middle, by a share of the longest way along the thing; none where there is none."""
+def _shift(way: ApproachCandidate, entity: Entity, share: float) -> Iterator[ApproachCandidate]:
+    """The same beside the middle, by a share of the longest way along the object; none where there is none."""
     box = compute_entity_box(entity)
     reach_m = float(np.abs(way.end[:3, 0] @ box.pose[:3, :3]) @ box.half_m)
     by_m = share * min(SHIFT_MAX_M, reach_m - SHIFT_PAD_M)
@@ -230,7 +236,7 @@ def _shift(way: Way, entity: Entity, share: float) -> Iterator[Way]:
         )
 
 
-def _narrow(ways: list[Way], further_m: float) -> list[Way]:
+def _narrow(ways: list[ApproachCandidate], further_m: float) -> list[ApproachCandidate]:
     """The same with the fingers so much further apart than the object is wide; none where that is no less."""
     return [
         replace(way, openings_m=(low_m, low_m + further_m))
@@ -241,8 +247,8 @@ def _narrow(ways: list[Way], further_m: float) -> list[Way]:
 
 
 def _compute_ways(
-    entity: Entity, gripper: Gripper, make_way: Callable[..., Way], *, whole: bool, corners: bool = False
-) -> tuple[list[Way], list[Way]]:
+    entity: Entity, gripper: Gripper, make_way: Callable[..., ApproachCandidate], *, whole: bool, corners: bool = False
+) -> tuple[list[ApproachCandidate], list[ApproachCandidate]]:
     """Every tool pose that grasps an entity from above with the opening of the gripper, the good and the poor ones.
 
     `whole` closes on the middle of the box around it, whatever is there; `corners` closes on opposite edges of a box
@@ -254,7 +260,7 @@ def _compute_ways(
     opening_m = widest_m - (LEAST_CLEARANCE_M if is_wide else WIDTH_CLEARANCE_M)
     contacts = {label: each for label, each in contacts.items() if each.width_m <= opening_m}
     most_m = min((each.lever_m for each in contacts.values()), default=0.0) + LEVER_M
-    ways: tuple[list[Way], list[Way]] = ([], [])
+    ways: tuple[list[ApproachCandidate], list[ApproachCandidate]] = ([], [])
     for label, each in contacts.items():
         is_clear = not whole and np.isfinite(each.lever_m)
         way = make_way(label=label, end=each.end, openings_m=(each.width_m, widest_m), is_clear=is_clear)
@@ -288,7 +294,9 @@ def _iter_contacts(entity: Entity, gripper: Gripper, *, whole: bool, corners: bo
         yield f"yaw+{degrees:03d}", contact
 
 
-def _iter_solid_ways(entity: Entity, gripper: Gripper, make_way: Callable[..., Way]) -> Iterator[Way]:
+def _iter_solid_ways(
+    entity: Entity, gripper: Gripper, make_way: Callable[..., ApproachCandidate]
+) -> Iterator[ApproachCandidate]:
     """Tool poses that close on one thin solid of several, along its own axes; the fingers touch nothing else of it."""
     boxes = compute_shape_boxes(entity) if len(entity.shapes) > 1 else []
     low_m = min((box.bottom_m for box in boxes), default=0.0) + gripper.fingertip_m

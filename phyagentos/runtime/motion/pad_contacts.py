@@ -1,4 +1,4 @@
-"""Where two pads meet a thing of several solids alike: neither of them on a slanted wall, on an edge, or on air."""
+"""Where two pads meet an object of several solids alike: neither of them on a slanted wall, on an edge, or on air."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,13 +13,13 @@ HIGH_M = 0.0105  # half the height of a pad, and a margin
 STEP_M, RAISE_M = 0.002, 0.004
 NARROW = 2  # steps to either side over which the thinnest solid is met
 DEPTHS = 5  # lines over the height of a pad
-ENOUGH = 3  # of them meet the thing
+ENOUGH = 3  # of them meet the object
 ALIKE_M = 0.0015  # between both edges of a pad
 
 
 @dataclass(frozen=True, slots=True)
 class PadContact:
-    """A tool pose `end` (4, 4), how thick the thing is there, and how far its weight is from the closing axis [m]."""
+    """A tool pose `end` (4, 4), how thick the object is there, and how far its weight is from the closing axis [m]."""
 
     end: Array
     width_m: float
@@ -29,8 +29,8 @@ class PadContact:
 def find_pad_contact(boxes: Sequence[Box], tool: Array) -> PadContact | None:
     """The best one aside of and above a tool pose (4, 4) that closes along its y axis; None without any.
 
-    Pads that meet the thing over more of their height are better, then those nearer to its weight, then lower ones. The
-    weight is that of boxes filled alike.
+    Pads that meet the object over more of their height are better, then those nearer to its weight, then lower ones.
+    The weight is that of boxes filled alike.
     """
     to_tool = tool[:3, :3].T
     middles = np.array([to_tool @ (box.pose[:3, 3] - tool[:3, 3]) for box in boxes])

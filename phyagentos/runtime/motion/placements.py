@@ -23,7 +23,7 @@ from phyagentos.protocol.sessions.strategy import SiteLabel
 from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.entity_geometry import compute_extent
 from phyagentos.protocol.world.environment import Entity
-from phyagentos.runtime.motion.approaches import Screen, Way, find_approaches
+from phyagentos.runtime.motion.approaches import ApproachCandidate, Screen, find_approaches
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import PAYLOAD, PlanningScene
@@ -34,8 +34,8 @@ from phyagentos.runtime.motion.sites import (
     GAP_M,
     SITES_MAX,
     TILE_GAP_M,
+    FreePlacement,
     Placing,
-    Site,
     Sites,
     Space,
     find_sites,
@@ -49,13 +49,13 @@ from phyagentos.runtime.motion.sites import (
 from phyagentos.runtime.motion.standing import find_standing_sites, fit_tight
 
 DROP_M = 0.004  # released this far above the support, so that errors do not press
-PART_M = 0.015  # by which a thing is wider than the fingers that hold a part of it only, as its rim
-RELEASE_M = 0.02  # further open than around the thing, where there is no room for more
+PART_M = 0.015  # by which an object is wider than the fingers that hold a part of it only, as its rim
+RELEASE_M = 0.02  # further open than around the object, where there is no room for more
 LEAST_RELEASE_M = 0.008  # the same where there is least
 TOUCH_DOWN_M = 0.02  # contact of the payload with its support is intended over this last part of the way
-FALL_STEP_M = 0.015  # between the heights from which a thing may be dropped
+FALL_STEP_M = 0.015  # between the heights from which an object may be dropped
 FALL_MAX_M = 0.13  # a longer fall has not been measured
-OVER_RIM_M = 0.02  # lowest point of a dropped thing above the walls; higher up it might come to rest on them
+OVER_RIM_M = 0.02  # lowest point of a dropped object above the walls; higher up it might come to rest on them
 FINE_DEG = 15  # between yaws where boxes find no room
 KEPT_SHARE = 0.5  # of its height that walls must have to keep what falls between them
 OUT_OF_REACH = {"ik", "line", "far"}  # reasons that no finer site changes
@@ -79,7 +79,7 @@ def find_placements(
     with job.stage("sites"):
         space = space or find_space(request, held)
         if space is None:
-            return job.fail("NO_SPACE", f"{request.destination} has no interior to put things into.")
+            return job.fail("NO_SPACE", f"{request.destination} has no interior to put objects into.")
         tilt = measure_tilt(world_T_tcp) if request.up is None else point_up(tcp_T_entity[:3, :3] @ request.up)
         footprint = measure_footprint(held, DOWN @ tilt @ tcp_T_entity[:3, :3])
         attitudes = _list_attitudes(tilt @ tcp_T_entity[:3, :3])
@@ -124,7 +124,7 @@ def _fits_alone(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> b
 class _Search:
     """Looks for postures over sites of a hand with a `tilt` (3, 3).
 
-    `releases_m` are openings at which the thing is let go, the better first.
+    `releases_m` are openings at which the object is let go, the better first.
     """
 
     placing: Placing
@@ -163,7 +163,7 @@ class _Search:
         return found
 
 
-def _iter_single(ways: Iterator[list[Way]]) -> Iterator[list[Way]]:
+def _iter_single(ways: Iterator[list[ApproachCandidate]]) -> Iterator[list[ApproachCandidate]]:
     """Each way alone, where any will do: one yaw of some sites after the other, since all fail where walls are near."""
     while some := list(islice(ways, SITES_IN_TURN)):
         yield from ([way] for turn in zip_longest(*some) for way in turn if way is not None)
@@ -180,7 +180,7 @@ def _list_attitudes(tcp_R_entity: Array, step_deg: int = 45) -> dict[int, Array]
 
 
 def _list_falls(placing: Placing) -> list[float]:
-    """Heights [m] from which a thing may fall onto its support: none, and rising ones between walls that keep it."""
+    """Heights [m] from which an object may fall onto its support: none, and rising ones between walls that keep it."""
     space = placing.space
     if not placing.request.may_fall or space.depth_m < KEPT_SHARE * placing.footprint.height_m:
         return [0.0]
@@ -202,18 +202,18 @@ def _turn(degrees: int, placing: Placing, tilt: Array) -> _Turned:
 
 
 def _ways_to(
-    site: Site,
+    site: FreePlacement,
     turned: Mapping[int, Callable[[], _Turned]],
     placing: Placing,
     release_m: float,
     fall_m: float,
-) -> Iterator[Way]:
+) -> Iterator[ApproachCandidate]:
     request, above_m = placing.request, site.point_m + np.array((0.0, 0.0, DROP_M + fall_m))
     tolerate = frozenset((PAYLOAD, name) for name in placing.space.supports) if not fall_m else frozenset()
     fall = f".fall+{round(1e3 * fall_m):03d}" if fall_m else ""
     for degrees in turned if site.yaws is None else site.yaws:
         entity, tool, back = turned[degrees]()
-        yield Way(
+        yield ApproachCandidate(
             label=str(SiteLabel(site.name, f"yaw+{degrees:03d}{fall}")),
             end=move_pose(tool, above_m),
             hover_m=request.hover_m,
@@ -240,7 +240,7 @@ def find_joint_sites(placing: Placing, attitudes: Mapping[int, Array]) -> Sites:
     taken = list_neighbours(placing)
     staying = list_neighbours(placing, without=set(request.removable) - set(request.coming))
 
-    def iter_beside(others: list[Box]) -> Iterator[Site]:
+    def iter_beside(others: list[Box]) -> Iterator[FreePlacement]:
         sides = sorted({tuple(half_m.round(4).tolist()) for half_m in rectangles.values()})
         for gap_m, side in product((TILE_GAP_M, GAP_M), sides):
             half_m, tries = np.array(side), iter(range(TRIES_MAX))
@@ -249,7 +249,7 @@ def find_joint_sites(placing: Placing, attitudes: Mapping[int, Array]) -> Sites:
                 if _has_room(space, [*others, _make_box(space, site, half_m, gap_m)], rest, gap_m, tries):
                     yield replace(site, yaws=yaws)
 
-    def iter_corners() -> Iterator[Site]:
+    def iter_corners() -> Iterator[FreePlacement]:
         for degrees, half_m in rectangles.items():
             for site in pack(space, half_m, degrees, near, taken):
                 at_m = np.abs(space.rotation.T @ (site.point_m - space.center_m))[:2]
@@ -280,7 +280,7 @@ def _has_room(space: Space, taken: list[Box], rest: Sequence[Array], gap_m: floa
     return not rest
 
 
-def _make_box(space: Space, site: Site, half_m: Array, gap_m: float) -> Box:
+def _make_box(space: Space, site: FreePlacement, half_m: Array, gap_m: float) -> Box:
     """What stands at a site, from above, with what its gap is wider than that to the walls."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = space.rotation, site.point_m

@@ -44,9 +44,9 @@ from phyagentos.runtime.motion.requests import (
     NoPlan,
     Payload,
     PlanMove,
+    PostureCheck,
     ShapeTransport,
     Stages,
-    Stance,
     TimeLine,
     World,
 )
@@ -154,9 +154,9 @@ class MotionPlanner:
     def _get_timer(self, limits: JointLimits, load: Load | None, *, keeps_toppra: bool = False) -> TimeRows:
         if load is None:
             return lambda rows: time_path(rows, limits)
-        from phyagentos.runtime.motion.transport import Care, time_carry  # casadi: only where it is used
+        from phyagentos.runtime.motion.transport import CarryConstraints, time_carry  # casadi: only where it is used
 
-        return lambda rows: time_carry(rows, limits, self._chain, Care(load), keeps_toppra=keeps_toppra)
+        return lambda rows: time_carry(rows, limits, self._chain, CarryConstraints(load), keeps_toppra=keeps_toppra)
 
     def _find_grasps(self, request: FindGrasps, job: Job) -> Approaches | NoPlan:
         """Grasps, and the first removable entities without which the object has a place."""
@@ -205,13 +205,13 @@ class MotionPlanner:
         with job.stage("place"):
             return find_placements(placing, entity, self._kinematics, self._get_scene(placing, own), own)
 
-    def _check_posture(self, request: CheckPosture, job: Job) -> Stance:
+    def _check_posture(self, request: CheckPosture, job: Job) -> PostureCheck:
         scene = self._get_scene(request, job)
         with job.stage("check"):
             q_rad = np.asarray(request.q_rad, dtype=float)
             pairs = scene.find_contacts(q_rad)
             escapes = not pairs or find_escape(q_rad, pairs, scene, request.seed) is not None
-        return Stance(contacts=tuple(str(Contact(*pair)) for pair in pairs), escapes=escapes, timing=job.timing)
+        return PostureCheck(contacts=tuple(str(Contact(*pair)) for pair in pairs), escapes=escapes, timing=job.timing)
 
     def _get_scene(self, request: _Placed, job: Job) -> PlanningScene:
         payload = None if isinstance(request, FindGrasps | FindPush | FindTouch | CheckPosture) else request.payload

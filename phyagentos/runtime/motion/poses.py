@@ -49,7 +49,7 @@ def point_up(direction: Array) -> Array:
 
 
 def find_way_out(T: Array) -> tuple[float, ...]:
-    """(3,) direction in which a hand (4, 4) leaves a thing: up, or along its own axis where a finger is underneath."""
+    """(3,) direction in which a hand (4, 4) leaves an object: up, or along its own axis with a finger underneath."""
     back = UP if abs(T[2, 1]) < UNDER_SINE else RISE * UP - T[:3, 2]
     return tuple((back / np.linalg.norm(back)).tolist())
 

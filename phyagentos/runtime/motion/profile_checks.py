@@ -35,7 +35,7 @@ def find_profile_problems(path: Path, profile: TargetProfile, limits: Safety) ->
 def _describe_no_limits(profile: TargetProfile, path: Path) -> Problem:
     place = path.with_name("safety.yaml")
     hint = f"Write {place} with a source for each limit: what has no limits never moves."
-    return Problem("LIMITS_MISSING", str(path), f"no limits of {profile.target}", f"targets.{profile.target}", hint)
+    return Problem("MISSING_VALUE", str(path), f"no limits of {profile.target}", f"targets.{profile.target}", hint)
 
 
 def _iter_posture_problems(robot: RobotModel, located: Located) -> Iterator[Problem]:
@@ -63,7 +63,7 @@ def _iter_gripper_problems(robot: RobotModel, located: Located) -> Iterator[Prob
         return
     if len(gripper.pads) != 2:
         yield located.problem(
-            "WRONG_LENGTH", ("gripper", "pads"), f"{len(gripper.pads)} pads", "two that face each other"
+            "INVALID_VALUE", ("gripper", "pads"), f"{len(gripper.pads)} pads", "two that face each other"
         )
         return
     data = mujoco.MjData(model)

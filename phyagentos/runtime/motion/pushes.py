@@ -27,9 +27,9 @@ from phyagentos.runtime.motion.robot_model import measure_fingers
 from phyagentos.runtime.motion.shapes import Box, compute_entity_box, compute_shape_boxes, settle
 
 STAND_OFFS_M = (0.03, 0.012)  # gaps between fingers and object before the push
-PUSH_HEIGHT_M = 0.02  # above the object's lowest point: low enough that tall things slide instead of falling over
+PUSH_HEIGHT_M = 0.02  # above the object's lowest point: low enough that tall objects slide instead of falling over
 HIGH_SHARE = 0.45  # of the object's height: the highest contact, below its middle
-FRICTION_MAX = 0.6  # of a thing on its support: pushed higher than its half width over this, it topples
+FRICTION_MAX = 0.6  # of an object on its support: pushed higher than its half width over this, it topples
 TIP_M = 0.002  # of room under the fingertips, for an error of the believed height
 OVER_M = 0.12  # height above the line at which the tool comes and goes
 TURNS_DEG = (0, 180, 90, 270)

@@ -35,7 +35,7 @@ class World(msgspec.Struct, frozen=True):
 
 
 class Load(msgspec.Struct, frozen=True):
-    """What a held entity asks of the grip; each value stands at the bad end of its doubt.
+    """What a held entity asks of the grip; each value stands at the unfavourable end of its uncertainty.
 
     `center_m` (3,) is in the tool frame, `gyration_m` about the closing axis, `press_n` of a finger.
     """
@@ -90,7 +90,7 @@ class Trajectory(msgspec.Struct, frozen=True):
 
 
 class Destination(msgspec.Struct, frozen=True):
-    """Where a thing is put after it was grasped, and which side up; as in `FindPlacements`."""
+    """Where an object is put after it was grasped, and which side up; as in `FindPlacements`."""
 
     name: str
     relation: Meaning = Meaning.INSIDE
@@ -98,7 +98,7 @@ class Destination(msgspec.Struct, frozen=True):
     up: tuple[float, float, float] | None = None
 
 
-class Situation(msgspec.Struct, frozen=True):
+class PlanningState(msgspec.Struct, frozen=True):
     """What a request for a way begins with: the world, the present posture (n_joints,), the seed of all its choices."""
 
     world: World
@@ -109,7 +109,7 @@ class Situation(msgspec.Struct, frozen=True):
 GRASPS = 4  # that a skill chooses from
 
 
-class FindGrasps(Situation, frozen=True, tag=True):
+class FindGrasps(PlanningState, frozen=True, tag=True):
     """Grasps of an object. Answer: `Approaches`. Other robots are no obstacles yet: the motion there avoids them.
 
     Attributes:
@@ -129,7 +129,7 @@ class FindGrasps(Situation, frozen=True, tag=True):
     removable: tuple[str, ...] = ()
 
 
-class FindPlacements(Situation, frozen=True, tag=True):
+class FindPlacements(PlanningState, frozen=True, tag=True):
     """Placements of the payload in or on an entity or region, as `FindGrasps`. Answer: `Approaches`.
 
     Attributes:
@@ -155,7 +155,7 @@ class FindPlacements(Situation, frozen=True, tag=True):
     removable: tuple[str, ...] = ()
 
 
-class FindLine(Situation, frozen=True, tag=True):
+class FindLine(PlanningState, frozen=True, tag=True):
     """A straight tool motion from here through tool poses, the fingers `width_m` [m] apart; all open if unset.
 
     Answer: `Approaches` with one approach, or `NoPlan`.
@@ -167,7 +167,7 @@ class FindLine(Situation, frozen=True, tag=True):
     width_m: float | None = None
 
 
-class FindPush(Situation, frozen=True, tag=True):
+class FindPush(PlanningState, frozen=True, tag=True):
     """Straight pushes of an object by the fingers, `width_m` [m] apart, until its origin is at `to_m` (2,).
 
     Answer: `Approaches`. What is to be ignored moves with it.
@@ -180,7 +180,7 @@ class FindPush(Situation, frozen=True, tag=True):
     count: int = 4
 
 
-class FindTouch(Situation, frozen=True, tag=True):
+class FindTouch(PlanningState, frozen=True, tag=True):
     """Straight ways down of the fingers, `width_m` [m] apart, until their tips are at a point (3,) in the world.
 
     Answer: `Approaches`. The object that is touched, or pressed, and what moves with it are no obstacles.
@@ -194,7 +194,7 @@ class FindTouch(Situation, frozen=True, tag=True):
     count: int = 4
 
 
-class PlanMove(Situation, frozen=True, tag=True):
+class PlanMove(PlanningState, frozen=True, tag=True):
     """A collision-free timed motion to any of several postures (m, n_joints). Answer: `Motion`.
 
     Attributes:
@@ -232,8 +232,8 @@ class ShapeTransport(msgspec.Struct, frozen=True, tag=True):
     load: Load | None = None
 
 
-class CheckPosture(Situation, frozen=True, tag=True):
-    """Contacts of a posture (n_joints,), of the robot itself and with the world. Answer: `Stance`."""
+class CheckPosture(PlanningState, frozen=True, tag=True):
+    """Contacts of a posture (n_joints,), of the robot itself and with the world. Answer: `PostureCheck`."""
 
     ignore: tuple[str, ...] = ()
 
@@ -358,7 +358,7 @@ class Motion(msgspec.Struct, frozen=True, tag=True):
     stages: Stages = Stages()
 
 
-class Stance(msgspec.Struct, frozen=True, tag=True):
+class PostureCheck(msgspec.Struct, frozen=True, tag=True):
     """Contacts of a posture, as `link5|wall`; empty when it is free.
 
     `escapes` is whether a short straight way out of all contacts was found.
@@ -388,4 +388,4 @@ class NoPlan(msgspec.Struct, frozen=True, tag=True):
 MotionRequest = (
     FindGrasps | FindPlacements | FindLine | FindPush | FindTouch | PlanMove | TimeLine | ShapeTransport | CheckPosture
 )
-MotionAnswer = Approaches | Motion | Stance | NoPlan
+MotionAnswer = Approaches | Motion | PostureCheck | NoPlan

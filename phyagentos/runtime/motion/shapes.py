@@ -13,11 +13,11 @@ from phyagentos.protocol.world.entity_geometry import compute_half_box
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.requests import Array
 
-SUPPORT_DOUBT_M = 0.015  # between the believed lowest point of a thing and what it stands on
+SUPPORT_DOUBT_M = 0.015  # between the believed lowest point of an object and what it stands on
 SETTLED_M = 0.003  # less is what perception says of its own error
 ON_AXIS_M = 1e-4  # a solid whose middle is this near to the axis is round about it
 ROUND_KINDS = (ShapeKind.CYLINDER, ShapeKind.CAPSULE, ShapeKind.SPHERE)
-LYING_SINE = 0.1  # of the angle between the axis of a round thing and the vertical
+LYING_SINE = 0.1  # of the angle between the axis of a round object and the vertical
 _compute_frame = lru_cache(maxsize=256)(compute_matrix)  # of a shape's pose, which seldom changes
 
 
@@ -56,7 +56,7 @@ def compute_shape_boxes(entity: Entity) -> tuple[Box, ...]:
 
 
 def _level(pose: Array) -> Array:
-    """The pose (4, 4) of a round thing that lies, turned about its z axis until x is level; others as they are."""
+    """The pose (4, 4) of a round object that lies, turned about its z axis until x is level; others as they are."""
     x, y = pose[2, :2]
     if np.hypot(x, y) < LYING_SINE:
         return pose
@@ -87,7 +87,7 @@ def compute_entity_box(entity: Entity) -> Box:
 def settle(entity: Entity, others: Iterable[Entity]) -> Entity:
     """An entity lowered or raised onto the fixed solid that it is believed to stand nearly on.
 
-    The believed height of a thin thing errs by more than its own; that of a table does not.
+    The believed height of a thin object errs by more than its own; that of a table does not.
     """
     x, y, z = entity.pose.position_m
     bottom_m = compute_entity_box(entity).bottom_m

@@ -36,7 +36,7 @@ WALL_BAND_M = 0.02  # a wall is this near to the side of an interior
 
 @dataclass(frozen=True, slots=True)
 class Space:
-    """A level rectangle to put things on, at the height of its support.
+    """A level rectangle to put objects on, at the height of its support.
 
     Attributes:
         yaw_rad: Direction of its first side; `half_m` (2,) are half lengths of its sides.
@@ -59,7 +59,7 @@ class Space:
 
 
 @dataclass(frozen=True, slots=True)
-class Site:
+class FreePlacement:
     """A free point (3,) on the support, in the world, for the middle of the payload.
 
     `yaws` are those of the tool [degrees] that fit, None where any does; of a tight one they are still to be found.
@@ -75,10 +75,10 @@ class Site:
 class Sites:
     """A group of sites, each computed when it is asked for: most searches end with the first."""
 
-    left: Iterator[Site]
-    known: list[Site] = field(default_factory=list)
+    left: Iterator[FreePlacement]
+    known: list[FreePlacement] = field(default_factory=list)
 
-    def __iter__(self) -> Iterator[Site]:
+    def __iter__(self) -> Iterator[FreePlacement]:
         """All, in their order."""
         yield from self.known
         for site in self.left:
@@ -161,7 +161,7 @@ class Placing:
 
     @property
     def middle_m(self) -> Array:
-        """(3,) the point of the held thing that comes over a site: its box's middle, or its centroid on an open top."""
+        """(3,) point of the held object that comes over a site: its box's centre, or its centroid on an open top."""
         return compute_bounds(self.held.shapes)[0] if self.space.walled else np.array(compute_centroid(self.held))
 
     @property
@@ -176,7 +176,7 @@ class Placing:
 
 
 def find_space_above(placing: Placing) -> Space | None:
-    """The room between the walls above the things that lie there; None where nothing does."""
+    """The room between the walls above the objects that lie there; None where nothing does."""
     space, tops_m = placing.space, dict[str, float]()
     for each in placing.request.world.entities:
         is_loose = each.movable and each.mechanism is None and not each.part_of and each.name != placing.held.name
@@ -201,7 +201,7 @@ def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> li
     """
     space, footprint, neighbours = placing.space, placing.footprint, list_neighbours(placing)
     interest, farthest_m = placing.near
-    sites, is_near = list[Site](), _stand_among(neighbours)
+    sites, is_near = list[FreePlacement](), _stand_among(neighbours)
     for prefix, radius_m in (("", footprint.outer_m), ("tight_", footprint.inner_m)):
         for name, site in _iter_sites(space, radius_m, interest):
             if np.linalg.norm((site - interest)[:2]) > farthest_m:
@@ -209,7 +209,7 @@ def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> li
             elif is_near(site[:2], radius_m + GAP_M):
                 job.rejected["occupied"] += 1
             else:
-                sites.append(Site(prefix + name, site, is_tight=bool(prefix)))
+                sites.append(FreePlacement(prefix + name, site, is_tight=bool(prefix)))
                 if len(sites) == SITES_MAX:
                     break
         if sites:
@@ -259,7 +259,9 @@ def measure_rectangle(entity: Entity, R: Array) -> Array:
     return reach
 
 
-def pack(space: Space, half_m: Array, degrees: int, near: tuple[Array, float], neighbours: Sequence[Box]) -> list[Site]:
+def pack(
+    space: Space, half_m: Array, degrees: int, near: tuple[Array, float], neighbours: Sequence[Box]
+) -> list[FreePlacement]:
     """Sites of one yaw, whose rectangle (2,) keeps clear of walls and neighbours; those along a wall first."""
     room = space.half_m - half_m - GAP_M
     if np.any(room < 0.0):
@@ -283,7 +285,7 @@ def pack(space: Space, half_m: Array, degrees: int, near: tuple[Array, float], n
     from_walls = np.sort((room - np.abs(points)).round(6), axis=1)  # the nearer one, the other one
     order = np.lexsort((np.linalg.norm(world - near[0][:2], axis=1).round(6), from_walls[:, 1], from_walls[:, 0]))
     return [
-        Site(
+        FreePlacement(
             f"pack{round(1e3 * points[k, 0]):+04d}{round(1e3 * points[k, 1]):+04d}",
             np.append(world[k], space.center_m[2]),
             (degrees,),

@@ -17,7 +17,7 @@ from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.shapes import compute_bounds, compute_shape_boxes
-from phyagentos.runtime.motion.sites import Placing, Site, Sites, Space, measure_rectangle
+from phyagentos.runtime.motion.sites import FreePlacement, Placing, Sites, Space, measure_rectangle
 from phyagentos.runtime.motion.solids import add_geoms
 
 GAPS_M = (0.006, 0.003)  # to everything beside it; the second where the first leaves no room
@@ -45,7 +45,7 @@ def find_standing_sites(placing: Placing, attitudes: Mapping[int, Array], job: J
         return Sites(iter(()))
     for gap_m in GAPS_M:
         checker = StandingRoom(placing, gap_m)
-        sites: list[tuple[tuple[float, ...], Site]] = []
+        sites: list[tuple[tuple[float, ...], FreePlacement]] = []
         for degrees, R in attitudes.items():
             if len(sites) >= enough:
                 break
@@ -59,7 +59,7 @@ def find_standing_sites(placing: Placing, attitudes: Mapping[int, Array], job: J
             job.checkpoint()
             for rank, x, y in _spread(ranked, checker, start, space.rotation, job):
                 name = f"stand{round(1e3 * x):+04d}{round(1e3 * y):+04d}"
-                sites.append((rank, Site(name, space.center_m + space.rotation @ (x, y, 0.0), (degrees,))))
+                sites.append((rank, FreePlacement(name, space.center_m + space.rotation @ (x, y, 0.0), (degrees,))))
         if sites:
             return Sites(iter([site for _, site in sorted(sites, key=lambda each: each[0])]))
     return Sites(iter(()))
@@ -68,7 +68,7 @@ def find_standing_sites(placing: Placing, attitudes: Mapping[int, Array], job: J
 def fit_tight(placing: Placing, attitudes: Mapping[int, Array], sites: Sites, job: Job) -> Sites:
     """The sites with the yaws at which the payload meets nothing: its box may reach through a low wall."""
 
-    def iter_fitted() -> Iterator[Site]:
+    def iter_fitted() -> Iterator[FreePlacement]:
         room = None
         for site in sites:
             if not site.is_tight:

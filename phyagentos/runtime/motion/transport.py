@@ -1,6 +1,6 @@
 """Timing of a carry: as fast as grip and contents allow, shaped with casadi.
 
-A held thing feels the apparent gravity f = p'' + g e_z. It slips when the tangential force and the torque about the
+A held object feels the apparent gravity f = p'' + g e_z. It slips when the tangential force and the torque about the
 closing axis leave the grip's limit surface, an ellipsoid; an open vessel spills when f leans too far from its axis.
 Only the progress s(t) along the path is optimised. In b = s'^2, piecewise linear, the largest b is the fastest motion:
 a convex program with linear costs, one stage a knot, which fatrop solves. Its graph is built once for each number of
@@ -53,7 +53,7 @@ STRIDE = 2  # samples between those that are measured
 
 
 @dataclass(frozen=True, slots=True)
-class Care:
+class CarryConstraints:
     """What a carry must respect; None where nothing is asked.
 
     `tilt_max_rad` is the greatest angle between an open vessel's axis and the apparent gravity [rad].
@@ -66,7 +66,7 @@ class Care:
 def shape_transport(request: ShapeTransport, chain: Chain, limits: JointLimits, job: Job) -> Motion | NoPlan:
     """The timed motion; its stages hold what the payload feels, shaped and unshaped."""
     rows = np.asarray(request.waypoints_rad, dtype=float)
-    care = Care(request.load, request.tilt_max_rad)
+    care = CarryConstraints(request.load, request.tilt_max_rad)
     with job.stage("shape"):
         poses = chain.compute_tcp_path(drop_duplicates(rows, SPACING_RAD))
         lean = float(np.arccos(np.clip((poses[:, :3, :3] @ poses[0, :3, :3].T)[:, 2, 2].min(), -1.0, 1.0)))
@@ -84,7 +84,7 @@ def time_carry(
     rows_rad: Array,
     limits: JointLimits,
     chain: Chain,
-    care: Care,
+    care: CarryConstraints,
     *,
     is_shaped: bool = True,
     keeps_toppra: bool = False,
@@ -129,12 +129,12 @@ def time_carry(
     return Timed(trajectory, msgspec.structs.replace(scaling, duration_s=duration_s, **solved, **felt))
 
 
-def _note(share: float, tilt_rad: float, care: Care) -> dict[str, float]:
+def _note(share: float, tilt_rad: float, care: CarryConstraints) -> dict[str, float]:
     share_of_load = {} if care.load is None else {"grip_share": round(share, 4)}
     return share_of_load if care.tilt_max_rad is None else share_of_load | {"worst_tilt_rad": round(tilt_rad, 5)}
 
 
-def measure_felt(trajectory: Trajectory, start_rad: Array, chain: Chain, care: Care) -> tuple[float, float]:
+def measure_felt(trajectory: Trajectory, start_rad: Array, chain: Chain, care: CarryConstraints) -> tuple[float, float]:
     """Greatest share of the grip and greatest apparent tilt [rad] over a trajectory from rest at `start_rad`."""
     step_s = STRIDE * trajectory.step_s
     rows = np.vstack((start_rad, start_rad, trajectory.q_rad[STRIDE - 1 :: STRIDE], trajectory.q_rad[-1:]))
@@ -173,7 +173,7 @@ class _Path:
     budget: float
 
     @classmethod
-    def describe(cls, rows: Array, chain: Chain, care: Care) -> "_Path":
+    def describe(cls, rows: Array, chain: Chain, care: CarryConstraints) -> "_Path":
         s, q, load = np.linspace(0.0, 1.0, GRID), fit_spline(rows), care.load
         poses = chain.compute_tcp_path(q(s))
         axes = CubicSpline(s, poses[:, :3, :3])

@@ -24,7 +24,7 @@ SHOWN = (  # by the part
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """Where a part of a thing with a joint can be: how that opens, and (4, 4) the part's pose in its frame."""
+    """Where a part of an object with a joint can be: how that opens, and (4, 4) the part's pose in its frame."""
 
     mechanism: Mechanism
     thing_T_part: Array
@@ -43,7 +43,7 @@ class Path:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Articulated:
-    """A thing with a joint, and the part that is measured in its place: its name, and (3,) in the thing's frame."""
+    """An object with a joint, and the part that is measured in its place: its name, and (3,) in the object's frame."""
 
     template: Entity
     mechanism: Mechanism
@@ -52,7 +52,7 @@ class Articulated:
 
 
 def find_articulated(name: str, body: Body, template: Entity, spec: SceneSpec) -> Articulated | None:
-    """The articulated thing of a body; None when it has no joint, no part, or no certain place."""
+    """The articulated object of a body; None when it has no joint, no part, or no certain place."""
     part = next((other for other, each in spec.bodies.items() if each.part_of == name), None)
     place = body.place
     unsure = any(place.jitter_m) or place.area or place.frame or place.yaw_rad[0] != place.yaw_rad[1]
@@ -64,7 +64,7 @@ def find_articulated(name: str, body: Body, template: Entity, spec: SceneSpec) -
 
 
 def place_articulated(articulated: Mapping[str, Articulated], entities: Mapping[str, Entity]) -> dict[str, Entity]:
-    """The entities with each articulated thing where its part shows it; without a part that was seen it is left out."""
+    """The entities with each articulated object where its part shows it; without a seen part it is left out."""
     placed = dict(entities)
     for name, each in articulated.items():
         part, mechanism = entities.get(each.part), each.mechanism

@@ -1,7 +1,7 @@
-"""Assigns known things to clusters of points, over time and through occlusion.
+"""Assigns known objects to clusters of points, over time and through occlusion.
 
-Among things of near colours, every thing is fitted to every cluster that it could be; the assignment of least total
-cost wins (`naming`). Form and colour separate unlike things. Like ones are separated by their history alone: where
+Among objects of near colours, every object is fitted to every cluster that it could be; the assignment of least total
+cost wins (`naming`). Form and colour separate unlike objects. Like ones are separated by their history alone: where
 that was lost, or never known, each lists the names that it may have as well.
 """
 
@@ -26,28 +26,28 @@ from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import Cloud, Views
 
 GATE_M = 0.0065  # a fit that leaves more than this is no fit
-JOINED_M = 0.003  # nor are several clusters one thing if their common fit leaves more
-UNSEEN_COST = 0.012  # of leaving a thing without a cluster
+JOINED_M = 0.003  # nor are several clusters one object if their common fit leaves more
+UNSEEN_COST = 0.012  # of leaving an object without a cluster
 TRAVEL_COST = 0.02  # per metre from where it was, up to `TRAVEL_MAX_M`
 TRAVEL_MAX_M = 0.20
-FEW, FEW_COST = 60, 0.003  # a handful of points fits anything, unless it is asked that the thing is not in the table
-COLOR_COST = 0.006  # of a cluster without a pixel of the thing's own colour
+FEW, FEW_COST = 60, 0.003  # a handful of points fits anything, unless it is asked that the object is not in the table
+COLOR_COST = 0.006  # of a cluster without a pixel of the object's own colour
 LOOK_COST = 0.06  # of one whose colours are altogether others
-OWN_MIN = 0.1  # of the pixels of a cluster; with less of its own colour it is another thing
+OWN_MIN = 0.1  # of the pixels of a cluster; with less of its own colour it is another object
 SPILL = 4  # a cluster this many times smaller than one of its colour that fits nothing is a part of that
-ROOM = 1.6  # a cluster may be this much larger than a thing that it is
+ROOM = 1.6  # a cluster may be this much larger than an object that it is
 STRAY_PERCENT = 3  # at either end: pixels of a near camera's wavering edges lie anywhere along their rays
-STRAY_M, STRAY_SHARE = 0.025, 0.15  # from the surface of the thing whose edges they are, and of its pixels
+STRAY_M, STRAY_SHARE = 0.025, 0.15  # from the surface of the object whose edges they are, and of its pixels
 BLOCKED_M = 0.008  # so deep in a solid of the map a line of sight ends: calibration and depth err by less
 SIGHT_STEP_M = 0.01  # between the points of a line of sight that are looked up
-SIGHT_REACH_M = 0.5  # so much of it, before the thing
+SIGHT_REACH_M = 0.5  # so much of it, before the object
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Match:
-    """A thing's cluster: its points in the cloud and the pose that fits them.
+    """An object's cluster: its points in the cloud and the pose that fits them.
 
-    It may have the names `alternatives` as well; its own was chosen among them now, or has followed the thing.
+    It may have the names `alternatives` as well; its own was chosen among them now, or has followed the object.
     """
 
     fit: Fit
@@ -73,10 +73,10 @@ def associate(
     map_solids: Solids | None = None,
     palette: Array | None = None,
 ) -> dict[str, Match]:
-    """Matches of the movable things to points of `cloud`, which neither a fixed thing nor the hand explains.
+    """Matches of the movable objects to points of `cloud`, which neither a fixed object nor the hand explains.
 
-    Things without a match are left out. Points behind `map_solids`, which are opaque, come from edges and noise. Things
-    whose colours are near in the `palette` (k, 3) are assigned together.
+    Objects without a match are left out. Points behind `map_solids`, which are opaque, come from edges and noise.
+    Objects whose colours are near in the `palette` (k, 3) are assigned together.
     """
     near, chains = find_near_colors(palette if palette is not None else np.zeros((0, 3)))
     look = _Look(believed, cloud, views, map_solids)
@@ -137,7 +137,7 @@ def _is_behind_map(seen: Cloud, views: Views, map_solids: Solids | None) -> bool
 
 
 def _track(group: Sequence[ObjectModel], look: _Look, pieces: Sequence[Piece]) -> dict[str, Match]:
-    """Things near their last pose, each alone with its cluster; not those that a better look may tell apart."""
+    """Objects near their last pose, each alone with its cluster; not those that a better look may tell apart."""
     names = {thing.name for thing in group}
     middles = [np.median(look.cloud.points_m[piece], axis=0) for piece in pieces]
     claims: dict[int, list[ObjectModel]] = {}
@@ -170,7 +170,7 @@ def _assign(
 ) -> dict[str, Match]:
     """The matches of least cost by form, colour and history; without those that may as well be elsewhere.
 
-    `known` are other things, and their clusters, which are none of `pieces`.
+    `known` are other objects, and their clusters, which are none of `pieces`.
     """
     shown, travelled, fits = _weigh_pairs(group, look, pieces)
     best = [(int(row), column) for column, row in enumerate(shown.argmin(axis=0))]
@@ -209,7 +209,7 @@ def _assign(
 
 
 def _join_parts(thing: ObjectModel, cloud: Cloud, pieces: list[Piece], views: Views) -> list[Piece]:
-    """The clusters, or that of which the only thing looked for explains all: its parts may be seen from above alone."""
+    """The clusters, or the one of which the only object sought explains all: its parts may be seen from above alone."""
     own = [piece for piece in pieces if _measure_share(cloud, piece, thing) >= OWN_MIN]
     if len(own) < 2:
         return pieces
@@ -221,7 +221,7 @@ def _join_parts(thing: ObjectModel, cloud: Cloud, pieces: list[Piece], views: Vi
 
 
 def _is_stray(cloud: Cloud, piece: Piece, own: Sequence[tuple[ObjectModel, Fit, Piece]]) -> bool:
-    """Whether a cluster is pixels of the edges of a thing that is seen by many more: then it is no place of another."""
+    """Whether a cluster is pixels of the edges of an object seen by many more: then it is no place of another."""
     return any(
         len(piece) < min(STRAY_SHARE * len(seen), FEW)
         and float(np.median(np.abs(thing.solids.measure(found.to_own_frame(cloud.points_m[piece]))))) < STRAY_M
@@ -230,12 +230,12 @@ def _is_stray(cloud: Cloud, piece: Piece, own: Sequence[tuple[ObjectModel, Fit, 
 
 
 def _is_spill(cloud: Cloud, piece: Piece, other: Piece, thing: ObjectModel) -> bool:
-    """Whether a cluster is small beside another one with pixels of the thing's colour, which no thing explains."""
+    """Whether a cluster is small beside another one with pixels of the object's colour, which no object explains."""
     return len(other) > SPILL * len(piece) and len(piece) < FEW and _measure_share(cloud, other, thing) > OWN_MIN
 
 
 def _measure_share(cloud: Cloud, piece: Piece, thing: ObjectModel) -> float:
-    """Share of the thing's colour among the pixels of a cluster."""
+    """Share of the object's colour among the pixels of a cluster."""
     return float((cloud.colors[piece] == thing.colors[0]).mean())
 
 

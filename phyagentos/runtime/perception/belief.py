@@ -1,7 +1,7 @@
 """From one set of frames and the belief before it to the belief after it: the core of the pipeline, a pure function.
 
-Fixed things are searched near their nominal places, held things follow the hand, the others are found by colour and
-form. A thing that is not found is hidden where its place cannot be seen, and gone where its place is seen and empty.
+Fixed objects are searched near their nominal places, held objects follow the hand, the others are found by colour and
+form. An object that is not found is hidden where its place cannot be seen, and gone where its place is seen and empty.
 """
 
 import math
@@ -28,13 +28,13 @@ from phyagentos.runtime.perception.views import CameraView, Cloud, Views, comput
 SOURCE, FILLING = "rgbd", "rgbd filling"
 RIM_M = 0.008  # of a vessel: how far its filling may stand out, and how far its pose may be off
 FILLING_POINTS = 4  # so many pixels show that there is some
-STILL_M, STILL_RAD = 0.008, 0.14  # a thing that comes out this near to where it was has not moved
+STILL_M, STILL_RAD = 0.008, 0.14  # an object that comes out this near to where it was has not moved
 STILL_STDS = np.array([2.0, 3.0])  # or nearer than so many deviations; poses of few pixels differ by many small turns
 FUSE_MAX = 5  # a mean over more looks would follow too slowly
-FIXED_LOOKS = 4  # after so many a fixed thing is known
+FIXED_LOOKS = 4  # after so many a fixed object is known
 GONE_FRACTION = 0.6  # of its surface seen through
 SEEN_FRACTION = 0.25  # less of it in view proves nothing
-NEAR_FIXED_M = 0.004  # what is this near to a fixed thing and of a colour like it belongs to it
+NEAR_FIXED_M = 0.004  # what is this near to a fixed object and of a colour like it belongs to it
 HAND_M = 0.008
 PART_M = 0.01  # what is this near to a part of a mechanism belongs to it
 SUNK_DOUBT_M = 0.015  # a pose so deep in another solid is hardly believed
@@ -56,7 +56,7 @@ def update_belief(
     time_s: float,
     focus: Collection[str] = (),
 ) -> dict[str, Entity]:
-    """The entities after a look at time_s, the stamp of its newest frame; only at things of `focus`, unless empty."""
+    """The entities after a look at time_s, the stamp of its newest frame; only at objects of `focus`, unless empty."""
     entities = check_hand(inventory, follow_hand(inventory, before, state, hand, time_s), cloud, state, hand)
     entities.update(inventory.known)
     wanted = {name: thing for name, thing in inventory.things.items() if not focus or name in focus}
@@ -99,7 +99,7 @@ def update_belief(
 def follow_hand(
     inventory: Inventory, before: Mapping[str, Entity], state: TargetState, hand: Hand, time_s: float
 ) -> dict[str, Entity]:
-    """The entities by touch alone: a held thing moves with the hand, a released one stays at its release pose."""
+    """The entities by touch alone: a held object moves with the hand, a released one stays at its release pose."""
     entities = dict(before)
     held = [entity for entity in before.values() if entity.status is Status.HELD]
     if not state.is_gripping:
@@ -161,7 +161,7 @@ def _look_at_part(thing: ObjectModel, entities: dict[str, Entity], rest: Cloud, 
 
 
 def _fuse(thing: ObjectModel, entity: Entity | None, found: Fit, time_s: float, evidence: tuple[str, ...]) -> Entity:
-    """The measured pose, averaged with those before where the thing has not moved.
+    """The measured pose, averaged with those before where the object has not moved.
 
     What is averaged is what the pixels give: whether that is upright is concluded from the average, each time anew.
     """
@@ -244,7 +244,7 @@ def _find_other_tilt(entity: Entity) -> float:
 
 
 def _shows_more(evidence: Collection[str], before: Collection[str]) -> bool:
-    """Whether a look shows a thing to all the cameras that saw it and another one, and in half as many pixels again."""
+    """Whether a look shows an object to all the cameras that saw it and another one, in half as many pixels again."""
     now, then = ({each.camera: each.area_px for each in Pointer.parse_all(part)} for part in (evidence, before))
     return now.keys() > then.keys() and sum(now.values()) > SHOWS_MORE * sum(then.values())
 
@@ -266,7 +266,7 @@ def _see(thing: ObjectModel, entity: Entity | None, match: Match, cloud: Cloud, 
 
 
 def _point_at(view: CameraView, seen: Cloud, index: int) -> str:
-    """Pointer to the pixels of a thing in one picture."""
+    """Pointer to the pixels of an object in one picture."""
     pixels = seen.pixels[seen.view_index == index]
     (left, top), (right, bottom) = pixels.min(axis=0).tolist(), pixels.max(axis=0).tolist()
     box = (view.origin_px[0] + left, view.origin_px[1] + top, right - left + 1, bottom - top + 1)
@@ -321,7 +321,7 @@ def _fill(thing: ObjectModel, entities: dict[str, Entity], filled: Mapping[str, 
 
 
 def _leave_out(cloud: Cloud, inventory: Inventory, entities: Mapping[str, Entity], held: list[str]) -> Cloud:
-    """The points that neither a fixed thing nor a held one explains."""
+    """The points that neither a fixed object nor a held one explains."""
     keep = np.ones(len(cloud.points_m), dtype=np.bool_)
     loose = {thing.colors[0] for thing in inventory.things.values() if thing.template.movable}
     for name, thing in inventory.things.items():
@@ -341,7 +341,7 @@ def _leave_out(cloud: Cloud, inventory: Inventory, entities: Mapping[str, Entity
 
 
 def _is_like(inventory: Inventory, color: int, thing: ObjectModel) -> bool:
-    """Whether a colour is within `ALIKE` of one of the thing's."""
+    """Whether a colour is within `ALIKE` of one of the object's."""
     one = inventory.palette[color]
     others = inventory.palette[list(thing.colors)]
     hues = others / others.sum(axis=1, keepdims=True)
@@ -399,7 +399,7 @@ def _rate(found: Fit, before: float) -> float:
 
 
 def find_changes(before: Mapping[str, Entity], after: Mapping[str, Entity]) -> tuple[Change, ...]:
-    """Every thing that appeared, moved, or changed its status; the farthest moves first."""
+    """Every object that appeared, moved, or changed its status; the farthest moves first."""
     changes = [change for name, entity in after.items() if (change := _compare(before.get(name), entity)) is not None]
     return tuple(sorted(changes, key=lambda change: (-change.by_m, change.entity))[:CHANGES_MAX])
 

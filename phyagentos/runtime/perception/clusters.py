@@ -1,4 +1,4 @@
-"""Points of one colour that belong together: connected in space, and split where they are more than one thing."""
+"""Points of one colour that belong together: connected in space, and split where they are more than one object."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ from phyagentos.runtime.perception.solids import Array
 POINTS_MIN = 5  # fewer are noise
 _WAYS = np.array([*np.ndindex(3, 3, 3)]) - 1.0
 _DIRECTIONS = np.array([way / np.linalg.norm(way) for way in _WAYS if way @ (9.0, 3.0, 1.0) > 0.0])
-SPREAD = 1.35  # a cluster this much larger than the largest thing of its colour is more than one
+SPREAD = 1.35  # a cluster this much larger than the largest object of its colour is more than one
 
 
 def find_clusters(points: Array, link_m: float) -> list[NDArray[np.intp]]:
@@ -74,9 +74,9 @@ def _label(count, pairs):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN20
 
 
 def split(points: Array, diameter_m: float, most: int, seeds: Sequence[Array]) -> list[NDArray[np.intp]]:
-    """Splits a cluster (n, 3) that is too large for one thing of its colour into at most `most` parts.
+    """Splits a cluster (n, 3) that is too large for one object of its colour into at most `most` parts.
 
-    The largest of these things has `diameter_m`; `seeds` are believed places within or near the cluster.
+    The largest of these objects has `diameter_m`; `seeds` are believed places within or near the cluster.
     """
     size_m = _measure_diameter(points)
     count = min(most, max(1, round(size_m / diameter_m))) if size_m > SPREAD * diameter_m else 1
@@ -89,7 +89,7 @@ def split(points: Array, diameter_m: float, most: int, seeds: Sequence[Array]) -
         starts.append(points[int(far.argmax())])
     try:
         _, labels = kmeans2(points, np.array(starts), iter=12, minit="matrix", missing="raise")
-    except ClusterError:  # a start that no point is nearest to: fewer things than starts
+    except ClusterError:  # a start that no point is nearest to: fewer objects than starts
         labels = np.argmin([np.linalg.norm(points - start, axis=1) for start in starts], axis=0)
     return [found for found in (np.flatnonzero(labels == index) for index in range(count)) if len(found) >= POINTS_MIN]
 

@@ -1,4 +1,4 @@
-"""Whether a glance shows the belief, and where to glance: a thing that did not move is confirmed without another fit.
+"""Whether a short look confirms the belief, and where: an object that did not move is confirmed without another fit.
 
 Two tests: the surface that faces the camera has its colour and its depth; and one step of the fit (`fitting`) leaves
 the pose unchanged.
@@ -28,11 +28,11 @@ MEASURED = 0.2  # of that surface: so much of it has a depth at least
 NEAR_M = 0.010  # of the believed surface
 OWN = 0.8  # of the pixels of its colour in the window: this near
 SHIFT_M, TURN_RAD = 0.003, 0.06  # one step of a fit that is less than this is noise
-MARGIN = 1.35  # of the ball around a thing: it may have moved a little, and what is beside it shows edges
+MARGIN = 1.35  # of the ball around an object: it may have moved a little, and what is beside it shows edges
 
 
 def is_settled(entity: Entity | None, thing: ObjectModel | None) -> bool:
-    """Whether a thing is believed to stand still, in a pose that more than one look has measured."""
+    """Whether an object is believed to stand still, in a pose that more than one look has measured."""
     return (
         entity is not None
         and thing is not None
@@ -50,7 +50,7 @@ def confirm(
     labels: NDArray[np.uint8],
     focal_px: tuple[float, float, float, float],
 ) -> str | None:
-    """Pointer to the thing where a picture confirms its believed pose; None in doubt.
+    """Pointer to the object where a picture confirms its believed pose; None where uncertain.
 
     The frame is a window, thinned or not; `labels` are (h, w) palette indices; `focal_px` is of the whole picture.
     """
@@ -108,7 +108,7 @@ def find_regions_of_interest(
     cameras: Mapping[str, SensorHealth],
     most: int,
 ) -> dict[str, Crop]:
-    """One region around all these things in each of the `most` cameras per thing that saw them best."""
+    """One region around all these objects in each of the `most` cameras per object that saw them best."""
     boxes: dict[str, list[tuple[float, float, float, float]]] = {}
     for name in names:
         entity, thing = entities.get(name), inventory.things.get(name)
@@ -123,7 +123,7 @@ def find_regions_of_interest(
 
 
 def _rank(entity: Entity, cameras: Mapping[str, SensorHealth]) -> list[str]:
-    """Cameras by the thing's area in their latest pictures, largest first."""
+    """Cameras by the object's area in their latest pictures, largest first."""
     areas = dict.fromkeys(cameras, 0)
     areas |= {each.camera: each.area_px for each in Pointer.parse_all(entity.evidence) if each.camera in areas}
     return sorted(areas, key=lambda camera: (-areas[camera], camera))

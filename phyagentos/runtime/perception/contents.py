@@ -3,7 +3,7 @@
 What lies below others or behind a wall is not seen, so that each picture gives a least number; the most is what other
 vessels surely do not hold.
 
-A hidden thing is shown by what stands on it: seen at the height of its top, where nothing else would hold it.
+A hidden object is shown by what stands on it: seen at the height of its top, where nothing else would hold it.
 """
 
 import math
@@ -21,7 +21,7 @@ from phyagentos.runtime.perception.views import Cloud, Views
 
 DOUBT = 0.9  # times n ** -0.75, per ball of n pixels: 1.5 deviations of how many pixels lie in a disc
 SIDES = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
-NEAR_M = 0.002  # how far solids that touch may be apart, beside twice the stated doubt
+NEAR_M = 0.002  # how far solids that touch may be apart, beside twice the stated uncertainty
 
 
 def count_balls(
@@ -54,7 +54,7 @@ def _measure_shares(inventory: Inventory, cloud: Cloud, views: Views) -> Array:
 
 
 def find_bearing(entities: Mapping[str, Entity]) -> dict[str, Entity]:
-    """The entities after a look, with the thing that shows each hidden one that bears something."""
+    """The entities after a look, with the object that shows each hidden one that bears something."""
     after = {}
     for name, entity in entities.items():
         shows = (other.name for other in entities.values() if _is_borne(other, entity, entities))
@@ -64,7 +64,7 @@ def find_bearing(entities: Mapping[str, Entity]) -> dict[str, Entity]:
 
 
 def _is_borne(upper: Entity, lower: Entity, entities: Mapping[str, Entity]) -> bool:
-    """Whether one thing is seen to rest where the top of the other is believed, and that of nothing else."""
+    """Whether one object is seen to rest where the top of the other is believed, and that of nothing else."""
     is_moving = upper.held_by or not upper.speed_m_s <= REST_M_S
     if not upper.movable or upper.status is not Status.SEEN or upper.is_unsure or is_moving:
         return False

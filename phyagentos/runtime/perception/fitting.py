@@ -1,4 +1,4 @@
-"""Fits the pose of a thing of known form to points of its surface: Gauss-Newton on the signed distance.
+"""Fits the pose of an object of known form to points of its surface: Gauss-Newton on the signed distance.
 
 Minimises the sum of huber(d(p))^2 over the points p, d the distance to the posed solids (A. W. Fitzgibbon, "Robust
 registration of 2D and 3D point sets", 2003). Of several starts, the fit of least cost wins; surface that the cameras
@@ -27,13 +27,13 @@ DAMPING = 2.0  # of the normal equations, in points: what the points do not dete
 POINTS_MIN = 4
 POINTS_MAX = 220  # more do not make a fit better than the calibration is
 COARSE_POINTS = 80  # enough to choose among starts
-SURE_POINTS = 20  # fewer show where a thing is only with what was known before
-FLAT_M, FLAT_PERCENT = 0.025, 85  # most points of a flat thing are on top; noise above it is nearer to its underside
+SURE_POINTS = 20  # fewer show where an object is only with what was known before
+FLAT_M, FLAT_PERCENT = 0.025, 85  # most points of a flat object are on top; noise above it is nearer to its underside
 CONTRADICTED = 0.1  # share of a surface seen through that is noise
-TRACKED_M, TRACK_REACH_M = 0.0028, 0.02  # cost and distance of a thing that is where it was
+TRACKED_M, TRACK_REACH_M = 0.0028, 0.02  # cost and distance of an object that is where it was
 FEW_M = 0.008  # that cost, where few pixels show it: from afar, or at the edge of a picture
-DOWN_M = 0.0012  # of a thing upside down, where that looks the same
-TURNED_M, TURNED_STDS = 0.0004, 2.0  # by which a turned pose must fit better before a tracked thing has turned so
+DOWN_M = 0.0012  # of an object upside down, where that looks the same
+TURNED_M, TURNED_STDS = 0.0004, 2.0  # by which a turned pose must fit better before a tracked object has turned so
 ALIKE_M, ALIKE_STDS = 0.0001, 1.0  # two poses whose costs differ by less, or by less than their noise, fit equally well
 CONTRADICTION_M = 0.012  # cost of a surface that is seen through altogether
 UPRIGHT = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0])
@@ -70,7 +70,7 @@ class Fit:
     is_kept: bool = False
 
     def to_own_frame(self, points_m: Array) -> Array:
-        """Points (n, 3) of the world in the frame of the thing [m]."""
+        """Points (n, 3) of the world in the frame of the object [m]."""
         local: Array = (points_m - self.position_m) @ self.rotation
         return local
 
@@ -110,7 +110,7 @@ class Patch:
 def refine(
     solids: Solids, patch: Patch, rotation: Array, position_m: Array, free: Array | Path, iterations: int
 ) -> tuple[Array, Array]:
-    """Gauss-Newton on seen points in the world, from one start; the solids are in the thing's frame.
+    """Gauss-Newton on seen points in the world, from one start; the solids are in the object's frame.
 
     `free` (6,) is 1 for each free translation along, and rotation about, x, y, z of the world; or it is the only path.
     """
@@ -158,7 +158,7 @@ def fit(
     prior: tuple[Array, Array] | None = None,
     obstacle: Solids | None = None,
 ) -> Fit | None:
-    """The best pose of a movable thing for points of its surface.
+    """The best pose of a movable object for points of its surface.
 
     The depths of `views` may contradict a pose; `prior` is one more start; `obstacle` is impenetrable, in the world.
     """
@@ -189,7 +189,7 @@ def fit(
             if other.cost_m < alike_m:
                 other_tilt_rad = max(other_tilt_rad, abs(_tilt(thing, other.rotation) - own))
                 least = min(least, other, key=lambda each: _tilt(thing, each.rotation))
-    best = replace(best if stays else least, other_tilt_rad=other_tilt_rad)  # few things lie on their heads
+    best = replace(best if stays else least, other_tilt_rad=other_tilt_rad)  # few objects lie on their heads
     return compare_lookalikes(thing, patch, views, best, obstacle, keep=prior is not None)
 
 
@@ -205,7 +205,7 @@ def track(
         stays = evaluate_prior_pose(thing, patch, views, prior)
         if stays.cost_m < FEW_M and stays.visibility.contradicted_fraction < CONTRADICTED:
             return stays
-    if found.rotation[2, 2] < -0.5:  # on its head, which few things are: what was once taken for that would stay so
+    if found.rotation[2, 2] < -0.5:  # on its head, which few objects are: what was once taken for that would stay so
         again = fit(thing, seen, views)
         found = again if again is not None and again.cost_m < found.cost_m - ALIKE_M else found
     is_good = found.cost_m < TRACKED_M and float(np.linalg.norm(found.position_m - prior[1])) < TRACK_REACH_M

@@ -1,7 +1,7 @@
 """Measures fixed bodies: each is searched where the scene file lets it stand, then measured near its believed pose.
 
 Where the span of its place is narrow, one fit from the nominal pose finds it. In an area, every cluster of its colour
-is a start, with turns all over the span of its yaw; the fit of least cost wins, as for movable things (`fitting`).
+is a start, with turns all over the span of its yaw; the fit of least cost wins, as for movable objects (`fitting`).
 """
 
 from collections.abc import Iterator, Mapping

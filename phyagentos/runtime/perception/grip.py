@@ -1,6 +1,6 @@
-"""Which thing the fingers hold: their force, the opening of the gripper, and where things were last believed to be.
+"""Which object the fingers hold: their force, the opening of the gripper, and where objects were last believed to be.
 
-The target's state reports that the fingers press on something, not what. Along the closing axis the middle of a thing
+The target's state reports that the fingers press on something, not what. Along the closing axis the middle of an object
 is that between the pads.
 """
 
@@ -18,8 +18,8 @@ from phyagentos.runtime.perception.inventory import Inventory, ObjectModel
 from phyagentos.runtime.perception.solids import Array
 from phyagentos.runtime.perception.views import Cloud
 
-WIDTH_M = 0.012  # by which the opening may differ from the thing's size: pose errors, rounded edges
-HELD_M = 0.006  # of the held thing's surface: the error of a pose in the hand
+WIDTH_M = 0.012  # by which the opening may differ from the object's size: pose errors, rounded edges
+HELD_M = 0.006  # of the held object's surface: the error of a pose in the hand
 LEAST_POINTS = 10  # of another colour; fewer are an edge of something behind
 TIMES = 4  # as many as of its own
 
@@ -36,7 +36,7 @@ class Hand:
     find_middle: Callable[[float], float]
 
     def measure_away(self, entity: Entity, state: TargetState) -> Array:
-        """(3,) from the middle between the pads to a thing, in the frame of the tool [m]."""
+        """(3,) from the middle between the pads to an object, in the frame of the tool [m]."""
         tcp = compute_rotation(state.tcp.quaternion_wxyz)
         away: Array = tcp.T @ (np.array(entity.pose.position_m) - np.array(state.tcp.position_m))
         away[1] -= self.find_middle(state.gripper_width_m)
@@ -44,7 +44,7 @@ class Hand:
 
 
 def find_held(entities: Mapping[str, Entity], state: TargetState, inventory: Inventory, hand: Hand) -> Entity | None:
-    """The thing between the fingers as it sits in the hand; None without a known one."""
+    """The object between the fingers as it sits in the hand; None without a known one."""
     if not state.is_gripping:
         return None
     candidates = []
@@ -59,7 +59,7 @@ def find_held(entities: Mapping[str, Entity], state: TargetState, inventory: Inv
 
 
 def _measure(entity: Entity, thing: ObjectModel, state: TargetState, hand: Hand) -> float | None:
-    """How badly a thing fits between the fingers; None when it does not."""
+    """How badly an object fits between the fingers; None when it does not."""
     tcp = compute_rotation(state.tcp.quaternion_wxyz)
     rotation = compute_rotation(entity.pose.quaternion_wxyz)
     away = hand.measure_away(entity, state)
@@ -93,7 +93,7 @@ def take_hold(entity: Entity, inventory: Inventory, state: TargetState, hand: Ha
 
 
 def _align(rotation: Array, closing: Array, thing: ObjectModel) -> Array:
-    """Turns a box so that a nearly parallel face is flat on the fingers; leaves other things unchanged."""
+    """Turns a box so that a nearly parallel face is flat on the fingers; leaves other objects unchanged."""
     if len(thing.solids.kinds) != 1 or thing.solids.kinds[0] != "box":
         return rotation
     cosines = rotation.T @ closing
@@ -105,7 +105,7 @@ def _align(rotation: Array, closing: Array, thing: ObjectModel) -> Array:
 
 
 def carry(entity: Entity, state: TargetState, hand: Hand) -> Entity:
-    """A held thing where the hand is now."""
+    """A held object where the hand is now."""
     if entity.in_hand is None:
         return entity
     tcp = compute_rotation(state.tcp.quaternion_wxyz)
@@ -115,7 +115,7 @@ def carry(entity: Entity, state: TargetState, hand: Hand) -> Entity:
 
 
 def let_go(entity: Entity) -> Entity:
-    """A thing that has left the fingers; its pose is uncertain until the next look."""
+    """An object that has left the fingers; its pose is uncertain until the next look."""
     return msgspec.structs.replace(
         entity,
         status=Status.HIDDEN,
@@ -130,7 +130,7 @@ def let_go(entity: Entity) -> Entity:
 
 
 def _find_near(thing: ObjectModel, entity: Entity, points_m: Array) -> NDArray[np.bool_]:
-    """(n,) whether points (n, 3) are at the surface of a thing, or within it, where it is believed to be."""
+    """(n,) whether points (n, 3) are at the surface of an object, or within it, where it is believed to be."""
     if not len(points_m):
         return np.zeros(0, dtype=np.bool_)
     local = (points_m - entity.pose.position_m) @ compute_rotation(entity.pose.quaternion_wxyz)
@@ -141,7 +141,7 @@ def _find_near(thing: ObjectModel, entity: Entity, points_m: Array) -> NDArray[n
 def check_hand(
     inventory: Inventory, entities: dict[str, Entity], cloud: Cloud, state: TargetState, hand: Hand
 ) -> dict[str, Entity]:
-    """The entities: the held thing seen in the hand, or exchanged for another one whose colour is seen in its place.
+    """The entities: the held object seen in the hand, or exchanged for another one whose colour is seen in its place.
 
     What that other one shows of itself where it is believed to stand, beside the hand, does not count.
     """

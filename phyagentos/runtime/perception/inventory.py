@@ -1,4 +1,4 @@
-"""Prior knowledge of a scene: its things, their forms and colours, and the map.
+"""Prior knowledge of a scene: its objects, their forms and colours, and the map.
 
 Fixed bodies without jitter are part of the map. Of all others the scene file gives nominal form and colour; their pose
 is measured.
@@ -22,7 +22,7 @@ from phyagentos.runtime.perception.articulated import Articulated, Path, find_ar
 from phyagentos.runtime.perception.solids import Array, Solids
 
 ALIKE = 0.15  # of hues, as `colors` measures them: they are taken for each other in bad light
-FILLING_M = 0.03  # smaller things in a vessel are its filling
+FILLING_M = 0.03  # smaller objects in a vessel are its filling
 MEASURED = ("rgb", "form", "described", "size_std_m")  # of what is in no inventory
 _NOTHING: Mapping[str, Entity] = {}
 WHITE = (1.0, 1.0, 1.0, 1.0)
@@ -37,7 +37,7 @@ class ObjectModel:
         colors: (k,) palette indices of its solids, the main one first.
         reach_m: (3,) greatest distance of a fixed body from its nominal place; None for what may be anywhere.
         frame: Body in whose frame the nominal place of a fixed body is meant; None for the world.
-        vessel: The open vessel that it fills; such things are distinguished only outside of it.
+        vessel: The open vessel that it fills; such objects are distinguished only outside of it.
         stretch: Least and greatest factor of its height.
         symmetries: (m, 3, 3) rotations that leave its form unchanged.
         samples_m: (n, 3) points of its surface, with `normals` (n, 3).
@@ -45,7 +45,7 @@ class ObjectModel:
         turns: (3, k) axes about which a turn changes its form.
         lookalikes: Rotations (3, 3) with shifts (3,) that nearly repeat its form.
         path: Where it can be at all, as a part of a mechanism; None for others.
-        alike: Names of other things that no picture tells from it.
+        alike: Names of other objects that no picture tells from it.
         look: Of each side, (k, 4) colours with their shares; empty where one describes it, or none is known.
         area_m: (2, 2) least and greatest x and y of where it may be at first; None where that is not known.
     """
@@ -104,13 +104,13 @@ class Inventory:
     """All prior knowledge of one scene that perception is given.
 
     Attributes:
-        things: To be found, by name, in the file's order.
+        objects: To be found, by name, in the file's order.
         articulated: Located by their handles, by name.
         known: Bodies of the map; `map_parts` tell what they look like, `map` has all their solids in the world.
         map_colors: Palette indices of the map; `like_map` are others that resemble these.
         palette: (k, 3) colours of all surfaces, 0..1.
-        is_of_thing: (256,) whether a thing to be found, or a ball, has the colour of this index.
-        balls: Radius [m] and number of small balls by palette index; empty where another thing has such a colour.
+        is_of_thing: (256,) whether an object to be found, or a ball, has the colour of this index.
+        balls: Radius [m] and number of small balls by palette index; empty where another object has such a colour.
     """
 
     scene: str
@@ -144,13 +144,13 @@ class Inventory:
         return replace(self, known=known, map=join_map(known, self.map_parts))
 
     def find_unseen(self, entities: Collection[str]) -> tuple[str, ...]:
-        """Movable things that are not among these, in order of their names."""
+        """Movable objects that are not among these, in order of their names."""
         known = self.things | self.articulated
         return tuple(sorted(name for name, each in known.items() if each.template.movable and name not in entities))
 
 
 def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[str, Entity] = _NOTHING) -> Inventory:
-    """As much of a scene file as is known before the first look, and the things that are `given` by description."""
+    """As much of a scene file as is known before the first look, and the objects that are `given` by description."""
     spec = add_described(spec, given)
     surfaces = _Surfaces(spec, prior)
     things: dict[str, ObjectModel] = {}

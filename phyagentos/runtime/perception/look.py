@@ -37,7 +37,7 @@ class Look(msgspec.Struct, kw_only=True, omit_defaults=True, eq=False):
     Attributes:
         phy: Format of this record.
         before: The belief before; None at first.
-        things: The scope, sorted; empty for everything.
+        objects: The scope, sorted; empty for everything.
         now: Time [s] and the target's state at the request.
         captures: Requests to the cameras, and their frames.
         moments: Later times [s] and states that were read during the look (realtime).

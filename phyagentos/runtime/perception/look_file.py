@@ -43,13 +43,13 @@ def write_look(look: Look, folder: Path) -> tuple[str, str]:
 
 
 def read_look(path: Path, sha256: str) -> Look:
-    """A look as recorded; raises ExecutionError `LOOK_MISSING` or `EVIDENCE_UNREADABLE`, which name the file."""
+    """A look as recorded; raises ExecutionError `EVIDENCE_DAMAGED`, which name the file."""
     read_stored_look(path, sha256)
     with zipfile.ZipFile(path) as file:
         try:
             look = msgspec.json.decode(file.read(LOOK), type=Look, dec_hook=lambda _, name: read_array(file, name))
         except (msgspec.MsgspecError, KeyError, ValueError) as error:
-            raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: {error}") from error
+            raise ExecutionError("EVIDENCE_DAMAGED", f"{path}: {error}") from error
     look.file, look.sha256 = str(path), sha256
     return look
 

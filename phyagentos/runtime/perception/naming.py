@@ -1,7 +1,7 @@
 """Which name belongs to which cluster of points, and which names the costs do not decide.
 
 The assignment of least total cost wins (H. W. Kuhn, "The Hungarian method", 1955). It decides a name only where every
-assignment that gives this name another cluster costs more than the noise of the costs. What a thing with a known look
+assignment that gives this name another cluster costs more than the noise of the costs. What an object with a known look
 costs besides: how far the colours that are seen of it are from its own.
 """
 
@@ -55,7 +55,7 @@ def iter_exchanges(
 
 
 def measure_look(look: Sequence[Array], seen: Cloud) -> float:
-    """Mean over the pixels of a thing: 0 for the colours (k, 4), with shares, of one side; 1 for blue and yellow.
+    """Mean over the pixels of an object: 0 for the colours (k, 4), with shares, of one side; 1 for blue and yellow.
 
     The energy distance 2 E|X - Y| - E|X - X'| - E|Y - Y'|: G. J. Szekely, M. L. Rizzo, "Energy statistics", 2013.
     """

@@ -174,7 +174,7 @@ class PerceivedWorld(WorldModel):
         return self._answer(world, need)
 
     def _perceive_things(self, now: Moment, things: Collection[str]) -> Environment:
-        """Looks at some things only, at their believed places, in the camera that saw them best."""
+        """Looks at some objects only, at their believed places, in the camera that saw them best."""
         before, pipeline = self._belief, self._get_pipeline()
         assert before is not None, "at first everything is looked at"
         carried = pipeline.recall(before, now[1], now[0])
@@ -198,7 +198,7 @@ class PerceivedWorld(WorldModel):
         )
 
     def _find_regions(self, carried: Environment, things: Collection[str]) -> tuple[list[str], dict[str, Crop]]:
-        """Those of the things that may move by themselves, and the windows that show them."""
+        """Those of the objects that may move by themselves, and the windows that show them."""
         articulated = self._get_pipeline().inventory.articulated
         loose = [
             name
@@ -218,7 +218,7 @@ class PerceivedWorld(WorldModel):
         return loose, find_regions_of_interest(loose, carried.entities, inventory, cameras, most)
 
     def _plan_window(self, carried: Environment, loose: Collection[str], regions: dict[str, Crop]) -> Capture | None:
-        """The frames that may confirm that these things did not move; None where they have to be fitted."""
+        """The frames that may confirm that these objects did not move; None where they have to be fitted."""
         pipeline = self._get_pipeline()
         entities, things = carried.entities, pipeline.inventory.things
         if not regions or not pipeline.can_confirm:
@@ -305,7 +305,7 @@ class PerceivedWorld(WorldModel):
     def _find_state(self, time_s: float) -> TargetState:
         """The target's state nearest to a moment."""
         if not self._states:
-            raise ExecutionError("NO_STATE", "no state of the target has been read yet")
+            raise ExecutionError("NO_EPISODE", "no state of the target has been read yet")
         nearest = min(self._states, key=lambda each: abs(each[0] - time_s))
         look = self._look
         if look is not None and nearest[0] <= look.now[0] and nearest not in look.states:

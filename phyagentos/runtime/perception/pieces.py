@@ -1,7 +1,7 @@
-"""Clusters of points that may be one thing each: of one colour, together with its stray pixels of near colours.
+"""Clusters of points that may be one object each: of one colour, together with its stray pixels of near colours.
 
 In shade, in light and at edges, pixels of one surface are labelled as another colour that is near. A cluster in whose
-surroundings its own colour is rare is no thing: its points join the cluster that they lie on.
+surroundings its own colour is rare is no object: its points join the cluster that they lie on.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,11 +17,11 @@ from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import Cloud
 
 LINK_M = 0.016  # points of one surface are this near: two pixels of a camera a metre away
-FINE_M, FINE_POINTS = 0.007, 40  # the same of things with looks, which fine pictures part; fewer points are their edges
+FINE_M, FINE_POINTS = 0.007, 40  # the same of objects with looks, which fine pictures part; fewer are their edges
 PURE = 0.6  # of the near colours around a cluster: its own
 AROUND_M = 0.008  # of a cluster's points
 AROUND_POINTS = 60  # at which the surroundings are looked up
-EXPLAINED_M = 0.006  # from the surface of a thing: its own point
+EXPLAINED_M = 0.006  # from the surface of an object: its own point
 REST_SHARE = 0.03  # of a cluster: what is less is its edges
 JOIN_M = 0.006  # a stray point is this near to the cluster that it lies on
 
@@ -77,12 +77,12 @@ def _join(pure: list[Piece], loose: Piece, points_m: Array) -> tuple[list[Piece]
 
 
 def _find_link(group: Sequence[ObjectModel]) -> tuple[float, int]:
-    """How near points of one surface are [m], and how many are a thing."""
+    """How near points of one surface are [m], and how many are an object."""
     return (FINE_M, FINE_POINTS) if all(thing.look for thing in group) else (LINK_M, 0)
 
 
 def _cut(group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array) -> list[Piece]:
-    """Clusters of points (n, 3), each at most as large as the largest thing of the group."""
+    """Clusters of points (n, 3), each at most as large as the largest object of the group."""
     pieces: list[Piece] = []
     largest, (link_m, least) = max(thing.diameter_m for thing in group), _find_link(group)
     for cluster in find_clusters(points, link_m):
@@ -95,7 +95,7 @@ def _cut(group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: A
 def _find_near(
     group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array, *, may_fall: bool = False
 ) -> list[tuple[ObjectModel, Entity]]:
-    """The things whose believed places are within or near a cluster (n, 3), or hidden and above it if they may fall."""
+    """Objects whose believed places are within or near a cluster (n, 3), or hidden and above it if they may fall."""
     found = []
     for thing in group:
         entity = believed.get(thing.name)
@@ -109,10 +109,10 @@ def _find_near(
 
 
 def _explain(group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array) -> list[Piece]:
-    """The parts of points (n, 3) of alike colours that lie on things which stay, and what came to touch these.
+    """The parts of points (n, 3) of alike colours that lie on objects which stay, and what came to touch these.
 
-    Things that touch are one cluster. What was seen before explains the points on its surface; the rest of the cluster
-    is what came to it. Where these are more than the other things near, something has moved, and nothing is explained.
+    Objects that touch are one cluster. What was seen before explains the points on its surface; the rest of the cluster
+    is what came to it. Where these are more than the other objects near, something has moved, and nothing is explained.
     """
     parts: list[Piece] = []
     link_m, _ = _find_link(group)

@@ -74,7 +74,7 @@ class Pipeline:
     ) -> Environment:
         """The world after a look at `time_s`; a belief of another episode is ignored.
 
-        The frames are windows of the things in `focus`, or whole ones; `state` is the target's own now, `find_state`
+        The frames are windows of the objects in `focus`, or whole ones; `state` is the target's own now, `find_state`
         tells it at an earlier time [s].
         """
         known = before if before is not None and before.episode == scene.episode else None
@@ -161,7 +161,7 @@ class Pipeline:
     def confirm(
         self, frames: Frames, state: TargetState, time_s: float, before: Environment, names: Collection[str]
     ) -> Environment | None:
-        """The world after a glance that shows these things unmoved; None in doubt.
+        """The world after a short look that shows these objects unmoved; None where uncertain.
 
         Frames are windows around them, thinned or not; `before` is the belief, carried on to now.
         """
@@ -190,13 +190,13 @@ class Pipeline:
         )
 
     def recall(self, before: Environment, state: TargetState, time_s: float) -> Environment:
-        """The belief without a look: a held thing has moved with the hand."""
+        """The belief without a look: a held object has moved with the hand."""
         after = follow_hand(self.inventory, before.entities, state, self._hand, time_s)
         targets = {self._target: self.own_state(state, after)}
         return msgspec.structs.replace(before, time_s=time_s, entities=after, targets=targets)
 
     def own_state(self, state: TargetState, entities: dict[str, Entity]) -> TargetState:
-        """The target's state with the perceived held things: touch does not identify them."""
+        """The target's state with the perceived held objects: touch does not identify them."""
         held = tuple(sorted(name for name, entity in entities.items() if entity.status is Status.HELD))
         return msgspec.structs.replace(state, holding=held)
 

@@ -2,7 +2,7 @@
 
 The open part is the covariance of the fit, variance times the inverse of its normal equations (W. Triggs et al.,
 "Bundle adjustment - a modern synthesis", 2000, section 6); it falls with the number of looks. The other part is common
-to all looks at an unchanged thing: calibration, wavering edges, walls seen from one side. It never falls.
+to all looks at an unchanged object: calibration, wavering edges, walls seen from one side. It never falls.
 """
 
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from phyagentos.runtime.perception.solid_distance import linearise
 from phyagentos.runtime.perception.solids import Array
 
 CORRELATED = 2.0  # neighbouring pixels share their errors: so many of them count as one
-SHIFTED = 0.5  # of that variance, what turns a thing; what pixels share shifts it
+SHIFTED = 0.5  # of that variance, what turns an object; what pixels share shifts it
 SIGMA = 1.4826  # of a normal distribution, by its median distance
-RESIDUAL_M = 0.0005  # no residual is less: the model of a thing is as exact as this
+RESIDUAL_M = 0.0005  # no residual is less: the model of an object is as exact as this
 BIAS_M, BIAS_PER_M = 0.0003, 180.0  # of a position in every look: its least, and what it grows by with the variance
 PATH_CALIBRATION, PATH_BIAS_PER_M = 0.6, 120.0  # of a position on a path: per noise in one camera, and the variance
-BIAS_TURN = 0.7  # of the same shift between two ends of a thing
+BIAS_TURN = 0.7  # of the same shift between two ends of an object
 OPEN_LEAST = 0.1  # of the common variance: a mean of more looks than it takes to come to this would not follow
-OUTLINE_M, OUTLINE_TURN = 0.004, 2.0  # where a face in sight ends fixes its thing this well, and a turn by its width
+OUTLINE_M, OUTLINE_TURN = 0.004, 2.0  # where a visible face ends fixes its object this well, and a turn by its width
 MAP_STDS = np.array([0.001, 0.002])  # of what is known from the scene file and not measured: place [m] and turn [rad]
 UPRIGHT_STDS = 3.0  # a lean of less than this many deviations is none that the pixels show
 FREE = np.ones(6)
@@ -37,7 +37,7 @@ class PoseUncertainty:
     common: Array
 
     def of_measured(self, size_std_m: float) -> "PoseUncertainty":
-        """The same for a thing whose own sides are known to this deviation [m]: its middle is off by half of it."""
+        """The same for an object whose own sides are known to this deviation [m]: its middle is off by half of it."""
         parts = np.array([size_std_m / 2.0, 0.0])
         return PoseUncertainty(np.hypot(self.total, parts), np.hypot(self.common, parts))
 
@@ -73,11 +73,11 @@ def compute_uncertainty(
 
     Args:
         distance_m: (n,) of its points.
-        gradient: (n, 3) of these, in the thing's frame.
-        arm_m: (n, 3) from the thing's origin to its points, in the world.
+        gradient: (n, 3) of these, in the object's frame.
+        arm_m: (n, 3) from the object's origin to its points, in the world.
         rotation: (3, 3) `world_T_thing`.
         axes: (3, k) turns that its surface shows, in its frame.
-        width_m: Of the thing.
+        width_m: Of the object.
         free: (6,) is 1 for each free motion of the fit; what is not free is known as well as the map is.
         huber_m: Distances beyond this are weighted down.
         path: (6,) the only motion of a part of a mechanism, for one metre along it, which the result is about then.
@@ -91,7 +91,7 @@ def compute_uncertainty(
     motions = np.zeros((6, 3 + axes.shape[1]))
     motions[:3, :3], motions[3:, 3:] = np.eye(3), rotation @ axes
     motions *= free[:, None]
-    outline_m = max(OUTLINE_M, float(np.sqrt(variance)))  # an edge in sight wavers as depth does
+    outline_m = max(OUTLINE_M, float(np.sqrt(variance)))  # a visible edge wavers as depth does
     known = np.array([outline_m] * 3 + [OUTLINE_TURN * outline_m / max(width_m, 1e-3)] * axes.shape[1])
     bias_turn = BIAS_TURN / max(width_m, 1e-3) if axes.shape[1] and np.any(free[3:]) else 0.0
     bias_m, is_map = BIAS_M + BIAS_PER_M * variance, free.reshape(2, 3).min(axis=1) == 0.0

@@ -6,7 +6,7 @@ declared noise may show a still scene twice; it is frozen where its picture stay
 what it shows, or has carried the camera along. While the robot stands still, no picture proves anything.
 
 A displaced camera disagrees with the map, or with the other cameras: a shift along a plane of the map leaves its points
-on it, and they differ from the other cameras' in the things then.
+on it, and they differ from the other cameras' in the objects then.
 """
 
 import hashlib
@@ -43,7 +43,7 @@ TILES = 4  # along each side of a picture
 TILE_POINTS = 15  # with fewer a tile is not read
 NOISE = 2.5  # median deviations of the points of a tile
 SAMPLES = 8  # so many more points of the robot that are absent than when the picture was new
-REACH_M, POINTS_MIN = 0.05, 40  # of a thing, within which points of its colour are its own; with fewer none is compared
+REACH_M, POINTS_MIN = 0.05, 40  # of an object, within which points of its colour are its own; fewer are not compared
 OFF_M, TIMES = 0.005, 2.5  # no calibration errs by so much where that of another camera errs so many times less
 CARRIED_M, CARRIED_RAD = 0.002, 0.002  # by which the camera itself was moved
 
@@ -190,7 +190,7 @@ def find_displaced(
 def find_disagreeing(
     things: Mapping[str, ObjectModel], entities: Mapping[str, Entity], views: Sequence[CameraView], cloud: Cloud
 ) -> str:
-    """The camera whose points of the things lie farthest from where all cameras together see these.
+    """The camera whose points of the objects lie farthest from where all cameras together see these.
 
     Empty where none errs by much more than another, or only two are left, of which either may err.
     """

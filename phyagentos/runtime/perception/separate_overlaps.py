@@ -15,7 +15,7 @@ from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import Cloud, Views
 
 SUNK_M = 0.005  # depths and calibration err by less than this
-WITHIN = 0.7  # of half its least extent: with its middle so deep in another one, a thing is not where that is
+WITHIN = 0.7  # of half its least extent: with its middle so deep in another one, an object is not where that is
 
 
 def separate_overlaps(
@@ -57,7 +57,7 @@ def separate_overlaps(
 
 
 def _is_within(thing: ObjectModel, own: Fit, others: Solids) -> bool:
-    """Whether the middle of a thing is deep within other ones."""
+    """Whether the middle of an object is deep within other ones."""
     low, high = thing.samples_m.min(axis=0), thing.samples_m.max(axis=0)
     middle = own.position_m + own.rotation @ ((low + high) / 2)
     return -float(others.measure(middle[None])[0]) > WITHIN * float((high - low).min()) / 2

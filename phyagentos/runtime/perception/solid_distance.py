@@ -110,7 +110,7 @@ def measure_with_gradient(points, kinds, sizes, rotations, positions, inflate): 
 def _find_front(kind, size, local, towards, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Depth of a point below the face through which its line of sight leaves a box or cylinder; that face's normal.
 
-    Infinite where the line misses the solid, and for round solids, whose nearest surface is the one in sight.
+    Infinite where the line misses the solid, and for round solids, whose nearest surface is the visible one.
     """
     enter, leave, axis, depth = -inf, inf, -1, inf
     if kind in (SPHERE, CAPSULE):
@@ -154,7 +154,7 @@ def _find_front(kind, size, local, towards, out):  # type: ignore[no-untyped-def
 def measure_seen(points, towards, reach, kinds, sizes, rotations, positions, inflate):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """As `measure_with_gradient`, of points (n, 3) that a camera in the directions `towards` (n, 3) sees.
 
-    A point within a solid, or at most `reach` behind it, belongs to the face in sight: its distance is the negative
+    A point within a solid, or at most `reach` behind it, belongs to the visible face: its distance is the negative
     depth below that face. The nearest face may be one that no camera sees: the back of a thin wall.
     """
     nearest, gradient = measure_with_gradient(points, kinds, sizes, rotations, positions, inflate)
@@ -183,7 +183,7 @@ def measure_seen(points, towards, reach, kinds, sizes, rotations, positions, inf
 def linearise(distance, gradient, arm, rotation, moves, huber):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """(m, n) derivatives of n distances by m motions along and about the world's axes, and the same with weights.
 
-    `gradient` (n, 3) is in the thing's frame, `arm` (n, 3) from its origin in the world.
+    `gradient` (n, 3) is in the object's frame, `arm` (n, 3) from its origin in the world.
     """
     jacobian, weighted = np.empty((len(moves), len(arm))), np.empty((len(moves), len(arm)))
     row = np.empty(6)
@@ -203,7 +203,7 @@ def linearise(distance, gradient, arm, rotation, moves, huber):  # type: ignore[
 
 @njit(cache=True)
 def project(points, normals, thing, view, focal, size, facing):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
-    """Where points (n, 3) of a posed thing's surface are expected in a picture.
+    """Where points (n, 3) of a posed object's surface are expected in a picture.
 
     `thing` and `view` are rotation (3, 3) and position (3,) in the world, `size` height and width of the picture.
 

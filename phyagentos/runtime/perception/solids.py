@@ -12,7 +12,7 @@ from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
 from phyagentos.runtime.perception import solid_distance
 
 Array = NDArray[np.float64]
-BEHIND_M = 0.008  # so deep behind a face in sight is noise; farther is another surface
+BEHIND_M = 0.008  # so deep behind a visible face is noise; farther is another surface
 _NUMBERS = {
     ShapeKind.BOX: solid_distance.BOX,
     ShapeKind.SPHERE: solid_distance.SPHERE,

@@ -1,9 +1,9 @@
-"""Measures what things stand on: level faces of the map, from depth, with a doubt. The map is a prior with an error.
+"""Measures what objects stand on: level faces of the map, by depth, with uncertainty. The map is a prior with an error.
 
 Points of a body's colour near its level faces give its height and its tilt, by a plane that outliers do not pull (J. W.
 Tukey's biweight; P. W. Holland, R. E. Welsch, "Robust regression using iteratively reweighted least-squares", 1977).
 Each camera gives a plane of its own: what these differ by shows their calibration. The map stands while the planes do
-not contradict it; then its doubt contains what they differ from it.
+not contradict it; then its uncertainty contains what they differ from it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +32,7 @@ BIWEIGHT, SCALE_MIN_M = 4.7, 0.0005
 PRIOR_M, PRIOR_RAD = 0.02, 0.02  # how wrong a map may be before a face is looked for elsewhere
 CALIBRATION, CALIBRATION_SHARE = 0.0005, 0.3  # of one camera, in height [m] and slope, and what grows with its noise
 CALIBRATIONS = 2.0  # cameras that this counts as, when they are compared
-LEVEL = 0.996  # least cosine of a face that things stand on
+LEVEL = 0.996  # least cosine of a face that objects stand on
 CONTRADICTED, AGREED = 4.0, 2.0  # deviations at which a map falls, and at which it stands again
 
 
@@ -51,7 +51,7 @@ def measure_supports(
     inventory: Inventory,
     before: Mapping[str, Entity],
 ) -> dict[str, Entity]:
-    """The bodies of the map where depth shows them; those without enough of a level face in sight as believed.
+    """The bodies of the map where depth shows them; those without enough of a visible level face as believed.
 
     `labels` (h, w) are palette indices of the pixels of each frame; `before` is the belief.
     """
@@ -68,7 +68,7 @@ def measure_supports(
 def replace_surface(
     inventory: Inventory, before: Mapping[str, Entity], frames: Sequence[Frame], views: Sequence[CameraView]
 ) -> Inventory:
-    """An inventory without a map whose map is the largest level surface in sight, or the one that is believed."""
+    """An inventory without a map whose map is the largest visible level surface, or the one that is believed."""
     surface = before.get(SURFACE)
     if surface is None:
         points = [

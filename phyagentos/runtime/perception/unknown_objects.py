@@ -1,7 +1,7 @@
-"""Finds what no model explains: clusters of measured points that are neither the map, the robot, nor a known thing.
+"""Finds what no model explains: clusters of measured points that are neither the map, the robot, nor a known object.
 
 Each becomes an entity without a name of its own, as a box that stands on whatever is below it: an obstacle for
-planning, and one of the things that `*` stands for. Nothing is known of its form and colour but what was seen.
+planning, and one of the objects that `*` stands for. Nothing is known of its form and colour but what was seen.
 """
 
 import math
@@ -183,7 +183,7 @@ def _measure_gap(foot: Array, map_solids: Solids, named: Sequence[Entity]) -> fl
 
 
 def _is_named(stranger: Entity, named: Sequence[Entity]) -> bool:
-    """Whether a known thing stands where the stranger was: it has a name now."""
+    """Whether a known object stands where the stranger was: it has a name now."""
     middle = np.array([stranger.pose.position_m])
     known = (each for each in named if each.movable and each.shapes and each.status in (Status.SEEN, Status.HELD))
     return any(not _is_beyond(middle, Solids.place(each), THING_M).any() for each in known)

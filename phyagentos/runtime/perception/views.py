@@ -1,6 +1,6 @@
 """From frames to labelled points of the world that belong neither to the map nor to the robot, and what they show.
 
-Surface points of a believed thing that face a camera are compared with the measured depth: nearer means hidden, equal
+Surface points of a believed object that face a camera are compared with the measured depth: nearer means hidden, equal
 means confirmed, farther means that the camera sees through the believed surface.
 """
 
@@ -161,7 +161,7 @@ def _find_map(points: Array, colors: NDArray[np.uint8], inventory: Inventory) ->
 
 @dataclass(frozen=True, slots=True)
 class Visibility:
-    """Points of a thing's surface over all cameras, measured at the expected depth, nearer, or farther."""
+    """Points of an object's surface over all cameras, measured at the expected depth, nearer, or farther."""
 
     confirmed: int
     hidden: int
@@ -174,7 +174,7 @@ class Visibility:
 
 
 def compute_visibility(thing: ObjectModel, rotation: Array, position_m: Array, views: Views) -> Visibility:
-    """Visibility of a thing in a pose."""
+    """Visibility of an object in a pose."""
     return measure_visibility(thing.samples_m, thing.normals, rotation, position_m, views)
 
 

@@ -23,7 +23,7 @@ from phyagentos.runtime.targets.wire import Capture, Frames, Observation, Step
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """Required content of an answer: a new look at everything or at some things, or only the held thing."""
+    """Required content of an answer: a new look at everything or at some objects, or only the held object."""
 
     everything: bool = False
     things: frozenset[str] = frozenset()
@@ -39,7 +39,7 @@ class Need:
 class ConfirmationCapture:
     """Frames that are taken at the end of a period, while the next one is on its way.
 
-    `window` shows the things that are to be confirmed where they are believed to be, None without any; `probe` shows
+    `window` shows the objects that are to be confirmed where they are believed to be, None without any; `probe` shows
     that the cameras are alive, None while an earlier proof lasts.
     """
 
@@ -85,11 +85,11 @@ class WorldModel(ABC):
         """The present world, with at least the needed content.
 
         Raises:
-            ExecutionError: `NO_SCENE` before `enter`; `TARGET_LOST`.
+            ExecutionError: `NO_EPISODE` before `enter`; `TARGET_LOST`.
         """
 
     def plan_confirmation(self, things: frozenset[str], time_s: float) -> ConfirmationCapture | None:
-        """The frames that may confirm these things at `time_s`, the end of the period that was sent last.
+        """The frames that may confirm these objects at `time_s`, the end of the period that was sent last.
 
         None where the world has to stand for a look.
         """
@@ -98,7 +98,7 @@ class WorldModel(ABC):
     def read_confirmation(self, confirmation: ConfirmationCapture, frames: Sequence[Frames]) -> Environment | None:
         """The world at the latest step, confirmed by the frames of a confirmation, in the order of its captures.
 
-        None in doubt: the things are to be observed while the world stands.
+        None where uncertain: the objects are to be observed while the world stands.
         """
         return None
 
@@ -144,7 +144,7 @@ class WorldModel(ABC):
     @property
     def _scene(self) -> Scene:
         if self._current_scene is None:
-            raise ExecutionError("NO_SCENE", "no scene is observed; call enter() first")
+            raise ExecutionError("NO_EPISODE", "no scene is observed; call enter() first")
         return self._current_scene
 
     def _find_present(self, need: Need) -> Environment | None:

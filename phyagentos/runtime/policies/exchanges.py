@@ -99,16 +99,16 @@ class ExchangeLog:
 
 
 def read_exchanges(folder: Path) -> tuple[Exchange, ...]:
-    """The exchanges of a bundle; raises ExecutionError `EVIDENCE_UNREADABLE` where there are none."""
+    """The exchanges of a bundle; raises ExecutionError `EVIDENCE_DAMAGED` where there are none."""
     try:
         lines = (folder / POLICY).read_bytes().splitlines()
         return tuple(msgspec.json.decode(line, type=Exchange) for line in lines)
     except (OSError, msgspec.MsgspecError) as error:
-        raise ExecutionError("EVIDENCE_UNREADABLE", f"{folder / POLICY}: {error}") from error
+        raise ExecutionError("EVIDENCE_DAMAGED", f"{folder / POLICY}: {error}") from error
 
 
 def read_arrays(folder: Path, exchange: Exchange) -> tuple[dict[str, Array], Array]:
-    """The observations of an exchange, and its rows; raises ExecutionError `EVIDENCE_UNREADABLE`."""
+    """The observations of an exchange, and its rows; raises ExecutionError `EVIDENCE_DAMAGED`."""
     path = folder / exchange.file
     try:
         data = path.read_bytes()
@@ -118,7 +118,7 @@ def read_arrays(folder: Path, exchange: Exchange) -> tuple[dict[str, Array], Arr
             arrays = {Path(name).stem: read_array(file, name) for name in file.namelist()}
         return arrays, arrays.pop(ROWS)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise ExecutionError("EVIDENCE_UNREADABLE", f"{path}: {error}") from error
+        raise ExecutionError("EVIDENCE_DAMAGED", f"{path}: {error}") from error
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
@@ -128,7 +128,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
         time_s: Of the observations, in the target's time [s].
         recorded: Shape of the recorded rows; `given` is that of the rows now, empty where there was no chunk.
         difference: Greatest of any number, in the policy's own units, at row and column `where`; else infinite.
-        done: Whether the policy says now that it is done, where it said the other thing then; None otherwise.
+        done: Whether the policy says now that it is done, where it said the other object then; None otherwise.
         fault: Why there is no chunk.
     """
 
@@ -162,7 +162,7 @@ def replay_exchanges(root: Path, session: str, endpoint: str = "", timeout_s: fl
     The recorded policy is asked where no other endpoint is given; `timeout_s` is the longest wait for one chunk [s].
 
     Raises:
-        ExecutionError: `EVIDENCE_UNREADABLE`; `POLICY_UNREACHABLE` where the first request meets no server.
+        ExecutionError: `EVIDENCE_DAMAGED`; `POLICY_UNREACHABLE` where the first request meets no server.
         DefinitionError: The skill of the session is no policy any more.
     """
     workspace = Workspace.open(root)

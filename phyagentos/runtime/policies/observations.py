@@ -36,7 +36,7 @@ class Observer:
     Attributes:
         late_max_s: How much older than one period of its stream a frame may be: its latency, and a few lost ones [s].
         health: Of the cameras at the latest observation.
-        poses: By parameter that names a thing: position [m] and quaternion (w, x, y, z) before the first command.
+        poses: By parameter that names an object: position [m] and quaternion (w, x, y, z) before the first command.
     """
 
     streams: Mapping[str, Stream]
@@ -101,7 +101,7 @@ class Observer:
         return now.time_s, shown
 
     def _recall_world(self, stream: Stream) -> np.ndarray:
-        """(k, 7) poses; where a thing went since, nobody has looked."""
+        """(k, 7) poses; where an object went since is unknown."""
         if unseen := [each for each in stream.entities if each not in self.poses]:
             raise ExecutionError("OBSERVATION_UNAVAILABLE", f"{WORLD!r}: not seen before: {format_names(unseen)}")
         return np.array([self.poses[each] for each in stream.entities], dtype=stream.dtype)

@@ -1,7 +1,7 @@
 """A policy behind openpi's WebSocket protocol: `openpi://host:port`, and `openpis://` with TLS.
 
 On connect the server sends its metadata. Each observation is one binary frame, its answer another one; a text frame is
-an error in words. The protocol has no numbers: an answer that nobody asked for is found before the next request.
+an error in words. The protocol has no numbers: an answer to no request is found before the next request.
 """
 
 import contextlib
@@ -79,7 +79,7 @@ class OpenpiService(PolicyService):
         self._opened.close()
 
     def _send(self, data: bytes, timeout_s: float) -> None:
-        """Send one frame; a server that does not read holds nobody for longer than `timeout_s` [s]."""
+        """Send one frame; a server that does not read blocks for no longer than `timeout_s` [s]."""
         limit = _TIME.pack(int(timeout_s), int(timeout_s % 1.0 * 1e6))
         self._connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
         try:
@@ -94,7 +94,7 @@ class OpenpiService(PolicyService):
             return
         except ConnectionClosed as error:
             raise _explain_end(error) from error
-        raise ExecutionError("POLICY_FAULT", "the policy server sent an answer that nobody asked for")
+        raise ExecutionError("POLICY_FAULT", "the policy server sent an answer to no request")
 
     def _read(self, timeout_s: float, silence_s: float) -> dict[Any, Any]:
         """The next message; an answered ping is a sign of life, as long as `timeout_s` is not over."""

@@ -56,7 +56,7 @@ class PolicyParts:
         chain: From the policy's action space to the target's; one row per control period comes out.
         is_realtime: Whether time goes on while the server infers.
         is_pausing: Whether the session is to rest.
-        sought_m: (3,) where the first thing of `environment_state` is believed to be [m]; None where there is none.
+        sought_m: (3,) where the first object of `environment_state` is believed to be [m]; None where there is none.
     """
 
     descriptor: PolicyDescriptor
@@ -133,7 +133,7 @@ class PolicySkillRuntime:
         self._parts.client.close()
 
     def read_outputs(self) -> Fields:
-        """How much was carried out, and where the thing was from the tool when it was nearest [m]."""
+        """How much was carried out, and where the object was from the tool when it was nearest [m]."""
         self._approach()
         near = {"missed_m": self._missed_m.round(4).tolist()} if self._parts.sought_m is not None else {}
         return {"chunks": self._chunks, "control_periods": self._commands} | near
@@ -355,7 +355,7 @@ class PolicySkillRuntime:
 
 
 def _list_poses(session: Session, world: Environment) -> dict[str, tuple[float, ...]]:
-    """Position [m] and quaternion of each thing that an argument names and the world shows, by parameter."""
+    """Position [m] and quaternion of each object that an argument names and the world shows, by parameter."""
     shown = {key: name for key, name in session.parameters.items() if isinstance(name, str) and world.shows(name)}
     named = {key: world.entities[name] for key, name in shown.items() if name in world.entities}
     return {key: (*each.pose.position_m, *each.pose.quaternion_wxyz) for key, each in named.items()}

@@ -86,10 +86,9 @@ class _Tcp:
 
 class _Http:
     def __init__(self, endpoint: str) -> None:
-        from phyagentos.network.http import Codes, HttpClient  # a worker without such a policy needs none
+        from phyagentos.network.http import HttpClient  # a worker without such a policy needs none
 
-        codes = Codes(late="POLICY_LOST", lost="POLICY_LOST", refused="POLICY_LOST", malformed="POLICY_FAULT")
-        self._client = HttpClient(endpoint, codes, f"the policy server at {endpoint}")
+        self._client = HttpClient(endpoint, "POLICY_LOST", "POLICY_FAULT", f"the policy server at {endpoint}")
 
     def exchange(self, message: bytes | None, timeout_s: float) -> bytes:
         if message is None:

@@ -44,9 +44,9 @@ def iter_parameter_problems(session: Session, skill: SkillRuntime) -> Iterator[P
         if value is None:
             if parameter.is_needed:
                 fix = f"Give {name!r} under 'with'."
-                yield make_problem("MISSING_PARAMETER", address, "nothing", parameter.type, by, fix)
+                yield make_problem("MISSING_VALUE", address, "nothing", parameter.type, by, fix)
         elif reason := find_mismatch(parameter, value):
-            yield make_problem("PARAMETER_INVALID", address, repr(str(value)), reason, by)
+            yield make_problem("INVALID_VALUE", address, repr(str(value)), reason, by)
 
 
 def iter_limit_problems(session: Session, limits: TargetLimits) -> Iterator[Problem]:
@@ -54,7 +54,7 @@ def iter_limit_problems(session: Session, limits: TargetLimits) -> Iterator[Prob
     for name in session.limits.__struct_fields__:
         value = getattr(session.limits, name)
         if not math.isfinite(value) or value <= 0.0:
-            yield make_problem("INVALID_CONTRACT", f"limits.{name}", value, "a number of seconds above 0")
+            yield make_problem("INVALID_VALUE", f"limits.{name}", value, "a number of seconds above 0")
     allowed_s = limits.session_duration_max.value
     if isinstance(allowed_s, float | int) and session.limits.timeout_s > allowed_s:
         expected = f"at most {allowed_s:g} s"
@@ -96,11 +96,12 @@ def iter_name_problems(
                 kind, moves = (entity.kind, entity.mechanism) if entity is not None else ("", None)
                 if parameter.mechanism not in (None, moves and moves.kind):
                     found = f"{value}, which has {f'a {moves.kind}' if moves else 'no joint'}"
-                    expected, fix = f"a thing with a {parameter.mechanism}", "Choose another thing, or another skill."
-                    yield make_problem("PARAMETER_INVALID", f"parameters.{name}", found, expected, by, fix)
+                    expected = f"an object with a {parameter.mechanism}"
+                    fix = "Choose another object, or another skill."
+                    yield make_problem("INVALID_VALUE", f"parameters.{name}", found, expected, by, fix)
                 if parameter.kinds and kind not in parameter.kinds:
                     yield make_problem(
-                        "PARAMETER_INVALID", f"parameters.{name}", f"{value}: {kind}", " or ".join(parameter.kinds), by
+                        "INVALID_VALUE", f"parameters.{name}", f"{value}: {kind}", " or ".join(parameter.kinds), by
                     )
                 continue
             reported.add(value)
@@ -159,7 +160,7 @@ def iter_precondition_problems(session: Session, now: Environment) -> Iterator[P
 
 
 def iter_ambiguity_problems(session: Session, skill: SkillRuntime | None, now: Environment) -> Iterator[Problem]:
-    """Acceptance that asks which of some things is which, where nothing tells them apart.
+    """Acceptance that asks which of some objects is which, where nothing tells them apart.
 
     What the session acts on meets its acceptance afterwards; the others that it may be have to meet it already. Where
     it only looks, its acceptance has to be decided now.
@@ -185,7 +186,7 @@ def iter_ambiguity_problems(session: Session, skill: SkillRuntime | None, now: E
             fix = "Mark one of them, ask for a number of them, or write them into 'interchangeable' of the goal."
             address = f"accept[{index}]"
             yield make_problem(
-                "AMBIGUOUS", address, found, "things that can be told apart", f"accept: {text}", fix, text
+                "AMBIGUOUS", address, found, "objects that can be told apart", f"accept: {text}", fix, text
             )
 
 
@@ -202,7 +203,7 @@ def _look_at(session: Session, now: Environment) -> View:
 
 
 def iter_contradictions(session: Session, now: Environment) -> Iterator[Problem]:
-    """Things that the acceptance wants inside of two places at once that do not overlap."""
+    """Objects that the acceptance wants inside of two places at once that do not overlap."""
     wanted: dict[str, list[str]] = {}
     for text in session.accept:
         formula = find_formula(text)

@@ -184,7 +184,7 @@ class Preflight:
         problems: list[Problem] = []
         if skill.kind not in self.kinds:
             expected = format_names(self.kinds)
-            problems.append(make_problem("SKILL_KIND_UNSUPPORTED", "skill.kind", repr(skill.kind), expected))
+            problems.append(make_problem("NOT_OFFERED", "skill.kind", repr(skill.kind), expected))
         problems += iter_version_problems(skill)
         problems += iter_ability_problems(skill, profile)
         problems += iter_operation_problems(skill, profile, settings.contract)

@@ -42,7 +42,7 @@ from phyagentos.runtime.motion.requests import (
     NoPlan,
     Payload,
     PlanMove,
-    Stance,
+    PostureCheck,
     TimeLine,
     World,
 )
@@ -57,7 +57,7 @@ SHARE = 0.5  # of the time that the contract allows the whole examination
 PATH_SPEED = 1.0
 NUDGE_RAD = 0.01  # the shortest line that there is to time
 AROUND_M = 0.3  # tolerance of a place, and half of what is pushed there
-HAND_M = 0.05  # a tool point that grasps a thing is this near to its solids at most
+HAND_M = 0.05  # a tool point that grasps an object is this near to its solids at most
 PROOFS = {  # codes of the planner that prove a motion impossible -> code of the problem
     "TOO_WIDE": "TOO_WIDE",
     "NO_SPACE": "NO_SPACE",
@@ -218,7 +218,7 @@ class DryRun:
             course.trials.append(self._try_place(course, to, payload, name))
 
     def _iter_beyond(self, session: Session) -> Iterator[Trial]:
-        """Points where the acceptance wants a thing, and where no tool brings anything; heights do not matter."""
+        """Points where the acceptance wants an object, and where no tool brings anything; heights do not matter."""
         for text in session.accept:
             match read_statement(find_formula(text)), self.reach:
                 case Statement(Meaning.AT, Name(thing), Point((x_m, y_m, _))), Reach() as reach:
@@ -235,7 +235,7 @@ class DryRun:
         """
         movable = tuple(each.name for each in course.world.entities if each.movable)
         answer, ms = self._ask(CheckPosture(course.world, q_rad, course.session.seed, ignore=movable))
-        if not isinstance(answer, Stance):
+        if not isinstance(answer, PostureCheck):
             return _judge(f"{name} posture", answer, ms, proves=False)
         if not answer.contacts:
             return Trial(motion=f"{name} posture", outcome="possible", ms=ms)
@@ -364,7 +364,7 @@ def make_trial_problem(trial: Trial, session: Session) -> Problem:
     """Why a session is rejected whose first motion cannot exist."""
     expected = "a motion that exists"
     by = f"skill {session.skill}: its first motion"
-    fix = "Choose another thing, destination or target."
+    fix = "Choose another object, destination or target."
     return make_problem(trial.code, f"dry run: {trial.motion}", trial.message, expected, by, fix)
 
 

@@ -147,7 +147,7 @@ class Examiner:
         why += self.show_look(self.world.latest_look, f"evidence/{session.id}")
         if problem.code == _UNMET:
             return msgspec.structs.replace(problem, hint=f"{problem.hint}. {why}.")
-        found, expected = f"{name!r}, which is in the scene and in no picture", "a thing that was seen"
+        found, expected = f"{name!r}, which is in the scene and in no picture", "an object that was seen"
         return msgspec.structs.replace(problem, found=found, expected=expected, hint=f"{why}.")
 
     def _find_tree_problems(self, session: Session) -> list[Problem]:

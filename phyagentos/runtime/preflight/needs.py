@@ -40,7 +40,7 @@ def iter_ability_problems(skill: SkillRuntime, profile: TargetProfile) -> Iterat
 
 
 def iter_resource_problems(session: Session, contract: RuntimeContract) -> Iterator[Problem]:
-    """Undeclared resources: two sessions with two names for one thing could hold it at once."""
+    """Undeclared resources: two sessions with two names for one object could hold it at once."""
     for index, name in enumerate(session.resources):
         if name not in contract.resources:
             address, by = f"resources[{index}]", "runtime_contract.yaml: resources"
@@ -108,7 +108,7 @@ def iter_payload_problems(
         least_kg, load_kg = _sum_up_kg(whole, spec.bodies)
         address = f"scene {spec.scene}: bodies.{name}"
         if load_kg > carried_kg:
-            fix = f"Choose another thing or target; {profile.target} carries arm.payload_kg less gripper.mass_kg."
+            fix = f"Choose another object or target; {profile.target} carries arm.payload_kg less gripper.mass_kg."
             found, expected = f"up to {load_kg:g} kg", f"at most {carried_kg:g} kg"
             yield make_problem("TOO_HEAVY", f"{address}.mass_kg", found, expected, by, fix)
         body = spec.bodies[name]
@@ -116,19 +116,19 @@ def iter_payload_problems(
         if STANDARD_GRAVITY_M_S2 * least_kg > borne_n and body.interior is None:  # a vessel may hang on its rim
             found = f"at least {STANDARD_GRAVITY_M_S2 * least_kg:.1f} N of weight"
             expected = f"at most {borne_n:.1f} N, which two fingers of {press_n:g} N bear by friction"
-            fix = "Choose another thing, or a skill that does not lift it."
+            fix = "Choose another object, or a skill that does not lift it."
             yield make_problem("TOO_SLIPPERY", f"{address}.grip_span", found, expected, by, fix)
 
 
 def _find_lifted(name: str, bodies: Mapping[str, Body]) -> str:
-    """The thing that is lifted with this one; empty for what stands fixed, or is pulled or pushed in a joint."""
+    """The object that is lifted with this one; empty for what stands fixed, or is pulled or pushed in a joint."""
     while name in bodies and (whole := bodies[name].part_of) is not None:
         name = whole
     return name if name in bodies and not bodies[name].fixed and bodies[name].joint is None else ""
 
 
 def _sum_up_kg(name: str, bodies: Mapping[str, Body]) -> tuple[float, float]:
-    """Least and greatest weight of a thing with all that is fixed to it, and what it holds."""
+    """Least and greatest weight of an object with all that is fixed to it, and what it holds."""
     own, filling = bodies[name].mass_span_kg or (bodies[name].mass_kg, bodies[name].mass_kg), bodies[name].contents
     parts = [_sum_up_kg(part, bodies) for part, each in bodies.items() if each.part_of == name]
     parts += [(filling.count * filling.mass_kg,) * 2] if filling is not None else []

@@ -42,7 +42,7 @@ def iter_policy_problems(
     by = f"policy {policy.policy}"
     if not _is_endpoint(policy.endpoint):
         expected = f"SCHEME://HOST:PORT with one of {format_names(POLICY_WIRES.names())}"
-        yield make_problem("ENDPOINT_INVALID", "skill.policy.endpoint", repr(policy.endpoint), expected, by)
+        yield make_problem("INVALID_VALUE", "skill.policy.endpoint", repr(policy.endpoint), expected, by)
     if policy.protocol != POLICY_PROTOCOL:
         found = f"version {policy.protocol}"
         yield make_problem("VERSION_MISMATCH", "skill.policy.protocol", found, f"version {POLICY_PROTOCOL}", by)
@@ -109,13 +109,13 @@ def _iter_stream_problems(
     if found is None:
         known = sorted({each for sensor in sensors.sensors.values() for each in sensor.provides})
         fix = f"Let a sensor of sensors.yaml provide {name!r}."
-        yield make_problem("SENSOR_MISSING", address, repr(name), format_names(known), by, fix)
+        yield make_problem("SENSOR_MISMATCH", address, repr(name), format_names(known), by, fix, kind="missing")
         return
     sensor = found[1]
     signal = sensor.signals.get(name) or _describe_picture(stream, sensor)
     if signal is None:
         fix = f"Declare shape, dtype and unit of {name!r} in sensors.yaml, under sensors.{found[0]}.signals."
-        yield make_problem("OBSERVATION_SHAPE", address, "no form in sensors.yaml", "one", by, fix)
+        yield make_problem("OBSERVATION_MISMATCH", address, "no form in sensors.yaml", "one", by, fix, kind="shape")
     else:
         yield from _iter_form_problems(address, stream, signal, len(profile.arm.joints), by)
     yield from _iter_source_problems(address, stream, sensor, by)
@@ -143,29 +143,33 @@ def _iter_lateness_problems(
         address = f"sensors.yaml: sensors.{found[0]}.camera.latency_s"
         expected = f"at most {max(most_s, 0.0):.3g} s"
         fix = "A picture is older than embedded.max_age_s of perception.yaml and one period of the stream."
-        yield make_problem("SENSOR_RATE", address, f"{latency_s:g} s", expected, f"{by}: observations.{name}", fix)
+        yield make_problem(
+            "SENSOR_MISMATCH", address, f"{latency_s:g} s", expected, f"{by}: observations.{name}", fix, kind="rate"
+        )
 
 
 def _iter_form_problems(address: str, stream: Stream, signal: Signal, n_joints: int, by: str) -> Iterator[Problem]:
     wanted, given = _resolve(stream.shape, n_joints), _resolve(signal.shape, n_joints)
-    for code, name, found, expected in (
-        ("OBSERVATION_SHAPE", "shape", str(list(wanted)), str(list(given))),
-        ("OBSERVATION_DTYPE", "dtype", stream.dtype, signal.dtype),
-        ("OBSERVATION_UNIT", "unit", stream.unit or "none", signal.unit or "none"),
+    for name, found, expected in (
+        ("shape", str(list(wanted)), str(list(given))),
+        ("dtype", stream.dtype, signal.dtype),
+        ("unit", stream.unit or "none", signal.unit or "none"),
     ):
         if found != expected:
-            yield make_problem(code, f"{address}.{name}", found, expected, by)
+            yield make_problem("OBSERVATION_MISMATCH", f"{address}.{name}", found, expected, by, kind=name)
 
 
 def _iter_source_problems(address: str, stream: Stream, sensor: Sensor, by: str) -> Iterator[Problem]:
     both = sensor.modality == "rgbd" and stream.modality in ("rgb", "depth")
     if stream.modality != sensor.modality and not both:
-        yield make_problem("OBSERVATION_MODALITY", f"{address}.modality", stream.modality, sensor.modality, by)
+        yield make_problem(
+            "OBSERVATION_MISMATCH", f"{address}.modality", stream.modality, sensor.modality, by, kind="modality"
+        )
     if stream.frame != sensor.frame:
-        yield make_problem("OBSERVATION_FRAME", f"{address}.frame", stream.frame, sensor.frame, by)
+        yield make_problem("OBSERVATION_MISMATCH", f"{address}.frame", stream.frame, sensor.frame, by, kind="frame")
     if stream.rate_hz > sensor.rate_hz * (1.0 + RATE_TOLERANCE):
         expected = f"at most {sensor.rate_hz:g} Hz"
-        yield make_problem("OBSERVATION_RATE", f"{address}.rate_hz", stream.rate_hz, expected, by)
+        yield make_problem("OBSERVATION_MISMATCH", f"{address}.rate_hz", stream.rate_hz, expected, by, kind="rate")
 
 
 def _describe_picture(stream: Stream, sensor: Sensor) -> Signal | None:

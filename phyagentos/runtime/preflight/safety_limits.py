@@ -72,7 +72,7 @@ def _iter_kinematics_problems(profile: TargetProfile, live: Description) -> Iter
     expected = f"where each of {n} joints brings the tool"
     by = "safety.yaml: workspace_box, keep_out"
     fix = "Let the target's description declare which way each joint turns or slides, and about which point."
-    yield make_problem("LIMIT_UNENFORCEABLE", "target.kinematics", found, expected, by, fix)
+    yield make_problem("LIMIT_INVALID", "target.kinematics", found, expected, by, fix, kind="unenforceable")
 
 
 def _iter_force_problems(limits: TargetLimits, profile: TargetProfile, own_n: float) -> Iterator[Problem]:
@@ -123,7 +123,7 @@ def iter_tool_problems(profile: TargetProfile, live: Description, now: Environme
         expected = f"{_show(state.tcp.position_m)} m, within {allowed_m} m"
         by = "safety.yaml: workspace_box, keep_out"
         fix = "Let the target declare the kinematics of this arm, with this tool, where it is mounted."
-        yield make_problem("LIMIT_UNENFORCEABLE", "target.kinematics", found, expected, by, fix)
+        yield make_problem("LIMIT_INVALID", "target.kinematics", found, expected, by, fix, kind="unenforceable")
 
 
 def _iter_length_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
@@ -132,13 +132,13 @@ def _iter_length_problems(limits: TargetLimits, profile: TargetProfile) -> Itera
         limit = getattr(limits, name)
         if not _fits(limit, n):
             found = f"{len(limit.value)} numbers"
-            yield make_problem("WRONG_LENGTH", _place(profile, name), found, f"one, or {n}: one per joint", by)
+            yield make_problem("INVALID_VALUE", _place(profile, name), found, f"one, or {n}: one per joint", by)
     arm = profile.arm
     fields = ("home_rad", "velocity_rad_s", "acceleration_rad_s2", "jerk_rad_s3", "torque_nm", "stiffness_nm_rad")
     for field in (*fields, "damping_nms_rad"):
         if len(getattr(arm, field)) != n:
             found = f"{len(getattr(arm, field))} numbers"
-            yield make_problem("WRONG_LENGTH", f"target.arm.{field}", found, f"{n}: one per joint", by)
+            yield make_problem("INVALID_VALUE", f"target.arm.{field}", found, f"{n}: one per joint", by)
 
 
 def _iter_range_problems(profile: TargetProfile, low: Array, high: Array) -> Iterator[Problem]:
@@ -146,7 +146,7 @@ def _iter_range_problems(profile: TargetProfile, low: Array, high: Array) -> Ite
         if low[index] >= high[index]:
             address = f"{_place(profile, 'joint_position_min')}[{index}]"
             found = f"{joint} from {low[index]:g} to {high[index]:g} rad"
-            yield make_problem("LIMIT_EMPTY", address, found, "the least below the greatest")
+            yield make_problem("LIMIT_INVALID", address, found, "the least below the greatest", kind="empty")
     home = profile.arm.home_rad
     outside = [
         joint
@@ -157,7 +157,9 @@ def _iter_range_problems(profile: TargetProfile, low: Array, high: Array) -> Ite
         found = f"{', '.join(outside)} stands outside in the home posture"
         expected = "a range that holds arm.home_rad"
         by = f"target {profile.target}: arm.home_rad"
-        yield make_problem("LIMIT_TOO_NARROW", _place(profile, "joint_position_min"), found, expected, by, _NARROW)
+        yield make_problem(
+            "LIMIT_INVALID", _place(profile, "joint_position_min"), found, expected, by, _NARROW, kind="too narrow"
+        )
 
 
 def _iter_box_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
@@ -170,7 +172,7 @@ def _iter_box_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator
         expected = f"inside {_show(own_low)} to {_show(own_high)}"
         by = f"target {profile.target}: workspace_m"
         fix = "Put it inside the target's own box, at which the target stops by itself."
-        yield make_problem("LIMIT_WIDER", _place(profile, "workspace_box"), found, expected, by, fix)
+        yield make_problem("LIMIT_INVALID", _place(profile, "workspace_box"), found, expected, by, fix, kind="too wide")
 
 
 def _iter_number_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
@@ -185,10 +187,10 @@ def _iter_number_problems(limits: TargetLimits, profile: TargetProfile) -> Itera
         value, place, by_field = float(np.asarray(getattr(limits, name).value)), _place(profile, name), f"{by}: {field}"
         found = f"{value:g} {unit}"
         if value > most * (1.0 + RELATIVE_TOLERANCE):
-            yield make_problem("LIMIT_WIDER", place, found, f"at most {most:g} {unit}", by_field)
+            yield make_problem("LIMIT_INVALID", place, found, f"at most {most:g} {unit}", by_field, kind="too wide")
         elif value < least * (1.0 - RELATIVE_TOLERANCE):
             expected = f"at least {least:g} {unit}"
-            yield make_problem("LIMIT_TOO_NARROW", place, found, expected, by_field, _NARROW)
+            yield make_problem("LIMIT_INVALID", place, found, expected, by_field, _NARROW, kind="too narrow")
 
 
 def _iter_wider(
@@ -200,7 +202,9 @@ def _iter_wider(
             found = f"{joint} {sign * values[index]:g}"
             expected = f"{'at least' if sign < 0 else 'at most'} {sign * own[index]:g}"
             fix = "A limit may narrow what the target can do, never widen it."
-            yield make_problem("LIMIT_WIDER", address, found, expected, f"target {profile.target}: {whose}", fix)
+            yield make_problem(
+                "LIMIT_INVALID", address, found, expected, f"target {profile.target}: {whose}", fix, kind="too wide"
+            )
 
 
 def _place(profile: TargetProfile, name: str) -> str:

@@ -36,7 +36,7 @@ class OperatorSignals:
         signals, goes_on = take_some(self._workspace.signals)
         for signal in signals:
             if signal.kind == "cancel":
-                reason = signal.reason or f"asked for by {signal.by}"
+                reason = signal.reason or f"requested by {signal.by}"
                 for id, trigger in self._iter_cancellable(signal.session):
                     self._journal.try_commit(make_entry(id, trigger, reason=reason))
             elif signal.kind in {"pause", "resume"}:

@@ -163,10 +163,10 @@ class TargetDriver(TargetPort):
         """The latest frames of its RGB-D cameras; none by default.
 
         Raises:
-            ExecutionError: `UNKNOWN_CAMERA`, `INVALID_CROP`.
+            ExecutionError: `REQUEST_INVALID`.
         """
         if request.cameras or request.crops:
-            raise ExecutionError("UNKNOWN_CAMERA", "the target has no cameras")
+            raise ExecutionError("REQUEST_INVALID", "the target has no cameras")
         return wire.Frames(())
 
     def announce(self, motion: wire.Announce) -> str:
@@ -190,7 +190,7 @@ class TargetDriver(TargetPort):
 
     def invoke_tool(self, name: str, arguments: Mapping[str, Any]) -> wire.ToolResult:
         """Use one of the described tools; raises ExecutionError `MALFORMED` for wrong arguments."""
-        raise ExecutionError("UNKNOWN_TOOL", f"the target has no tool {name!r}")
+        raise ExecutionError("REQUEST_INVALID", f"the target has no tool {name!r}")
 
     @override
     def end(self) -> tuple[wire.RecordedFault, ...]:

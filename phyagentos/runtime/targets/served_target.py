@@ -162,7 +162,7 @@ class ServedTarget:
                 return self._refuse_tool(request)
             case wire.Observe(truth=True) if not self._describe().ground_truth:
                 message = "the ground truth is not offered here; perception.yaml needs `sensing: truth` in a simulation"
-                return wire.Refused("NO_GROUND_TRUTH", message)
+                return wire.Refused("REQUEST_INVALID", message)
             case wire.OfSession(session, epoch) if VERBS[type(request)].needs is Need.COMMANDING:
                 return self._authority.check_commanding(session, epoch)
             case wire.OfSession(session, epoch):
@@ -201,7 +201,7 @@ class ServedTarget:
             message = f"the token is not that of epoch {request.epoch} of {request.session}"
             return wire.Refused("BAD_TOKEN", message)
         if self._scene is None:
-            return wire.Refused("NO_SCENE", "no scene is loaded; send LoadScene first")
+            return wire.Refused("NO_EPISODE", "no scene is loaded; send LoadScene first")
         if self.look_for_stops():
             return wire.Refused("ESTOPPED", "the emergency stop is latched; `paos estop --reset` ends it")
         return self._authority.check_begin(request.session, request.epoch)
@@ -209,7 +209,7 @@ class ServedTarget:
     def _refuse_tool(self, request: wire.InvokeTool) -> wire.Refused | None:
         tools = {tool.name: tool for tool in self._describe().tools}
         if request.name not in tools:
-            return wire.Refused("UNKNOWN_TOOL", f"no tool {request.name!r}; there are {format_names(tools)}")
+            return wire.Refused("REQUEST_INVALID", f"no tool {request.name!r}; there are {format_names(tools)}")
         if not tools[request.name].moves:
             return None
         self._refuse_unlogged()

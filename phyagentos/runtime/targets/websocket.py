@@ -98,7 +98,7 @@ class WebSocketDoor:
     With the PEM file of a `certificate` chain and its private key it speaks TLS.
 
     Raises:
-        DefinitionError: `NOT_ENCRYPTED` without a certificate for another host than this machine.
+        DefinitionError: `NOT_SECURED` without a certificate for another host than this machine.
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0, certificate: Path | None = None) -> None:
@@ -151,7 +151,7 @@ def connect_websocket(endpoint: str, trusted: Path | None = None) -> WebSocketCh
 
     Raises:
         ExecutionError: `TARGET_LOST` when no target answers.
-        DefinitionError: `NOT_ENCRYPTED` for another machine without TLS; `NOT_TRUSTED` for its certificate.
+        DefinitionError: `NOT_SECURED` for another machine without TLS; `NOT_SECURED` for its certificate.
     """
     opened = contextlib.ExitStack()
     try:
@@ -164,7 +164,7 @@ def connect_websocket(endpoint: str, trusted: Path | None = None) -> WebSocketCh
     except ssl.SSLCertVerificationError as error:
         hint = "Put the PEM file of the authority that signed it there, or serve with a certificate for this host."
         by = str(trusted) if trusted else "an authority of this system"
-        raise DefinitionError.of("NOT_TRUSTED", endpoint, error.verify_message, f"signed by {by}", hint) from error
+        raise DefinitionError.of("NOT_SECURED", endpoint, error.verify_message, f"signed by {by}", hint) from error
     except (OSError, InvalidHandshake, InvalidURI, ValueError) as error:
         raise ExecutionError("TARGET_LOST", f"no target answers at {endpoint}: {error}") from error
     return WebSocketChannel(connection, opened)
@@ -178,7 +178,7 @@ def _open(endpoint: str, tls: ssl.SSLContext | None) -> ClientConnection:
 
 
 def _check_encrypted(endpoint: str) -> None:
-    """Whoever reads a token may command."""
+    """A token lets its reader command."""
     parts = urlsplit(endpoint)
     host = parts.hostname or ""
     with contextlib.suppress(ValueError):
@@ -186,4 +186,4 @@ def _check_encrypted(endpoint: str) -> None:
             return
     if parts.scheme == "ws":
         hint = "Serve it with --certificate and name it wss://, or lead a tunnel to this machine."
-        raise DefinitionError.of("NOT_ENCRYPTED", endpoint, f"host {host!r} without TLS", "wss://, or 127.0.0.1", hint)
+        raise DefinitionError.of("NOT_SECURED", endpoint, f"host {host!r} without TLS", "wss://, or 127.0.0.1", hint)

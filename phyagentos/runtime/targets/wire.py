@@ -254,7 +254,7 @@ class Describe(RequestFor[Description], frozen=True, tag=True):
 
 
 class LoadScene(RequestFor[Loaded], frozen=True, tag=True):
-    """Begin an episode: build the scene, place the target at home, let things settle.
+    """Begin an episode: build the scene, place the target at home, let objects settle.
 
     Only this request writes simulator state. It is refused when the episode is loaded with another scene or seed, or
     would replace another one without `may_reset`, and changes nothing when it is loaded with the same ones. A rerun
@@ -294,7 +294,7 @@ class Command(OfSession[Step], frozen=True, tag=True):
 class Announce(OfSession[Admission], frozen=True, tag=True):
     """Announce a motion (n, n_joints), one row per physics step, before its first command, in a shared world.
 
-    It may come near to the robot `beside` on purpose, as to take a thing out of its hand.
+    It may come near to the robot `beside` on purpose, as to take an object out of its hand.
     """
 
     q_rad: Array
@@ -323,7 +323,7 @@ class End(OfSession[Ended], frozen=True, tag=True):
 class Observe(RequestFor[Observation], frozen=True, tag=True):
     """Ask for an observation without moving time, and for the driver's snapshot of the moment.
 
-    `truth` adds ground truth of entities and regions; refused where it is not offered (`NO_GROUND_TRUTH`).
+    `truth` adds ground truth of entities and regions; refused where it is not offered (`REQUEST_INVALID`).
     """
 
     truth: bool = False

@@ -1,6 +1,6 @@
 """A session that an agent directs, call by call; its tools are skills with a tree. Paper section 4.1.
 
-Each call is checked as a session would be: name and arguments, things that are there, preconditions. The set-points of
+Each call is checked as a session would be: name and arguments, objects that are there, preconditions. The set-points of
 a tool go through the guard like any others; whatever the agent claims at the end, the verdict rests on the evidence.
 """
 
@@ -191,7 +191,7 @@ class AgentLoopRuntime:
         return parse_predicate(text).evaluate(view)
 
     def _describe_world(self) -> Fields:
-        """The world as perceived: things with their positions [m], what is held, and what no look has shown."""
+        """The world as perceived: objects with their positions [m], what is held, and what no look has shown."""
         now = self.context.world.observe(WORLD)
         things = {
             name: {"kind": each.kind, "position_m": [round(value, 4) for value in each.pose.position_m]}

@@ -14,7 +14,7 @@ from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.handle import TargetSessionHandle
-from phyagentos.runtime.execution.context import Cell, SkillContext, open_context
+from phyagentos.runtime.execution.context import NeighbourAccess, SkillContext, open_context
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime
 from phyagentos.runtime.execution.tree_loader import build_tree
@@ -67,7 +67,7 @@ class SkillLoader:
             planner=self.planner,
             initial=initial,
             world=target.world,
-            cell=Cell(read_neighbours=target.handle.read_neighbours, announce=target.handle.announce),
+            cell=NeighbourAccess(read_neighbours=target.handle.read_neighbours, announce=target.handle.announce),
             evidence=evidence,
         )
 

@@ -215,7 +215,7 @@ class Bundles:
         return Recorder(self._root / evidence)
 
     def show(self, look: Look | None, evidence: str) -> str:
-        """Write the pictures of a look that missed a thing; ends a sentence with their names, if any are taken."""
+        """Write the pictures of a look that missed an object; ends a sentence with their names, if any are taken."""
         if look is None or not self.pictures or not (pictures := encode_pictures(look)):
             return ""
         recorder = Recorder(self._root / evidence)

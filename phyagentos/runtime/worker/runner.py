@@ -37,9 +37,9 @@ from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.orders import Reconcile
 from phyagentos.runtime.worker.recorder import Bundles, Recorder
 
-LOOK_ON_S = 2.0  # of simulated time: the most that is waited for things to rest and for marginal criteria to be decided
+LOOK_ON_S = 2.0  # of simulated time: the most that is waited for objects to rest and for marginal criteria
 _UNSEEN = frozenset({FailureCode.OBJECT_GONE, FailureCode.NOT_VISIBLE})  # the reason comes with the pictures
-SETTLE_S = 0.3  # of simulated time, within which released things come to rest
+SETTLE_S = 0.3  # of simulated time, within which released objects come to rest
 PublishHeartbeat = Callable[..., None]
 """Publishes what a session does, as `HeartbeatWriter.beat`."""
 
@@ -254,7 +254,7 @@ class SessionRunner:
         """Nothing was commanded: the tree is unsound, or there is no target."""
         if isinstance(error, DefinitionError):
             try:
-                outcome = Outcome(ended=Ended.SKILL_FAILED, code="TREE_INVALID", message=str(error))
+                outcome = Outcome(ended=Ended.SKILL_FAILED, code="BROKEN_TREE", message=str(error))
                 return self._close_unmoved(session, outcome, recorder, evidence)
             except ExecutionError as lost:
                 error = lost

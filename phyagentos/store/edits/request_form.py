@@ -81,11 +81,11 @@ def read_contract(located: Located, id: str) -> Session:
     """
     path, contract = ("contract",), located.data["contract"]
     if not isinstance(contract, dict):
-        raise DefinitionError(located.problem("WRONG_TYPE", path, type(contract).__name__, "a mapping (Session)"))
+        raise DefinitionError(located.problem("INVALID_VALUE", path, type(contract).__name__, "a mapping (Session)"))
     hint = "Delete the line: it belongs to the agent; by hand it serves no goal."
     foreign = [key for key in contract if key in _OF_AGENT and contract[key]]
     if foreign:
-        raise DefinitionError([located.problem("NOT_BY_HAND", (*path, key), repr(key), hint=hint) for key in foreign])
+        raise DefinitionError([located.problem("NOT_PERMITTED", (*path, key), repr(key), hint=hint) for key in foreign])
     filled = {"seed": 0, "parameters": {}} | {key: value for key, value in contract.items() if key not in _OF_AGENT}
     filled |= {"id": filled.get("id", id), "goal": BY_HAND, "node": ""}
     if isinstance(scene := filled.get("scene"), dict):
@@ -94,12 +94,12 @@ def read_contract(located: Located, id: str) -> Session:
     session = convert_located(Session, whole, path)
     read_amendment(located, session.id, filled)
     problems = [
-        located.problem(code, (*path, key), repr(contract.get(key, id)), expected)
-        for key, holds, code, expected in (
-            ("id", session.id == id, "NAME_MISMATCH", f"{id!r}, as the heading or the file is called"),
-            ("id", _ID.fullmatch(id) and id != JOURNAL_ID, "INVALID_ID", "letters, digits, '.', '_', '-', at most 120"),
-            ("accept", session.accept, "INVALID_VALUE", "at least one predicate"),
-            ("strategy", session.strategy.speed > 0, "INVALID_VALUE", "a speed greater than 0"),
+        located.problem("INVALID_VALUE", (*path, key), repr(contract.get(key, id)), expected)
+        for key, holds, expected in (
+            ("id", session.id == id, f"{id!r}, as the heading or the file is called"),
+            ("id", _ID.fullmatch(id) and id != JOURNAL_ID, "letters, digits, '.', '_', '-', at most 120"),
+            ("accept", session.accept, "at least one predicate"),
+            ("strategy", session.strategy.speed > 0, "a speed greater than 0"),
         )
         if not holds
     ]
@@ -171,5 +171,5 @@ def _check_predicates(located: Located, session: Session) -> list[Problem]:
                 parse(text)
             except PredicateSyntaxError as error:
                 path = ("contract", key, index)
-                problems.append(located.problem("PREDICATE_SYNTAX", path, repr(text), hint=str(error)))
+                problems.append(located.problem("SYNTAX", path, repr(text), hint=str(error)))
     return problems

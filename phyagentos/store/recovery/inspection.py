@@ -22,6 +22,7 @@ from phyagentos.store.recovery.survey import Gap, Survey, iter_surveys
 from phyagentos.store.segments import list_segments, locate_archived
 
 LOST = "lost"  # event of a record that stands for one that is gone
+_DAMAGED = "JOURNAL_DAMAGED"
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +30,7 @@ class Finding:
     """Something that is not as it should be.
 
     Attributes:
-        code: `SEGMENT_UNREADABLE`, `SEGMENT_MISLINKED`, `RECORD_DAMAGED`, `RECORDS_MISSING`, `BODY_UNREADABLE`,
-            `RECORD_ILLEGAL`, `CHECKPOINT_WRONG`; no damage are `END_TORN`, `SEGMENT_TWICE` and `CHECKPOINT_UNUSED`.
+        code: `JOURNAL_DAMAGED`; no damage are `END_TORN`, `SEGMENT_TWICE` and `CHECKPOINT_UNUSED`.
         offset: Where in the file of the segment [bytes].
     """
 
@@ -42,7 +42,7 @@ class Finding:
     @property
     def is_damage(self) -> bool:
         """False for what the next writer mends by itself, and for a shortcut that is not taken."""
-        return self.code not in {"END_TORN", "SEGMENT_TWICE", "CHECKPOINT_UNUSED"}
+        return self.code == _DAMAGED
 
     def __str__(self) -> str:
         """`segment:offset: CODE: what`."""
@@ -89,8 +89,7 @@ def inspect_partition(folder: Path) -> Inspection:
             records += 1
             if is_whole:
                 digest.update(piece.data)
-            problems = replay.judge(piece.record)
-            findings += [Finding(code, survey.name, piece.offset, what) for code, what in problems]
+            findings += [Finding(_DAMAGED, survey.name, piece.offset, what) for what in replay.judge(piece.record)]
     findings += replay.judge_checkpoint(folder)
     return Inspection(
         findings=findings, segments=segments, records=records, last_seq=last_seq, sha256=digest.hexdigest()
@@ -101,24 +100,24 @@ def iter_frame_findings(survey: Survey) -> Iterator[Finding]:
     """What is wrong with a segment's front matter and frames."""
     if survey.refusal:
         what = f"{survey.path} cannot be read: {survey.refusal}; move it away, or bring back the file from a copy"
-        yield Finding("SEGMENT_UNREADABLE", survey.name, 0, what)
+        yield Finding(_DAMAGED, survey.name, 0, what)
     elif survey.front is None:
-        yield Finding("SEGMENT_MISLINKED", survey.name, 0, "the front matter is not that of a journal segment")
+        yield Finding(_DAMAGED, survey.name, 0, "the front matter is not that of a journal segment")
     else:
         for name in ("lane", "name", "first_seq", "prev", "prev_sha256"):
             found, expected = getattr(survey.front, name), getattr(survey.expected, name)
             if found != expected:
                 what = "; one of the two files is not as it was sealed" if name == "prev_sha256" else ""
-                yield Finding("SEGMENT_MISLINKED", survey.name, 0, f"{name} is {found}, expected {expected}{what}")
+                yield Finding(_DAMAGED, survey.name, 0, f"{name} is {found}, expected {expected}{what}")
     for gap in survey.gaps:
         size = f"{len(gap.data)} bytes"
         if gap.is_torn:
             what = f"{size} of a batch that was never acknowledged; the next writer cuts them"
             yield Finding("END_TORN", survey.name, gap.offset, what)
         elif gap.data:
-            yield Finding("RECORD_DAMAGED", survey.name, gap.offset, f"{size} are not as they were written; {gap}")
+            yield Finding(_DAMAGED, survey.name, gap.offset, f"{size} are not as they were written; {gap}")
         else:
-            yield Finding("RECORDS_MISSING", survey.name, gap.offset, str(gap))
+            yield Finding(_DAMAGED, survey.name, gap.offset, str(gap))
 
 
 class _Replay:
@@ -136,8 +135,8 @@ class _Replay:
         """Records up to `seq` are missing: what follows may not fit what came before."""
         self._lost_seq = seq
 
-    def judge(self, record: Record) -> Iterator[tuple[str, str]]:
-        """Code and message of each problem of the next record."""
+    def judge(self, record: Record) -> Iterator[str]:
+        """What is wrong with the next record."""
         if record.id == JOURNAL_ID:
             if record.ev == LOST:
                 self.note_loss(record.seq)
@@ -148,11 +147,11 @@ class _Replay:
             if record.ev != "submit":  # a contract has an `attempt` of its own; admission judges it
                 _convert_parts(body or {})
         except (yaml.YAMLError, msgspec.MsgspecError) as error:
-            yield "BODY_UNREADABLE", f"record {record.seq} ({record.id}: {record.ev}): {' '.join(str(error).split())}"
+            yield f"record {record.seq} ({record.id}: {record.ev}): {' '.join(str(error).split())}"
             body = None
         else:
             if (what := self._find_illegal(record)) is not None:
-                yield "RECORD_ILLEGAL", f"record {record.seq}: {what}"
+                yield f"record {record.seq}: {what}"
         self._admission.apply(record)
         self._seen[_subject(record.id)] = record.seq
         self._compare(record)
@@ -165,7 +164,7 @@ class _Replay:
         elif self._is_other:
             seq = self._checkpoint.position.seq
             what = f"what it holds is not what the records up to {seq} lead to; delete it and run `paos store compact`"
-            yield Finding("CHECKPOINT_WRONG", CHECKPOINT, 0, what)
+            yield Finding(_DAMAGED, CHECKPOINT, 0, what)
 
     def _compare(self, record: Record) -> None:
         if self._checkpoint is None or record.seq > self._checkpoint.position.seq:

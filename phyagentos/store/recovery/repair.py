@@ -81,7 +81,7 @@ class Repair:
 def repair_partition(folder: Path, *, accept_loss: bool, by: str, clock: Clock, file_io: SystemIO) -> Repair:
     """Repair a partition `sessions/<partition>`; `accept_loss` permits more than cutting a torn end.
 
-    With a torn end alone `is_done` is False: opening a `Journal` cuts it. Raises ExecutionError `JOURNAL_LOCKED`;
+    With a torn end alone `is_done` is False: opening a `Journal` cuts it. Raises ExecutionError `BUSY`;
     OSError where the disk refused: what was done so far does no harm, and the repair can be tried again.
     """
     with keep_still(folder):

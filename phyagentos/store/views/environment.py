@@ -97,7 +97,7 @@ def _format_numbers(values: tuple[float, ...]) -> str:
 
 
 def _render_snapshot(environment: Environment, relations: tuple[Relation, ...]) -> str:
-    """YAML with one thing a line, so that two snapshots can be compared line by line."""
+    """YAML with one object a line, so that two snapshots can be compared line by line."""
     snapshot = Snapshot(**(msgspec.structs.asdict(environment) | {"relations": relations}))
     lines = []
     for name, value in msgspec.to_builtins(snapshot).items():

@@ -35,9 +35,9 @@ _PLAIN = {
     "lose": "runner or target lost, outcome unknown",
     "cancel": "cancelled",
     "reject": "rejected by preflight, nothing moved",
-    GoalEvent.AMENDMENT_ASKED.value: "another graph was asked for",
+    GoalEvent.AMENDMENT_ASKED.value: "another graph was requested",
     GoalEvent.GOAL_AMENDED.value: "its graph has changed",
-    GoalEvent.AMENDMENT_REFUSED.value: "the graph that was asked for was refused",
+    GoalEvent.AMENDMENT_REFUSED.value: "the requested graph was refused",
     GoalEvent.NODE_READY.value: "ready",
     GoalEvent.NODE_DONE.value: "done",
     GoalEvent.NODE_BLOCKED.value: "cannot be done",
@@ -142,7 +142,7 @@ def _format_goal(record: Record, hint: str) -> str:
         return _format_journal(record, body)
     match record.ev:
         case GoalEvent.GOAL_SUBMITTED:
-            return f"goal asked for: {body.get('objective') or body.get('graph', '')}, seed {body.get('seed')}"
+            return f"goal requested: {body.get('objective') or body.get('graph', '')}, seed {body.get('seed')}"
         case GoalEvent.GOAL_COMPILED:
             nodes = body.get("nodes", {})
             shown = ", ".join(list(nodes)[:NODES_NAMED]) + (", …" if len(nodes) > NODES_NAMED else "")

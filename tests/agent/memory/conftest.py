@@ -9,7 +9,7 @@ from phyagentos.agent.memory.episodes import Episode, Features
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.memory.scopes import compute_scope
 from phyagentos.protocol.sessions.memory_entries import Embodiment
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.testing import ManualClock
 
@@ -34,7 +34,7 @@ def make_episode(*, ok=True, parent=None, thing="soap", place="tray", strategy=N
         "features": Features(object=f"{thing}_1", object_kind=thing, destination=f"{place}_1", destination_kind=place),
         "verdict": Verdict.SUCCESS if ok else Verdict.REPLAN,
         "cause": "" if ok else cause,
-        "strategy": strategy or OWN_WAY,
+        "strategy": strategy or DEFAULT_STRATEGY,
         "evidence": f"evidence/g{number}.n",
     }
     if parent is not None:

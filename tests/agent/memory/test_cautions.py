@@ -4,7 +4,7 @@ import pytest
 
 from phyagentos.agent.memory.episodes import Surroundings, find_episode
 from phyagentos.protocol.sessions.lifecycle import SessionState
-from phyagentos.protocol.sessions.memory_entries import Risk, Standing
+from phyagentos.protocol.sessions.memory_entries import EntryState, Risk
 from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.testing import make_contract
@@ -36,7 +36,7 @@ def test_one_safety_event_is_a_lesson_at_once_with_its_bundle(memory):
     stopped = make_episode(**STOPPED)
     memory.record([stopped])
     (lesson,) = memory.experience.list_lessons()
-    assert (lesson.state, lesson.cause, lesson.risk) == (Standing.ACTIVE, "ESTOPPED", Risk.HIGH)
+    assert (lesson.state, lesson.cause, lesson.risk) == (EntryState.ACTIVE, "ESTOPPED", Risk.HIGH)
     assert (lesson.evidence, lesson.verified_by) == ((stopped.evidence,), stopped.session)
     assert not lesson.advice
     assert not lesson.means
@@ -50,11 +50,11 @@ def test_a_caution_lapses_once_many_sessions_passed_without_another_event(memory
     memory.record([make_episode(**STOPPED)])
     memory.record([make_episode() for _ in range(20)])
     (lesson,) = memory.experience.list_lessons()
-    assert (lesson.state, lesson.supported, lesson.contradicted) == (Standing.ACTIVE, 1, 20)
+    assert (lesson.state, lesson.supported, lesson.contradicted) == (EntryState.ACTIVE, 1, 20)
     memory.record([make_episode() for _ in range(60)])
-    assert memory.experience.list_lessons()[0].state is Standing.EXPIRED
+    assert memory.experience.list_lessons()[0].state is EntryState.EXPIRED
     memory.record([make_episode(**STOPPED) for _ in range(9)])
-    assert memory.experience.list_lessons()[0].state is Standing.ACTIVE
+    assert memory.experience.list_lessons()[0].state is EntryState.ACTIVE
 
 
 def test_a_lesson_that_a_safety_event_followed_is_used_no_more(memory):
@@ -64,7 +64,7 @@ def test_a_lesson_that_a_safety_event_followed_is_used_no_more(memory):
     memory.record([make_episode(**STOPPED, strategy=SLOW, advised_by=(found.lesson.id,))])
     assert memory.recall(ask(failed)) == ()
     entry = next(each for each in memory.experience.list_lessons() if each.id == found.lesson.id)
-    assert entry.state is Standing.EXPIRED
+    assert entry.state is EntryState.EXPIRED
     assert "a safety event met" in entry.reason
 
 

@@ -19,9 +19,9 @@ from phyagentos.protocol.capabilities.registries import read_skill_registry
 from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
 from phyagentos.protocol.sessions.lessons import LESSONS
-from phyagentos.protocol.sessions.memory_entries import Standing
+from phyagentos.protocol.sessions.memory_entries import EntryState
 from phyagentos.protocol.sessions.session import Ended
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
 from tests.agent.conftest import Play, put, succeed
 
@@ -114,7 +114,7 @@ def test_the_second_goal_succeeds_at_the_first_attempt_and_its_contract_says_why
     second, (contract,) = lab.run(2)
     assert [session.state for session in second.sessions] == ["succeeded"]
     assert contract.strategy.speed == 0.5
-    (lesson,) = (each for each in lab.lessons.values() if each.state is Standing.ACTIVE)
+    (lesson,) = (each for each in lab.lessons.values() if each.state is EntryState.ACTIVE)
     assert contract.advised_by == (lesson.id,)
     assert lesson.verified_by == "tidy-1.red.r1"
     assert any(lesson.id in sentence for sentence in contract.advice)
@@ -135,7 +135,7 @@ def test_a_goal_that_goes_on_is_advised_from_the_snapshot_that_it_began_with(lab
     _, (first, _) = lab.run(1)
     memory = lab.open()
     begun = memory.snapshot
-    (lesson,) = (each for each in lab.lessons.values() if each.state is Standing.ACTIVE)
+    (lesson,) = (each for each in lab.lessons.values() if each.state is EntryState.ACTIVE)
     memory.record([Edit(entry=lesson.id, retracts=True, reason="meanwhile, in another run", by="a person")])
     advisor = MemoryAdvisor(memory, lab.surroundings)
     assert advisor.begin("tidy", "") == memory.snapshot
@@ -162,7 +162,7 @@ def test_knowledge_counts_first_attempts(lab):
     lab.run(1)
     lab.run(2)
     own, slower = sorted(lab.facts.values(), key=lambda fact: bool(fact.strategy))
-    assert (own.supported, own.contradicted, own.strategy) == (0, 1, OWN_WAY)
+    assert (own.supported, own.contradicted, own.strategy) == (0, 1, DEFAULT_STRATEGY)
     assert (slower.supported, slower.contradicted) == (1, 0)
 
 
@@ -187,10 +187,10 @@ def test_memory_never_writes_a_setting(lab):
 
 def test_a_lesson_that_a_person_retracts_in_the_document_is_not_used(lab):
     lab.run(1)
-    id = next(lesson.id for lesson in lab.lessons.values() if lesson.state is Standing.ACTIVE)
+    id = next(lesson.id for lesson in lab.lessons.values() if lesson.state is EntryState.ACTIVE)
     edit(lab.workspace.lessons, f"id: {id}\n", f"id: {id}\nstate: retracted\nreason: other fingers now\n")
     lab.run(2)  # takes the edit in at its end
-    assert (lab.lessons[id].state, lab.lessons[id].reason) == (Standing.RETRACTED, "other fingers now")
+    assert (lab.lessons[id].state, lab.lessons[id].reason) == (EntryState.RETRACTED, "other fingers now")
     _, (contract, *_) = lab.run(3)
     assert id not in contract.advised_by
 

@@ -5,8 +5,8 @@ import pytest
 
 from phyagentos.agent.memory import methodological
 from phyagentos.agent.memory.entries import Count
-from phyagentos.protocol.sessions.memory_entries import Embodiment, Standing
-from phyagentos.protocol.sessions.strategy import OWN_WAY, Strategy
+from phyagentos.protocol.sessions.memory_entries import Embodiment, EntryState
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
 
 from .conftest import PANDA, SLOW, ask, make_correction, make_episode
@@ -24,7 +24,7 @@ def test_a_correction_that_the_verifier_confirmed_is_recalled(memory):
     (found,) = memory.recall(ask(failed))
     assert found.lesson.advice == SLOW
     lesson = find_lesson(memory, cause="GRASP_LOST")
-    assert (lesson.state, lesson.verified_by, lesson.supported) == (Standing.ACTIVE, corrected.session, 1)
+    assert (lesson.state, lesson.verified_by, lesson.supported) == (EntryState.ACTIVE, corrected.session, 1)
     assert lesson.evidence == (corrected.evidence,)
 
 
@@ -35,7 +35,7 @@ def test_a_correction_that_was_not_confirmed_stays_a_hypothesis_and_is_never_rec
     memory.record([failed, child])
     assert memory.recall(ask(failed)) == ()
     lesson = find_lesson(memory, cause="GRASP_LOST")
-    assert (lesson.state, lesson.verified_by, lesson.contradicted) == (Standing.HYPOTHESIS, "", 1)
+    assert (lesson.state, lesson.verified_by, lesson.contradicted) == (EntryState.HYPOTHESIS, "", 1)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_a_correction_that_was_not_confirmed_stays_a_hypothesis_and_is_never_rec
         ({"node": "other"}, "of another node"),
         ({"goal": "other"}, "of another goal"),
         ({"parent": "nobody"}, "of no failure"),
-        ({"strategy": OWN_WAY}, "that did nothing differently"),
+        ({"strategy": DEFAULT_STRATEGY}, "that did nothing differently"),
         ({"parent": None}, "that continues nothing"),
     ],
 )
@@ -102,7 +102,9 @@ def test_a_session_that_was_interrupted_speaks_neither_for_a_way_nor_against_it(
     assert (found.lesson.cause, found.lesson.chains[0].failed) == ("GRASP_LOST", first.session)
     assert found.lesson.outcomes == Count(successes=1, trials=1)
     assert memory.experience.find_baseline(found.lesson) == Count(trials=1)
-    assert [(each.strategy, each.count.trials) for each in memory.experience.patterns.values()] == [(OWN_WAY, 1)]
+    assert [(each.strategy, each.count.trials) for each in memory.experience.patterns.values()] == [
+        (DEFAULT_STRATEGY, 1)
+    ]
 
 
 def test_what_differed_from_case_to_case_is_left_out(memory):
@@ -174,7 +176,7 @@ def test_a_lesson_that_later_verdicts_contradict_is_no_longer_told(memory):
     memory.record([make_episode(ok=False, strategy=SLOW, advised_by=(id,)) for _ in range(4)])
     assert memory.recall(ask(failed)) == ()
     lesson = find_lesson(memory, id=id)
-    assert lesson.state is Standing.EXPIRED
+    assert lesson.state is EntryState.EXPIRED
     assert "contradicted" in lesson.reason
 
 
@@ -193,7 +195,7 @@ def test_a_lesson_that_nothing_confirms_expires(memory):
     correction = memory.recall(ask(failed))[0].lesson
     late = memory.experience.seq + methodological.EXPIRES_AFTER + 1
     state, reason = correction.judge(late)
-    assert state is Standing.EXPIRED
+    assert state is EntryState.EXPIRED
     assert "nothing confirmed it" in reason
 
 

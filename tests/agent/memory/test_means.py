@@ -4,8 +4,8 @@ from msgspec.structs import replace
 
 from phyagentos.agent.memory.episodes import Features
 from phyagentos.protocol.sessions.means import Means, Preparation
-from phyagentos.protocol.sessions.memory_entries import Standing
-from phyagentos.protocol.sessions.strategy import OWN_WAY
+from phyagentos.protocol.sessions.memory_entries import EntryState
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY
 
 from .conftest import ask, make_episode
 
@@ -32,7 +32,7 @@ def learn(memory, *events):
 
 def test_a_success_by_another_skill_teaches_that_skill_where_the_first_one_failed(memory):
     failed = make_episode(ok=False, cause="IMPOSSIBLE", thing="carton")
-    lesson = learn(memory, failed, make_episode(parent=failed, skill="push", strategy=OWN_WAY))
+    lesson = learn(memory, failed, make_episode(parent=failed, skill="push", strategy=DEFAULT_STRATEGY))
     assert (lesson.means, lesson.scope.skill) == (Means(skill="push"), "pick_and_place")
     (found,) = memory.recall(ask(failed))
     assert found.lesson.id == lesson.id
@@ -56,7 +56,7 @@ def test_what_was_cleared_before_the_success_comes_first_from_then_on(memory):
     assert lesson.means == Means(prepare=(ASIDE,))
     (entry,) = memory.experience.list_lessons()
     assert "set_aside of a post first helps" in entry.statement
-    assert (entry.state, entry.means) == (Standing.ACTIVE, lesson.means)
+    assert (entry.state, entry.means) == (EntryState.ACTIVE, lesson.means)
 
 
 def test_what_was_cleared_in_vain_is_never_advised(memory):

@@ -9,7 +9,7 @@ from phyagentos.agent.memory import experience
 from phyagentos.agent.memory.experience import Experience
 from phyagentos.agent.memory.experience_log import Edit
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.sessions.memory_entries import Scope, Standing
+from phyagentos.protocol.sessions.memory_entries import EntryState, Scope
 
 from .conftest import SLOW, ask, make_correction, make_episode
 
@@ -112,7 +112,7 @@ def test_what_is_forgotten_is_kept_with_the_reason_and_used_no_more(memory, open
     again = open_memory()
     assert id not in {each.lesson.id for each in again.recall(ask(failed))}
     lesson = next(each for each in again.experience.list_lessons() if each.id == id)
-    assert (lesson.state, lesson.reason) == (Standing.RETRACTED, "the soap was replaced")
+    assert (lesson.state, lesson.reason) == (EntryState.RETRACTED, "the soap was replaced")
     assert len(again.read_all()) == 5
 
 
@@ -157,7 +157,7 @@ def test_a_retracted_lesson_is_not_let_go(monkeypatch):
     known.extend([(3, Edit(entry=retracted, retracts=True, reason="wrong"))])
     events = [event for number in range(30) for event in make_correction(thing=f"thing{number}")]
     known.extend(enumerate(events, 4))
-    assert known.corrections[retracted].state is Standing.RETRACTED
+    assert known.corrections[retracted].state is EntryState.RETRACTED
 
 
 def test_sessions_of_one_name_from_two_workspaces_are_two_and_one_that_is_told_twice_is_one(memory):

@@ -11,7 +11,7 @@ from benchmarks.worlds.puzzles import SOLVABLE, UNSOLVABLE, write_task
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.agent.goals.spec import WantedGoal
-from phyagentos.agent.planning.planned import Lack, PlannedGoal, Unsolvable, plan_goal, write_graph
+from phyagentos.agent.planning.planned import PlannedGoal, UnreachableReason, Unsolvable, plan_goal, write_graph
 from phyagentos.assembly.scene_start import draw_start
 from phyagentos.protocol.capabilities.library import Library
 
@@ -84,11 +84,21 @@ def test_a_goal_that_is_met_needs_no_session():
 @pytest.mark.parametrize(
     ("accept", "more", "lack", "name"),
     [
-        ("near(red_cube, blue_cube, 0.05)", {}, Lack.PREDICATE, ""),
-        ("docked(arm, red_tray)", {}, Lack.CAPABILITY, "panda lacks capability driving for drive_to"),
-        ("inside(red_cube, red_tray)", {"targets": {"dog": "go2"}}, Lack.CAPABILITY, "capability manipulation"),
-        ("inside(red_cube, bottle)", {}, Lack.ARGUMENT, "pick_and_place"),
-        ("inside(red_cube, red_tray)", {"constraints": ["not moved(red_cube)"]}, Lack.CONSTRAINT, "not moved"),
+        ("near(red_cube, blue_cube, 0.05)", {}, UnreachableReason.PREDICATE, ""),
+        ("docked(arm, red_tray)", {}, UnreachableReason.CAPABILITY, "panda lacks capability driving for drive_to"),
+        (
+            "inside(red_cube, red_tray)",
+            {"targets": {"dog": "go2"}},
+            UnreachableReason.CAPABILITY,
+            "capability manipulation",
+        ),
+        ("inside(red_cube, bottle)", {}, UnreachableReason.ARGUMENT, "pick_and_place"),
+        (
+            "inside(red_cube, red_tray)",
+            {"constraints": ["not moved(red_cube)"]},
+            UnreachableReason.CONSTRAINT,
+            "not moved",
+        ),
     ],
 )
 def test_what_is_missing_is_named(accept, more, lack, name):
@@ -100,7 +110,7 @@ def test_what_is_missing_is_named(accept, more, lack, name):
 def test_without_a_skill_for_it_the_precondition_is_named():
     skills = {name: each for name, each in CATALOGUE.skills.items() if name not in {"open_drawer", "open_hinged"}}
     planned = plan("tabletop/drawer", "inside(green_cube, drawer)", catalogue=replace_slots(CATALOGUE, skills=skills))
-    assert find_missing(planned) == (Lack.PRECONDITION, ("open(drawer)",))
+    assert find_missing(planned) == (UnreachableReason.PRECONDITION, ("open(drawer)",))
 
 
 def test_no_skill_is_known_by_name():

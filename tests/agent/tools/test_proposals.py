@@ -118,9 +118,9 @@ def test_a_link_is_no_approval(proposals, folder, tmp_path):
 
 @pytest.mark.parametrize("letter", ["\x1b", "\x07", "\u202e", "\u200b", "\ufeff", "\x85", "\u2028", "\r"])
 def test_text_that_is_not_seen_as_it_is_is_refused(letter):
-    assert refuse(make, reason=f"a{letter}b") == "HIDDEN_TEXT"
-    assert refuse(make, graph=GRAPH | {"objective": f"a{letter}[2Jb"}) == "HIDDEN_TEXT"
-    assert refuse(make, graph=GRAPH | {f"a{letter}": 1}) == "HIDDEN_TEXT"
+    assert refuse(make, reason=f"a{letter}b") == "INVALID_VALUE"
+    assert refuse(make, graph=GRAPH | {"objective": f"a{letter}[2Jb"}) == "INVALID_VALUE"
+    assert refuse(make, graph=GRAPH | {f"a{letter}": 1}) == "INVALID_VALUE"
 
 
 def test_words_of_any_language_and_lines_are_no_problem():
@@ -134,7 +134,7 @@ def test_a_huge_proposal_is_refused():
 def test_a_flood_is_refused(proposals):
     for seed in range(WAITING_MAX):
         proposals.put(make(seed=seed))
-    assert refuse(proposals.put, make(seed=1000)) == "TOO_MANY_PROPOSALS"
+    assert refuse(proposals.put, make(seed=1000)) == "TOO_LARGE"
     decide(proposals, make(seed=0), "denied")
     proposals.put(make(seed=1000))
 

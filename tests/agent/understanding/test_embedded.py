@@ -9,8 +9,8 @@ from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,
-    LackKind,
     QuestionKind,
+    RequestProblemKind,
     Understood,
     name_goal,
 )
@@ -64,7 +64,7 @@ def test_a_word_that_means_nothing_here_is_named_wherever_it_stands(understand, 
         found = understand(request)
 
         assert isinstance(found, Impossible), request
-        assert found.lacks[0].kind is LackKind.WORD, request
+        assert found.lacks[0].kind is RequestProblemKind.WORD, request
 
 
 @pytest.mark.slow
@@ -88,19 +88,22 @@ def test_a_word_too_few_is_never_made_up(understand, missing):
 @pytest.mark.parametrize(
     ("request_", "kind"),
     [
-        ("make coffee", LackKind.WORD),
-        ("put the purple cube into the red tray", LackKind.THING),
-        ("put the wall into the red tray", LackKind.FIT),
-        ("put the red cube into the wall", LackKind.FIT),
-        ("open the bottle", LackKind.FIT),
-        ("put the red cube beside the blue cube", LackKind.CAPABILITY),
-        ("don't move the red cube but put it in the red tray", LackKind.CONTRADICTION),
-        ("put the red cube on the blue cube and the blue cube on the red cube", LackKind.CONTRADICTION),
-        ("put the red cube into the red tray and put the red cube into the blue tray", LackKind.CONTRADICTION),
-        ("do it again", LackKind.PAST),
-        ("keep the bottle upright", LackKind.GOAL),
-        ("the cube the tray the red", LackKind.SENTENCE),
-        ("put five cubes into the red tray", LackKind.THING),
+        ("make coffee", RequestProblemKind.WORD),
+        ("put the purple cube into the red tray", RequestProblemKind.THING),
+        ("put the wall into the red tray", RequestProblemKind.FIT),
+        ("put the red cube into the wall", RequestProblemKind.FIT),
+        ("open the bottle", RequestProblemKind.FIT),
+        ("put the red cube beside the blue cube", RequestProblemKind.CAPABILITY),
+        ("don't move the red cube but put it in the red tray", RequestProblemKind.CONTRADICTION),
+        ("put the red cube on the blue cube and the blue cube on the red cube", RequestProblemKind.CONTRADICTION),
+        (
+            "put the red cube into the red tray and put the red cube into the blue tray",
+            RequestProblemKind.CONTRADICTION,
+        ),
+        ("do it again", RequestProblemKind.PAST),
+        ("keep the bottle upright", RequestProblemKind.GOAL),
+        ("the cube the tray the red", RequestProblemKind.SENTENCE),
+        ("put five cubes into the red tray", RequestProblemKind.THING),
     ],
 )
 def test_what_cannot_be_done_says_why(understand, request_, kind):

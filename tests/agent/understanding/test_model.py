@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from phyagentos.agent.understanding.model import ModelUnderstander, replay_answers, write_answers
-from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, LackKind, Understood
+from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, RequestProblemKind, Understood
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.network.chat import OpenAiEndpoint
@@ -68,7 +68,7 @@ def test_three_wrong_answers_are_enough(serve):
     found = ask(server)
 
     assert isinstance(found, Impossible)
-    assert {lack.kind for lack in found.lacks} == {LackKind.MODEL}
+    assert {lack.kind for lack in found.lacks} == {RequestProblemKind.MODEL}
     assert "crimson_cube" in found.lacks[0].words
     assert len(server.asked) == 3
 
@@ -99,7 +99,7 @@ def test_a_slow_server_costs_no_more_than_the_time_allowed(serve):
     found = ask(serve(RIGHT, delay_s=30.0), time_s=0.3)
 
     assert time.perf_counter() - started_s < 10.0
-    assert "MODEL_UNREACHABLE" in found.lacks[0].words
+    assert "MODEL_FAILED" in found.lacks[0].words
 
 
 @pytest.mark.slow
@@ -116,7 +116,7 @@ def test_a_server_that_never_answers_ends_in_time(way):
 
 
 def test_a_server_that_refuses_is_told_about(serve):
-    assert "MODEL_REFUSED" in ask(serve(RIGHT, status=500)).lacks[0].words
+    assert "MODEL_FAILED" in ask(serve(RIGHT, status=500)).lacks[0].words
 
 
 def test_tokens_are_limited(serve):

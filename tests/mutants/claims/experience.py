@@ -11,8 +11,8 @@ MUTANTS = (
         edits=(
             Edit(
                 METHODS,
-                'if not self.count.successes:\n            return Standing.HYPOTHESIS, ""',
-                'if not self.count.successes:\n            return Standing.ACTIVE, ""',
+                'if not self.count.successes:\n            return EntryState.HYPOTHESIS, ""',
+                'if not self.count.successes:\n            return EntryState.ACTIVE, ""',
             ),
         ),
         tests=(

@@ -139,7 +139,7 @@ def test_a_name_is_given_once():
 
 
 def test_only_leaves_can_be_registered():
-    with pytest.raises(DefinitionError, match=r"NOT_A_LEAF: .*expected a subclass of phyagentos.skills.Leaf"):
+    with pytest.raises(DefinitionError, match=r"BROKEN_PYTHON: .*expected a subclass of phyagentos.skills.Leaf"):
         LeafRegistry().register("text", str)
 
 
@@ -180,7 +180,7 @@ def test_a_broken_behaviours_file_is_named_with_the_reason(tmp_path, text, reaso
     path = tmp_path / "behaviours.py"
     path.write_text(text)
 
-    with pytest.raises(DefinitionError, match=rf"behaviours.py: BROKEN_BEHAVIOURS: found {reason}"):
+    with pytest.raises(DefinitionError, match=rf"behaviours.py: BROKEN_PYTHON: found {reason}"):
         register_file(LeafRegistry(), path)
 
 

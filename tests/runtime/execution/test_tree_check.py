@@ -72,25 +72,25 @@ def loop(values, each="$one", child="open_gripper"):
         (["locat: {object: $object}"], OBJECT, "Did you mean 'locate'?"),
         (["locate: {object: $object, poze: $pose}"], OBJECT,
          "mine.yaml:7:35: UNKNOWN_NAME (port): found 'poze'; expected object, pose. Did you mean 'pose'?"),
-        (["locate"], OBJECT, "mine.yaml:7:9: MISSING_PORT: found locate without 'object'"),
-        (["wait: {seconds: soon}"], OBJECT, "mine.yaml:7:16: WRONG_TYPE: found 'soon'; expected type float"),
+        (["locate"], OBJECT, "mine.yaml:7:9: MISSING_VALUE: found locate without 'object'"),
+        (["wait: {seconds: soon}"], OBJECT, "mine.yaml:7:16: INVALID_VALUE: found 'soon'; expected type float"),
         (["locate: {object: $objekt}"], OBJECT,
          "BROKEN_TREE: found '${objekt}', which nothing writes; expected ${object}. Did you mean 'object'?"),
         (["locate: {object: $object, pose: $pose}", "move_linear: {approach: $pose}"], OBJECT,
-         "WRONG_TYPE: found '${pose}' of type Pose; expected type Approach"),
+         "INVALID_VALUE: found '${pose}' of type Pose; expected type Approach"),
         (["locate: {object: $object, pose: here}"], OBJECT,
-         "NOT_A_KEY: found 'here'; expected a key such as '${pose}' to write to"),
+         "INVALID_VALUE: found 'here'; expected a key such as '${pose}' to write to"),
         (["subtree: {tree: pik, with: {object: $object}}"], OBJECT,
          "mine.yaml:7:19: UNKNOWN_NAME (tree): found 'pik'; expected carry_level"),
         (["open_gripper"], "outputs: {site: {type: point}}",
          "mine.yaml:3:11: UNKNOWN_NAME (written key): found 'site'"),
         ([loop("$corners", child="{locate: {object: $one}}")], LISTS,
-         "mine.yaml:7:63: WRONG_TYPE: found '${one}' of type tuple; expected type str"),
+         "mine.yaml:7:63: INVALID_VALUE: found '${one}' of type tuple; expected type str"),
         ([loop("$corners", each="$object")], LISTS,
-         "mine.yaml:7:20: WRONG_TYPE: found '${object}' of type str; expected type tuple"),
+         "mine.yaml:7:20: INVALID_VALUE: found '${object}' of type str; expected type tuple"),
         ([loop("$object")], LISTS,
-         "mine.yaml:7:32: WRONG_TYPE: found '${object}' of type str; expected a list: names of entities"),
-        ([loop("[red_cube, 3]")], LISTS, "mine.yaml:7:32: WRONG_TYPE: found ('red_cube', 3); expected a list"),
+         "mine.yaml:7:32: INVALID_VALUE: found '${object}' of type str; expected a list: names of entities"),
+        ([loop("[red_cube, 3]")], LISTS, "mine.yaml:7:32: INVALID_VALUE: found ('red_cube', 3); expected a list"),
         ([loop("$thing")], LISTS,
          "mine.yaml:7:32: BROKEN_TREE: found '${thing}', which nothing writes; expected ${corners}, ${object}"),
     ],
@@ -117,7 +117,7 @@ def test_ports_of_a_subtree_are_checked_like_those_of_a_leaf(check):
 
     ports = "approach, destination, near, object, relation"
     assert any(f"mine.yaml:7:38: UNKNOWN_NAME (port): found 'objekt'; expected {ports}" in p for p in problems)
-    assert any("MISSING_PORT: found pick without 'object'" in p for p in problems)
+    assert any("MISSING_VALUE: found pick without 'object'" in p for p in problems)
 
 
 def test_a_tree_that_contains_itself_is_shown_as_the_cycle(check):
@@ -152,18 +152,21 @@ def test_all_problems_come_at_once(check):
 @pytest.mark.parametrize(
     ("child", "message"),
     [
-        ("retry: {child: open_gripper}", r"mine.yaml:7:9: MISSING_KEY: found nothing; expected key 'attempts'"),
+        ("retry: {child: open_gripper}", r"mine.yaml:7:9: MISSING_VALUE: found nothing; expected key 'attempts'"),
         ("retry: {attempts: 0, child: open_gripper}", r"mine.yaml:7:17: INVALID_VALUE: found 0"),
         ("timeout: {second: 2, child: open_gripper}", r"UNKNOWN_NAME \(key\): found 'second'.*Did you mean 'seconds'"),
         ("parallel: {policy: some, children: [wait]}", r"INVALID_VALUE: found 'some'; expected 'all' or 'one'"),
-        ("{locate: {}, wait: {}}", r"NOT_A_NODE: found a mapping with keys locate, wait; expected a mapping with one"),
+        (
+            "{locate: {}, wait: {}}",
+            r"INVALID_VALUE: found a mapping with keys locate, wait; expected a mapping with one",
+        ),
         ("sequence: {children: []}", r"INVALID_VALUE.*at least 1 of them"),
-        ("locate: [red_cube]", r"NOT_A_WIRING: found \['red_cube'\]; expected a mapping of ports"),
-        ('condition: ""', r"NOT_A_PREDICATE"),
+        ("locate: [red_cube]", r"INVALID_VALUE: found \['red_cube'\]; expected a mapping of ports"),
+        ('condition: ""', r"INVALID_VALUE"),
         ("repeat: {times: 0, child: open_gripper}", r"mine.yaml:7:18: INVALID_VALUE: found 0"),
         ("cooldown: {seconds: 0, child: open_gripper}", r"mine.yaml:7:20: INVALID_VALUE: found 0"),
         ("for_each: {each: one, in: $all, child: open_gripper}", r"mine.yaml:7:20: INVALID_VALUE: found 'one'"),
-        ("for_each: {each: $one, child: open_gripper}", r"MISSING_KEY: found nothing; expected key 'in'"),
+        ("for_each: {each: $one, child: open_gripper}", r"MISSING_VALUE: found nothing; expected key 'in'"),
         ("reactive_sequence: {children: []}", r"INVALID_VALUE.*at least 1 of them"),
     ],
 )
@@ -186,5 +189,5 @@ def test_a_tree_under_another_name_than_its_file_is_refused(tmp_path):
     path = tmp_path / "yours.yaml"
     path.write_text("tree: mine\ndescription: A tree.\nroot: wait\n")
 
-    with pytest.raises(DefinitionError, match=r"NAME_MISMATCH: found 'mine'; expected the file's name 'yours'"):
+    with pytest.raises(DefinitionError, match=r"INVALID_VALUE: found 'mine'; expected the file's name 'yours'"):
         read_tree(path)

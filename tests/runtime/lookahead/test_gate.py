@@ -98,7 +98,7 @@ def test_the_forecast_is_asked_from_the_estimate(open_gate, careful):
     ("answer", "tree", "found"),
     [
         (ExecutionError("LOOKAHEAD_FAILED", "the rehearsal process ended with code -9"), "pick", "code -9"),
-        (None, "pick", "an end was asked for"),
+        (None, "pick", "a stop was requested"),
     ],
 )
 def test_what_cannot_be_foreseen_does_not_start(open_gate, careful, answer, tree, found):
@@ -110,7 +110,7 @@ def test_what_cannot_be_foreseen_does_not_start(open_gate, careful, answer, tree
 
 def test_a_rehearsal_process_that_dies_is_an_error_and_the_next_question_starts_another(careful):
     question = Case(session=careful, request=careful.lookahead, tree="pick", environment=WORLD)
-    forecasts = RehearsalProcess(["sh", "-c", "exit 3"])
+    forecasts = RehearsalProcess(["-c", "raise SystemExit(3)"])
 
     for _ in range(2):
         with pytest.raises(ExecutionError, match="the rehearsal process ended with code"):
@@ -119,7 +119,7 @@ def test_a_rehearsal_process_that_dies_is_an_error_and_the_next_question_starts_
 
 def test_a_question_that_nobody_wants_any_more_ends_the_process(careful):
     question = Case(session=careful, request=careful.lookahead, tree="pick", environment=WORLD)
-    forecasts = RehearsalProcess(["sh", "-c", "exec sleep 60"])
+    forecasts = RehearsalProcess(["-c", "input()"])
 
     assert forecasts.ask(question, lambda: True) is None
     assert forecasts._child is None

@@ -150,6 +150,6 @@ def test_a_file_that_is_not_there_and_a_missing_option_say_what_makes_one(tmp_pa
         read_model(tmp_path / "model.json")
     workspace = Workspace.create(tmp_path / "workspace", Library(()))
     with pytest.raises(
-        DefinitionError, match=r"forecasting.options.learned: MISSING_KEY.*python -m learned_forecaster"
+        DefinitionError, match=r"forecasting.options.learned: MISSING_VALUE.*python -m learned_forecaster"
     ):
         open_learned(ForecasterSite(workspace, "panda"))

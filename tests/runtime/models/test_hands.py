@@ -120,7 +120,7 @@ def test_a_body_without_a_gripper_is_driven_and_describes_where_its_tool_stays(c
 
 def test_a_posture_in_which_fingers_touch_is_told(claw):
     found = {each.code for each in check_profile(claw, Safety(targets={}))}
-    assert found == {"LIMITS_MISSING"}
+    assert found == {"MISSING_VALUE"}
     claw.write_text(claw.read_text().replace("right_over: [-0.9, -0.3, -0.9, -0.3]", "crossed: [0.9, 0.0, -0.9, 0.0]"))
     problems = [each for each in check_profile(claw, Safety(targets={})) if each.code == "IN_COLLISION"]
     assert problems

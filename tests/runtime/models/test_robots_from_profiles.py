@@ -199,14 +199,14 @@ def test_a_hand_that_does_not_open_so_wide_is_told_with_the_opening_it_has(beak)
     [
         ("model: beak.xml", "model: beek.xml", "MODEL_MISSING"),
         ("joints: [shoulder, elbow]", "joints: [shoulder, elbo]", "UNKNOWN_NAME (joint)"),
-        ("home_rad: [0.2, 0.4]", "home_rad: [0.2]", "WRONG_LENGTH"),
+        ("home_rad: [0.2, 0.4]", "home_rad: [0.2]", "INVALID_VALUE"),
         ("home_rad: [0.2, 0.4]", "home_rad: [2.2, 0.4]", "INVALID_VALUE"),
         ("body: lower, position_m: [0.0, 0.0, 0.19]", "body: lowr", "UNKNOWN_NAME"),
         ("0.19]}", "0.19], quaternion_wxyz: [0.70710678, 0.0, 0.0, 0.70710678]}", "MODEL_INVALID"),
     ],
 )
 def test_what_a_profile_lacks_is_found(beak, old, new, code):
-    assert check_profile(beak, Safety(targets={}))[0].code == "LIMITS_MISSING"
+    assert check_profile(beak, Safety(targets={}))[0].code == "MISSING_VALUE"
     found = [problem.label for problem in check_profile(change(beak, old, new), Safety(targets={}))]
     assert code in found
 
@@ -261,8 +261,8 @@ def test_a_draft_is_a_profile_that_lacks_only_what_no_model_says(beak):
     assert text.count("# check") >= 5
     beak.write_text(textwrap.dedent(text))
     assert {problem.code for problem in check_profile(beak, Safety(targets={}))} <= {
-        "LIMITS_MISSING",
+        "MISSING_VALUE",
         "MODEL_INVALID",
-        "WRONG_LENGTH",
+        "INVALID_VALUE",
         "IN_COLLISION",
     }

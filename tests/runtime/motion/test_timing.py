@@ -11,7 +11,7 @@ from phyagentos.runtime.motion import transport
 from phyagentos.runtime.motion.path import densify
 from phyagentos.runtime.motion.requests import FindLine, Load, NoPlan, ShapeTransport, TimeLine, World
 from phyagentos.runtime.motion.timing import JointLimits, compute_excess, drop_duplicates, time_path
-from phyagentos.runtime.motion.transport import Care, time_carry
+from phyagentos.runtime.motion.transport import CarryConstraints, time_carry
 
 pytestmark = pytest.mark.motion
 
@@ -166,7 +166,7 @@ def swing(planner):
 
 def test_a_carry_keeps_within_its_grip_where_toppra_slips(planner, limits, swing):
     rows, load = swing
-    timed = time_carry(rows, limits, planner._chain, Care(load))
+    timed = time_carry(rows, limits, planner._chain, CarryConstraints(load))
     trajectory, scaling = timed.trajectory, timed.scaling
 
     assert (scaling.solver, scaling.status) == ("casadi", "solved")
@@ -177,7 +177,9 @@ def test_a_carry_keeps_within_its_grip_where_toppra_slips(planner, limits, swing
 
 
 def test_a_light_carry_is_nearly_as_fast_as_toppra_alone(planner, limits, swing):
-    scaling = time_carry(swing[0], limits, planner._chain, Care(Load(0.1, (0, 0, 0), 0.02, 0.45, 36.0))).scaling
+    scaling = time_carry(
+        swing[0], limits, planner._chain, CarryConstraints(Load(0.1, (0, 0, 0), 0.02, 0.45, 36.0))
+    ).scaling
 
     assert scaling.grip_share < 0.2
     assert scaling.duration_s <= scaling.unshaped_duration_s + 0.08
@@ -188,7 +190,7 @@ def test_a_carry_around_a_corner_is_toppras_where_that_keeps_within_the_grip_and
     corners = (0.9, 0.3, 0.4, 0.3, 0.3, 0.2, 0.6), (0.9, -0.3, -0.4, 0.3, 0.3, 0.2, 0.6)
     rows = densify(np.vstack((home, *(home + each for each in corners))), 0.05)
     light, slipping = (
-        time_carry(rows, limits, planner._chain, Care(Load(mass_kg, (0, 0, 0), 0.02, 0.45, 36.0)))
+        time_carry(rows, limits, planner._chain, CarryConstraints(Load(mass_kg, (0, 0, 0), 0.02, 0.45, 36.0)))
         for mass_kg in (0.1, 2.1)
     )
 

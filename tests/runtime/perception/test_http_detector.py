@@ -137,18 +137,18 @@ def test_masks_that_take_more_memory_than_any_answer_are_refused(server, detecto
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("way", "code"),
+    ("way", "code", "what"),
     [
-        ("a drip of headers", "DETECTOR_TIMEOUT"),
-        ("a body without end", "DETECTOR_MALFORMED"),
-        ("a gzip, gzip bomb", "DETECTOR_MALFORMED"),
-        ("redirect", "DETECTOR_REFUSED"),
+        ("a drip of headers", "DETECTOR_FAILED", "in 0.2 s"),
+        ("a body without end", "DETECTOR_MALFORMED", "more than"),
+        ("a gzip, gzip bomb", "DETECTOR_MALFORMED", "encoding"),
+        ("redirect", "DETECTOR_FAILED", "not followed"),
     ],
 )
-def test_a_server_cannot_hold_what_asks_it(server, way, code):
+def test_a_server_cannot_hold_what_asks_it(server, way, code, what):
     hostile = HostileServer(way, f"http://127.0.0.1:{server.server_port}/detect")
     asking = HttpDetector(hostile.url, timeout_s=0.2 if way == "a drip of headers" else 20.0)
-    with pytest.raises(ExecutionError) as caught:
+    with pytest.raises(ExecutionError, match=what) as caught:
         asking.detect(RGB, ["red cube"])
     asking.close()
     hostile.close()
@@ -159,14 +159,14 @@ def test_a_server_that_says_no_is_quoted(server, detector):
     server.status, server.reply = 503, b"the model is loading"
     with pytest.raises(ExecutionError, match="503: the model is loading") as caught:
         detector.detect(RGB, ["red cube"])
-    assert caught.value.code == "DETECTOR_REFUSED"
+    assert caught.value.code == "DETECTOR_FAILED"
 
 
 def test_a_server_that_is_silent_is_waited_for_no_longer_than_allowed(server, detector):
     server.silent = True
     with pytest.raises(ExecutionError, match=r"has sent nothing for 0\.3 s") as caught:
         detector.detect(RGB, ["red cube"])
-    assert caught.value.code == "DETECTOR_TIMEOUT"
+    assert caught.value.code == "DETECTOR_FAILED"
 
 
 def test_a_server_that_is_not_there_is_told(server):
@@ -174,10 +174,10 @@ def test_a_server_that_is_not_there_is_told(server):
     server.shutdown()
     server.server_close()
     gone = HttpDetector(f"http://127.0.0.1:{port}/detect")
-    with pytest.raises(ExecutionError) as caught:
+    with pytest.raises(ExecutionError, match=r"ConnectError|refused") as caught:
         gone.detect(RGB, ["red cube"])
     gone.close()
-    assert caught.value.code == "DETECTOR_UNREACHABLE"
+    assert caught.value.code == "DETECTOR_FAILED"
 
 
 def test_pixels_get_the_colour_of_the_thing_that_a_detector_finds_there(server, detector):

@@ -161,10 +161,10 @@ def test_a_damaged_or_missing_file_is_named(views, tmp_path):
     observe()
     path, sha256 = _write(world, tmp_path)
     path.write_bytes(path.read_bytes()[:-1] + b"!")
-    with pytest.raises(ExecutionError, match=f"EVIDENCE_UNREADABLE.*{path.name}"):
+    with pytest.raises(ExecutionError, match=f"EVIDENCE_DAMAGED.*{path.name}"):
         read_look(path, sha256)
     path.unlink()
-    with pytest.raises(ExecutionError, match=f"LOOK_MISSING.*{path.name}"):
+    with pytest.raises(ExecutionError, match=f"EVIDENCE_DAMAGED.*{path.name}"):
         read_look(path, sha256)
 
 
@@ -195,7 +195,7 @@ def test_what_a_belief_points_at_is_kept_however_long_ago_it_was_seen(views, twi
     lost = msgspec.structs.replace(belief.entities["can"], evidence=("top@0.001:1,1,3,3",))
     broken = msgspec.structs.replace(belief, entities=belief.entities | {"can": lost})
     (problem,) = find_look_problems(tmp_path / "g.a", [broken])
-    assert (problem.code, problem.found) == ("POINTER_BROKEN", "top@0.001:1,1,3,3")
+    assert (problem.code, problem.found) == ("EVIDENCE_DAMAGED", "top@0.001:1,1,3,3")
 
 
 def test_a_bundle_that_begins_where_another_ended_shares_its_look(views, tmp_path):

@@ -14,7 +14,6 @@ from phyagentos.runtime.targets.wire import Frame, Frames, Observation
 STATE = TargetState(q_rad=(0.1,), qd_rad_s=(0.0,), gripper_width_m=0.08, tcp=Pose())
 LATE_MAX_S = 0.3
 FROZEN = "camera 'top' is frozen: a new stamp on the same picture"
-NOTHING = np.zeros(0)
 
 
 def expose(stamp_s, shade=7):

@@ -365,12 +365,12 @@ def test_a_camera_fault_strikes_again_from_its_own_record(look, make_rig):
 @pytest.mark.parametrize(
     ("request_", "code"),
     [
-        ({"cameras": ("nobody",)}, "UNKNOWN_CAMERA"),
-        ({"crops": {"nobody": (0, 0, 4, 4)}}, "UNKNOWN_CAMERA"),
-        ({"crops": {"above": (60, 0, 10, 10)}}, "INVALID_CROP"),
-        ({"crops": {"above": (0, 0, 0, 4)}}, "INVALID_CROP"),
-        ({"every": 2}, "INVALID_CROP"),
-        ({"crops": {"above": (0, 0, 4, 4)}, "every": 5}, "INVALID_CROP"),
+        ({"cameras": ("nobody",)}, "REQUEST_INVALID"),
+        ({"crops": {"nobody": (0, 0, 4, 4)}}, "REQUEST_INVALID"),
+        ({"crops": {"above": (60, 0, 10, 10)}}, "REQUEST_INVALID"),
+        ({"crops": {"above": (0, 0, 0, 4)}}, "REQUEST_INVALID"),
+        ({"every": 2}, "REQUEST_INVALID"),
+        ({"crops": {"above": (0, 0, 4, 4)}, "every": 5}, "REQUEST_INVALID"),
     ],
 )
 def test_a_look_that_cannot_be_is_refused(look, request_, code):

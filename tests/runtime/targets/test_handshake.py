@@ -47,7 +47,7 @@ class Acknowledging:
         self.withdrawn.set()
 
 
-class Standing(Acknowledging):
+class EntryState(Acknowledging):
     """As `serve_realtime` needs it."""
 
     control_period_s, time_s, is_moving = 0.02, 0.0, False
@@ -228,7 +228,7 @@ def test_a_client_that_says_nothing_does_not_keep_others_out(stand):
 def test_a_process_that_waits_in_the_backlog_gets_nothing_and_holds_nobody(tmp_path, serve_so):
     """It knows the token, even, and says half a message: only the process that the key is for is listened to."""
     door, key = UnixDoor(str(tmp_path / "s")), make_key()
-    target, tokens = Standing(), Tokens(key)
+    target, tokens = EntryState(), Tokens(key)
     tokens.renew(key, os.getppid())
     thread = threading.Thread(target=serve_so, args=(target, door, tokens), daemon=True)
     thread.start()
@@ -277,7 +277,7 @@ def test_a_worker_with_the_wrong_token_is_told_so(tmp_path):
 )
 def test_a_key_in_a_file_is_only_taken_when_it_is_ones_own(tmp_path, mode, text, found):
     path = tmp_path / "panda"
-    with pytest.raises(DefinitionError, match="NO_TOKEN: found no key"):
+    with pytest.raises(DefinitionError, match="NOT_SECURED: found no key"):
         read_secret(path)
     path.write_text(text)
     path.chmod(mode)

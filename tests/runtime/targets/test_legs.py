@@ -21,7 +21,7 @@ from phyagentos.runtime.preflight.safety_limits import iter_tool_problems
 from tests.models_here import read_profile_here
 
 pytestmark = pytest.mark.sim
-CODE = "LIMIT_UNENFORCEABLE"
+CODE = "LIMIT_INVALID (unenforceable)"
 PUSH_N, PUSHES = 20.0, 4  # each from another side
 LIBRARY = Library.open()
 YARD = read_scene(LIBRARY.get_scene("mobile/yard"))

@@ -27,12 +27,12 @@ def test_a_door_with_a_certificate_speaks_tls_to_who_trusts_it(tmp_path):
     _, another = make_certificate(tmp_path, "another")
     for trusted, by in ((None, "an authority of this system"), (another, str(another))):
         with pytest.raises(
-            DefinitionError, match=f"NOT_TRUSTED: found self-signed certificate; expected signed by {by}"
+            DefinitionError, match=f"NOT_SECURED: found self-signed certificate; expected signed by {by}"
         ):
             connect_websocket(door.endpoint, trusted)
     with pytest.raises(ExecutionError, match="TARGET_LOST: no target answers at ws:"):
         connect_websocket(door.endpoint.replace("wss:", "ws:"))
-    with pytest.raises(DefinitionError, match="NOT_TRUSTED: found Hostname mismatch"):
+    with pytest.raises(DefinitionError, match="NOT_SECURED: found Hostname mismatch"):
         connect_websocket(door.endpoint.replace("127.0.0.1", "localhost"), alone)
     door.close()
 
@@ -55,12 +55,12 @@ def test_the_kit_speaks_tls(tmp_path):
 
 @pytest.mark.parametrize("host", ["192.0.2.1", "robot.example", "0.0.0.0"])
 def test_another_machine_is_neither_served_nor_reached_without_tls(host):
-    with pytest.raises(DefinitionError, match=f"NOT_ENCRYPTED: found host '{host}' without TLS; expected wss://"):
+    with pytest.raises(DefinitionError, match=f"NOT_SECURED: found host '{host}' without TLS; expected wss://"):
         connect_websocket(f"ws://{host}:7000")
-    with pytest.raises(DefinitionError, match="NOT_ENCRYPTED"):
+    with pytest.raises(DefinitionError, match="NOT_SECURED"):
         WebSocketDoor(host)
 
 
 def test_a_door_that_is_asked_for_tls_is_never_opened_without():
-    with pytest.raises(DefinitionError, match="NOT_ENCRYPTED: found no --certificate"):
+    with pytest.raises(DefinitionError, match="NOT_SECURED: found no --certificate"):
         open_door("wss://127.0.0.1:0")

@@ -168,10 +168,17 @@ def compile_chain(
     if source.representation == "joint_position" and target.representation == "tool_pose":
         found, hint = source.representation, "Let the policy command poses of the tool."
         problems.append(
-            Problem("REPRESENTATION_UNBRIDGED", "source.representation", found, target.representation, hint)
+            Problem(
+                "ACTION_SPACE_MISMATCH",
+                "source.representation",
+                found,
+                target.representation,
+                hint,
+                kind="representation",
+            )
         )
     if target.delta:
-        problems.append(Problem("REPRESENTATION_UNBRIDGED", "target.delta", "changes", "postures"))
+        problems.append(Problem("ACTION_SPACE_MISMATCH", "target.delta", "changes", "postures", kind="representation"))
     if problems:
         return tuple(problems)
     known = {"world": np.eye(4), **(frames or {})}

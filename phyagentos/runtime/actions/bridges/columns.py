@@ -74,7 +74,7 @@ class ProjectionBridge(ActionBridge):
         unplaced = [joint for joint in absent if joint not in source.fixed]
         if unplaced:
             found, hint = format_names(source.joints), f"Give the position of {format_names(unplaced)} under `fixed`."
-            return Problem("JOINT_MISSING", "joints", found, format_names(target.joints), hint)
+            return Problem("ACTION_SPACE_MISMATCH", "joints", found, format_names(target.joints), hint, kind="joints")
         stay = tuple(joint for joint in source.joints if joint in target.joints)
         converted = replace_space(source, joints=(*stay, *absent), fixed={}, drop=())
         kept = np.array([source.joints.index(joint) for joint in stay], dtype=np.intp)
@@ -169,7 +169,7 @@ class GripperBridge(ActionBridge):
             found = "no gripper" if source.gripper is None else "a gripper"
             expected = "no gripper" if target.gripper is None else "a gripper"
             hint = "Both sides need a gripper's column, or neither."
-            return Problem("GRIPPER_MISMATCH", "gripper", found, expected, hint)
+            return Problem("ACTION_SPACE_MISMATCH", "gripper", found, expected, hint, kind="gripper")
         return cls(source, replace_space(source, gripper=target.gripper), source.gripper, target.gripper)
 
     @override
@@ -211,7 +211,9 @@ class ClampBridge(ActionBridge):
             low[-1], high[-1] = sorted((source.gripper.closed, source.gripper.open))
         if not np.isfinite([low, high]).any():
             hint = "Drop `clamp`, or declare the target's range."
-            return Problem("CLAMP_UNBOUNDED", "clamp", "a target without bounds", "minimum and maximum", hint)
+            return Problem(
+                "ACTION_SPACE_MISMATCH", "clamp", "a target without bounds", "minimum and maximum", hint, kind="clamp"
+            )
         return cls(source, replace_space(source, clamp=False), low, high)
 
     @override

@@ -38,7 +38,7 @@ class ResampleBridge(ActionBridge):
         if not exact or ratio.numerator > FACTOR_MAX:
             expected = f"{target.rate_hz:g} Hz times a ratio of whole numbers up to {FACTOR_MAX}"
             hint = "Choose a rate that divides the target's, or a multiple of it."
-            return Problem("RATE_UNBRIDGED", "rate_hz", f"{source.rate_hz:g} Hz", expected, hint)
+            return Problem("ACTION_SPACE_MISMATCH", "rate_hz", f"{source.rate_hz:g} Hz", expected, hint, kind="rate")
         length = source.chunk_length * ratio.numerator // ratio.denominator
         if not 1 <= length <= target.chunk_length:
             found = f"{source.chunk_length} rows at {source.rate_hz:g} Hz make {length} at {target.rate_hz:g} Hz"

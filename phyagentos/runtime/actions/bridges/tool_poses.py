@@ -92,7 +92,9 @@ class ToolPoseBridge(ActionBridge):
             return None
         if target.angle_unit != "rad" or not target.joints:
             hint = "Kinematics are in radians."
-            return Problem("REPRESENTATION_UNBRIDGED", "representation", "tool_pose", "joints in radians", hint)
+            return Problem(
+                "ACTION_SPACE_MISMATCH", "representation", "tool_pose", "joints in radians", hint, kind="representation"
+            )
         return cls(source, replace_space(source, representation="joint_position", joints=target.joints))
 
     @override

@@ -62,7 +62,7 @@ def read_settings(kind: type[SettingsT], profile: TargetProfile) -> SettingsT:
         raise DefinitionError([Problem("INVALID_VALUE", f"{place}.{at}", *rest) for at, *rest in found]) from error
     n = len(profile.arm.joints)
     problems = [
-        Problem("WRONG_LENGTH", f"{place}.{name}", f"{len(value)} values", f"{n}, one per joint")
+        Problem("INVALID_VALUE", f"{place}.{name}", f"{len(value)} values", f"{n}, one per joint")
         for name, value in settings
         if isinstance(value, tuple) and len(value) != n
     ]

@@ -48,7 +48,7 @@ class Actuation:
 
     @property
     def commanded_width_m(self) -> float:
-        """Opening that the drive is told now."""
+        """Opening that the drive is commanded now."""
         return self._state.hand.compute_width(float(self._data.ctrl[self._drive].sum()))
 
     def place_at_home(self) -> None:

@@ -66,13 +66,13 @@ class CameraRig:
         """The latest frames at simulated time `now_s`, with the active faults of each camera.
 
         Raises:
-            ExecutionError: `UNKNOWN_CAMERA`, `INVALID_CROP`.
+            ExecutionError: `REQUEST_INVALID`.
         """
         names = request.cameras or self.names
         for name in (*names, *request.crops):
             if name not in self._cameras:
                 raise ExecutionError(
-                    "UNKNOWN_CAMERA", f"no camera {name!r} in this world; there are {format_names(self._cameras)}"
+                    "REQUEST_INVALID", f"no camera {name!r} in this world; there are {format_names(self._cameras)}"
                 )
         latest_s = now_s - max((self._cameras[name].settings.latency_s for name in names), default=0.0)
         exposures: dict[str, tuple[Exposure, tuple[FaultActivation, ...]]] = {}

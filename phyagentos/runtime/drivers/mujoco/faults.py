@@ -39,7 +39,7 @@ SLIPPERY = (0.01, 0.0005, 0.0001)  # friction of pads while a grasp slips
 SEIZED_NM = 1e4  # friction of a joint that does not turn
 HAND_STIFFNESS, HAND_DAMPING, HAND_SPIN_DAMPING = 900.0, 60.0, 60.0  # 1/s^2, 1/s, 1/s: a firm hand, per unit of mass
 HAND_HEIGHT_M = 0.14  # how high a person lifts
-MOVE_RADIUS_M = (0.06, 0.12)  # how far a person moves a thing when no place is given
+MOVE_RADIUS_M = (0.06, 0.12)  # how far a person moves an object when no place is given
 CLEARANCE_M = 0.075
 SENSOR_KINDS = frozenset({"freeze", "blackout", "misdate", "miscalibrate"})
 

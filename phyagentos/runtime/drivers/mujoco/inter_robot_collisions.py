@@ -22,7 +22,7 @@ BESIDE_M = 0.004  # where one comes near the other on purpose: as much as planni
 SAMPLE_RAD = 0.05  # largest turn of a joint between two postures that are compared
 SLID = 2.0  # radians that a metre of a base's way counts, since all of the robot goes it
 ARRIVAL_S = 0.1  # after the end of a motion, until the robot rests
-FREE = 6  # degrees of freedom of a thing that nothing but a hand holds
+FREE = 6  # degrees of freedom of an object that nothing but a hand holds
 NEARER_M = 0.001  # than at its beginning: a motion that begins too near another robot comes no nearer
 
 
@@ -54,7 +54,7 @@ class InterRobotCollisions:
         self._model, self._data, self._names = model, mujoco.MjData(model), list(robots)
         bodies = [model.body(body).name for body in range(model.nbody)]
         of_body = np.array([self._find_owner(body) for body in bodies])
-        self._owner = of_body[model.geom_bodyid]  # of each geom; -1 for things
+        self._owner = of_body[model.geom_bodyid]  # of each geom; -1 for objects
         model.geom_margin[self._owner >= 0] = CLEARANCE_M
         model.body_margin[of_body >= 0] = CLEARANCE_M
         self._announced: dict[str, Announced] = {}
@@ -98,7 +98,7 @@ class InterRobotCollisions:
     def admit(self, name: str, q_rad: Array, beside: str, held: Mapping[str, Collection[str]]) -> str:
         """Admit a motion (n, n_joints) from now on; the robot that is in its way, empty when it is admitted.
 
-        `beside` is a robot to which it comes near on purpose; `held` are the things that each robot holds.
+        `beside` is a robot to which it comes near on purpose; `held` are the objects that each robot holds.
         """
         own = self._place(name, self._sample(name, q_rad), held[name])
         for other in (each for each in self._names if each != name):

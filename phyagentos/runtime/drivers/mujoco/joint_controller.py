@@ -154,7 +154,7 @@ class JointController:
     def _limit_fingers(self, width_m: Array) -> Array:
         """The drive's set-points (n,) on its way to commanded openings (n,) [m].
 
-        It moves at its own speed, and never farther into a thing than its full force needs.
+        It moves at its own speed, and never farther into an object than its full force needs.
         """
         if not np.count_nonzero(width_m != self._width_m):
             return width_m

@@ -101,7 +101,7 @@ class LocalLimits:
         return self._check_place(q[-1], qd[-1])
 
     def _departs_nearby(self, q: Array, qd: Array, held: SetPoint) -> bool:
-        """Whether a first row departs from rest where the encoders may have told its sender that the arm stands.
+        """Whether a first row departs from rest where the encoders may have shown its sender an arm at rest.
 
         An arm that is pressed aside stands beside what it holds.
         """

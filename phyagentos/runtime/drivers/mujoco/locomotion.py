@@ -62,9 +62,9 @@ class OmniDrive:
     follows, sway = True, (0.03, 0.03, 0.1)  # measured: rollers ripple by 0.035 m/s and 0.12 rad/s about what is asked
 
     def __init__(self, model: mujoco.MjModel, planar: PlanarBase, base: Base) -> None:
-        """Read the wheels; raises DefinitionError `MISSING_KEY` for a profile without `wheels`."""
+        """Read the wheels; raises DefinitionError `MISSING_VALUE` for a profile without `wheels`."""
         if base.wheels is None:
-            raise DefinitionError.of("MISSING_KEY", f"base.wheels of kind {base.kind!r}", "nothing", "its wheels")
+            raise DefinitionError.of("MISSING_VALUE", f"base.wheels of kind {base.kind!r}", "nothing", "its wheels")
         self._planar = planar
         self._gain_1_s = float(np.asarray(dict(base.settings).get("gain_1_s", GAIN_1_S)))
         data = mujoco.MjData(model)

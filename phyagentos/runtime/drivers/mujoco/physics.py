@@ -34,7 +34,7 @@ class Physics:
         return self.state.time_s
 
     def start(self, settle_s: float) -> None:
-        """Begin at time zero with the arm at home, and let things come to rest."""
+        """Begin at time zero with the arm at home, and let objects come to rest."""
         mujoco.mj_resetData(self.model, self.data)
         self.actuation.place_at_home()
         self.step(round(settle_s / self.model.opt.timestep))

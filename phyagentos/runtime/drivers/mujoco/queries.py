@@ -105,7 +105,7 @@ class Queries:
         return as_pose(rotation, self.seen.site_xpos[self._tcp] + moved[:3])
 
     def read_entities(self, holders: Mapping[str, str]) -> tuple[Entity, ...]:
-        """Ground truth of every thing (after `look`); `holders` maps entities to the target that holds each."""
+        """Ground truth of every object (after `look`); `holders` maps entities to the target that holds each."""
         found = []
         for body, entity in self._bodies.items():
             found.append(
@@ -167,7 +167,7 @@ class Queries:
         return self.find_touching().get(name) == len(self._pads)
 
     def find_clearance(self, point: Array, own: Array) -> float:
-        """Horizontal distance from a point to the nearest movable thing that is not the one at `own` [m]."""
+        """Horizontal distance from a point to the nearest movable object that is not the one at `own` [m]."""
         others = [np.array(self._data.xpos[body]) for body, entity in self._bodies.items() if entity.movable]
         distances = [np.linalg.norm((point - other)[:2]) for other in others if np.linalg.norm(own - other) > 1e-6]
         return float(min(distances, default=1.0))

@@ -123,7 +123,7 @@ class RayCaster:
         """(n, 3) unit vectors and (n,) lengths of the rays with z = 1, cached by lens."""
         kept = self._rays.get(lens)
         if kept is None:
-            if len(self._rays) > 32:  # windows that follow a thing are all different
+            if len(self._rays) > 32:  # windows that follow an object are all different
                 self._rays.clear()
             kept = self._rays[lens] = _normalise(lens.compute_rays())
         return kept

@@ -88,7 +88,7 @@ class SimulatedCamera:
             begin: State at the beginning of the exposure, where something moved since.
 
         Raises:
-            ExecutionError: `INVALID_CROP`, or `NO_GRAPHICS` of the back end that draws.
+            ExecutionError: `REQUEST_INVALID`, or `NO_GRAPHICS` of the back end that draws.
         """
         whole = self.mounting.lens
         lens = whole if crop is None else whole.crop(crop)

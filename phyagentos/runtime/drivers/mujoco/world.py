@@ -387,5 +387,5 @@ class MujocoDriver(TargetDriver):
 
     def _get_present(self) -> Embodiment:
         if self._present is None:
-            raise ExecutionError("NO_SCENE", "no scene is loaded; send LoadScene first")
+            raise ExecutionError("NO_EPISODE", "no scene is loaded; send LoadScene first")
         return self._present

@@ -8,7 +8,7 @@ from phyagentos.runtime.execution.leaves.fail import Fail
 from phyagentos.runtime.execution.leaves.find_held import FindHeld
 from phyagentos.runtime.execution.leaves.find_opening import FindOpening
 from phyagentos.runtime.execution.leaves.gripper import CloseGripper, OpenGripper
-from phyagentos.runtime.execution.leaves.is_sharp import IsSharp
+from phyagentos.runtime.execution.leaves.is_sharp import IsWellLocalized
 from phyagentos.runtime.execution.leaves.locate import Locate
 from phyagentos.runtime.execution.leaves.look import Look
 from phyagentos.runtime.execution.leaves.move_home import MoveHome
@@ -39,7 +39,7 @@ BUILTIN: dict[str, type[Leaf]] = {
     "fail": Fail,
     "find_held": FindHeld,
     "find_opening": FindOpening,
-    "is_sharp": IsSharp,
+    "is_sharp": IsWellLocalized,
     "locate": Locate,
     "look": Look,
     "move_home": MoveHome,

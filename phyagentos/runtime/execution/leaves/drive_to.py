@@ -10,21 +10,21 @@ from phyagentos.runtime.motion.requests import (
     MotionRequest,
 )
 
-SIDES = 24  # directions from which a thing may be faced: 15 degrees apart
+SIDES = 24  # directions from which an object may be faced: 15 degrees apart
 THERE = 0.005  # metres and radians from a goal at which it is reached
 HEADING_MAX_RAD = YAW_MAX_RAD - 0.03  # planning keeps some room to the end of a range; half a turn is 4 degrees off
 
 
 class DriveTo(MovingLeaf):
-    """A collision-free motion of the base into a region, headed as that, or to a distance of a thing, facing it.
+    """A collision-free motion of the base into a region, headed as that, or to a distance of an object, facing it.
 
     The arm stays as it is.
     """
 
     INPUT_PORTS = {
-        "place": PortInformation(data_type=str, description="Name of a region, or of a thing."),
+        "place": PortInformation(data_type=str, description="Name of a region, or of an object."),
         "standoff_m": PortInformation(
-            data_type=float, default_value=0.4, description="From the centre of a thing [m]."
+            data_type=float, default_value=0.4, description="From the centre of an object [m]."
         ),
         "speed": PortInformation(data_type=float, default_value=1.0, description="Fraction of the velocity limits."),
     }

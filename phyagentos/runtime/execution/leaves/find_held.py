@@ -10,9 +10,9 @@ from phyagentos.runtime.perception.world_model import HAND
 
 
 class FindHeld(Leaf):
-    """The thing between the fingers that has to leave them first; none where nothing is confirmed to be held.
+    """The object between the fingers that has to leave them first; none where nothing is confirmed to be held.
 
-    A part of something fixed, as a handle, is no such thing: the hand may just open.
+    A part of something fixed, as a handle, is no such object: the hand may just open.
     """
 
     ROLE = Role.PLAN_ROOM

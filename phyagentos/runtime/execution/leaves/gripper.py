@@ -35,7 +35,7 @@ class _GripperLeaf(Leaf):
         return self.on_settled(self.context.step.target.gripper_width_m)
 
     def _has_arrived(self, now_s: float) -> bool:
-        """Whether the drive's own set-point is where it was sent, or as far in a thing as its full force needs."""
+        """Whether the drive's own set-point is where it was sent, or as far in an object as its full force needs."""
         gripper, now_m = self.context.profile.gripper, self.context.step.target.gripper_width_m
         way_m = gripper.speed_m_s * (now_s - self._begun_s)
         is_closing = self._width_m < self._from_m
@@ -76,7 +76,7 @@ class OpenGripper(_GripperLeaf):
         return self.begin(width_m, self.find("seconds"), SETTLE_S)
 
     def on_settled(self, width_m: float) -> Status:
-        """Report the width, and how far the planner let the thing fall."""
+        """Report the width, and how far the planner let the object fall."""
         return self.succeed("", width_m=width_m, **({"fall_m": self._fall_m} if self._fall_m else {}))
 
 

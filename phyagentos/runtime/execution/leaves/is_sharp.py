@@ -7,7 +7,7 @@ from phyagentos.runtime.execution.leaves.locate import find_visible
 POSITION_STD_M, TILT_STD_RAD = 0.002, 0.04  # predicates decide within twice these
 
 
-class IsSharp(Leaf):
+class IsWellLocalized(Leaf):
     """Succeeds where the belief shows the object surely, and its place and tilt to 2 mm and 2 degrees."""
 
     ROLE = Role.DECIDE

@@ -14,7 +14,7 @@ class MoveLevel(MovingLeaf):
     """The way of an approach, with the tilt of the vessel against its apparent gravity bounded."""
 
     INPUT_PORTS = {
-        "approach": PortInformation(data_type=Approach, description="The way."),
+        "approach": PortInformation(data_type=Approach, description="The path."),
         "payload": PortInformation(data_type=Payload, description="What must stay in the fingers."),
         "tilt_max_rad": PortInformation(
             data_type=float, default_value=0.08, description="Largest apparent tilt [rad], accelerations included."

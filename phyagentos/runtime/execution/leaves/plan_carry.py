@@ -22,7 +22,7 @@ class PlanCarry(CandidatePlanningLeaf):
         "payload": PortInformation(data_type=Payload, description="What is held, and how."),
         "destination": PortInformation(data_type=str, description="Entity that the payload may touch at the end."),
     }
-    OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The way, from here to the end.")}
+    OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The path, from here to the end.")}
 
     def compose(self) -> MotionRequest | Status:
         """Up, over, down."""

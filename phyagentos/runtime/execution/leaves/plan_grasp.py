@@ -41,7 +41,7 @@ class PlanGrasp(CandidatePlanningLeaf):
         "beside": BESIDE,
     }
     OUTPUT_PORTS = {
-        "approaches": PortInformation(data_type=Approaches, description="Checked ways, nearest first."),
+        "approaches": PortInformation(data_type=Approaches, description="Checked candidates, nearest first."),
         "up": PortInformation(data_type=tuple, required=False, description="The side that points up then."),
     }
 

@@ -26,7 +26,7 @@ class PlanPour(CandidatePlanningLeaf):
         "into": PortInformation(data_type=str, description="Entity whose interior receives what it holds."),
     }
     OUTPUT_PORTS = {
-        "over": PortInformation(data_type=Approach, description="The upright way, from here to beside the bowl."),
+        "over": PortInformation(data_type=Approach, description="The upright path, from here to beside the bowl."),
         "tip": PortInformation(data_type=Approach, description="The turn about the edge, from there."),
     }
 

@@ -19,7 +19,7 @@ from phyagentos.runtime.motion.requests import (
 
 
 class PlanRoom(PlanningLeaf[Approaches]):
-    """The fewest things to move away, and where to; none where there is room, or where moving gives none."""
+    """The fewest objects to move away, and where to; none where there is room, or where moving gives none."""
 
     ROLE = Role.PLAN_ROOM
     INPUT_PORTS = {port: PlanGrasp.INPUT_PORTS[port] for port in ("object", "destination", "relation", "near")}
@@ -61,8 +61,8 @@ class PlanRoom(PlanningLeaf[Approaches]):
 
 
 def list_removable(session: Session, now: Environment, name: str, destination: str) -> tuple[str, ...]:
-    """What fills a destination and may be moved out for a thing; last what the goal itself puts there."""
+    """What fills a destination and may be moved out for an object; last what the goal itself puts there."""
     if any("*" in text for text in (*session.hold, *session.accept)):
-        return ()  # it is about every thing
+        return ()  # it is about every object
     found = [each for each in find_filling(now, destination) if each != name and each not in session.kept]
     return tuple(sorted(found, key=lambda each: each in session.coming))

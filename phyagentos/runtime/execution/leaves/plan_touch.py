@@ -15,7 +15,7 @@ class PlanTouch(ApproachPlanningLeaf):
             data_type=tuple, required=False, description="Where its middle shall be, world frame [m]; else where it is."
         ),
         "above_m": PortInformation(data_type=float, default_value=0.0, description="End so far above it [m]."),
-        "hover_m": PortInformation(data_type=float, default_value=0.06, description="Length of the way [m]."),
+        "hover_m": PortInformation(data_type=float, default_value=0.06, description="Length of the path [m]."),
     }
 
     def compose(self) -> MotionRequest | Status:

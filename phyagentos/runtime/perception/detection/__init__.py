@@ -1,1 +1,1 @@
-"""Plug-in points for detectors, which find things in pictures by words."""
+"""Plug-in points for detectors, which find objects in pictures by words."""

@@ -12,7 +12,7 @@ Colours = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detection:
-    """One thing in one picture, with one of the requested labels and a score in 0..1.
+    """One object in one picture, with one of the requested labels and a score in 0..1.
 
     `box` is (left, top, width, height) [pixels]; `mask` (h, w) is None where only the box is known.
     """
@@ -24,7 +24,7 @@ class Detection:
 
 
 class Detector(Protocol):
-    """Finds things in pictures by words."""
+    """Finds objects in pictures by words."""
 
     def detect(self, rgb: Colours, labels: Sequence[str]) -> tuple[Detection, ...]:
         """All matches of the labels (`red cube`) in a picture (h, w, 3), the best first.

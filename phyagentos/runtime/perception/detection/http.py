@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.network.http import Codes, HttpClient
+from phyagentos.network.http import HttpClient
 from phyagentos.runtime.perception.detection.detector import Colours, Detection
 
 VERSION = 1
@@ -25,9 +25,6 @@ TIMEOUT_S = 5.0
 ANSWER_MAX_BYTES = 8 * 2**20  # hundreds of masks of a large picture
 DETECTIONS_MAX = 1000
 MASKS_MAX_PIXELS = 2**28  # of all masks of an answer together: about 290 of 1280 x 720
-CODES = Codes(
-    late="DETECTOR_TIMEOUT", lost="DETECTOR_UNREACHABLE", refused="DETECTOR_REFUSED", malformed="DETECTOR_MALFORMED"
-)
 _PNG = struct.Struct(">8s4x4sII")  # signature, length of the first chunk, its kind, width and height
 
 
@@ -60,13 +57,13 @@ class HttpDetector:
 
     def __init__(self, url: str, timeout_s: float = TIMEOUT_S, score_min: float = 0.3) -> None:
         self._url, self._timeout_s, self._score_min = url, timeout_s, score_min
-        self._client = HttpClient(url, CODES)
+        self._client = HttpClient(url, "DETECTOR_FAILED", "DETECTOR_MALFORMED")
 
     def detect(self, rgb: Colours, labels: Sequence[str]) -> tuple[Detection, ...]:
         """All matches of the labels, the best first.
 
         Raises:
-            ExecutionError: `DETECTOR_TIMEOUT`, `DETECTOR_UNREACHABLE`, `DETECTOR_REFUSED` (an HTTP status),
+            ExecutionError: `DETECTOR_FAILED` (an HTTP status),
                 `DETECTOR_MALFORMED`.
         """
         _, png = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))

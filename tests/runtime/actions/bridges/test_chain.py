@@ -65,12 +65,12 @@ def test_a_pose_policy_is_bridged_by_frame_rotation_units_and_rate():
     ("changes", "code", "address", "word"),
     [
         ({"joints": (*JOINTS[:6], "joint_7")}, "UNKNOWN_NAME (joint)", "joints", "Did you mean 'joint7'?"),
-        ({"joints": JOINTS[:6]}, "JOINT_MISSING", "joints", "Give the position of joint7"),
+        ({"joints": JOINTS[:6]}, "ACTION_SPACE_MISMATCH (joints)", "joints", "Give the position of joint7"),
         ({"joints": ("joint1",) * 7}, "ACTION_SPACE_INVALID", "source.joints", ""),
         ({"joints": ()}, "ACTION_SPACE_INVALID", "source.joints", ""),
-        ({"gripper": None}, "GRIPPER_MISMATCH", "gripper", "Both sides"),
+        ({"gripper": None}, "ACTION_SPACE_MISMATCH (gripper)", "gripper", "Both sides"),
         ({"gripper": GripperRange(closed=1.0, open=1.0)}, "ACTION_SPACE_INVALID", "source.gripper", ""),
-        ({"rate_hz": 10.1234567}, "RATE_UNBRIDGED", "rate_hz", "divides"),
+        ({"rate_hz": 10.1234567}, "ACTION_SPACE_MISMATCH (rate)", "rate_hz", "divides"),
         ({"chunk_length": 99}, "CHUNK_LENGTH", "chunk_length", "Shorten"),
         ({"rate_hz": 50.0, "chunk_length": 101}, "CHUNK_LENGTH", "chunk_length", "Shorten"),
         ({"rate_hz": 5000.0, "chunk_length": 20}, "CHUNK_LENGTH", "chunk_length", "at least one period"),
@@ -85,13 +85,13 @@ def test_what_cannot_be_bridged_is_told_in_preflight(target, changes, code, addr
 
 def test_joints_lead_to_no_pose_and_are_told_so(target):
     (problem,) = compile_chain(target, ActionSpace(**POSE))
-    assert (problem.code, problem.address) == ("REPRESENTATION_UNBRIDGED", "source.representation")
+    assert (problem.label, problem.address) == ("ACTION_SPACE_MISMATCH (representation)", "source.representation")
     assert "poses of the tool" in problem.hint
 
 
 def test_no_chain_leads_to_a_target_that_takes_changes(target):
     (problem,) = compile_chain(target, target.model_copy(update={"delta": True}))
-    assert (problem.code, problem.address) == ("REPRESENTATION_UNBRIDGED", "target.delta")
+    assert (problem.label, problem.address) == ("ACTION_SPACE_MISMATCH (representation)", "target.delta")
 
 
 def test_a_scale_is_a_factor_of_each_column_and_needs_one_for_each(target):
@@ -119,15 +119,15 @@ def test_what_is_wrong_with_a_pose_is_told_too(changes, code):
 def test_a_clamp_without_a_range_is_a_problem():
     goal = ActionSpace(representation="tool_pose", rate_hz=10.0, chunk_length=100)
     (problem,) = compile_chain(ActionSpace(**POSE, clamp=True), goal)
-    assert problem.code == "CLAMP_UNBOUNDED"
+    assert problem.label == "ACTION_SPACE_MISMATCH (clamp)"
 
 
 def test_all_problems_are_told_at_once(target):
     source = build_source(joints=JOINTS[:6], gripper=None, rate_hz=7.77777)
-    assert {problem.code for problem in compile_chain(source, target)} == {
-        "JOINT_MISSING",
-        "GRIPPER_MISMATCH",
-        "RATE_UNBRIDGED",
+    assert {problem.label for problem in compile_chain(source, target)} == {
+        "ACTION_SPACE_MISMATCH (joints)",
+        "ACTION_SPACE_MISMATCH (gripper)",
+        "ACTION_SPACE_MISMATCH (rate)",
     }
 
 
