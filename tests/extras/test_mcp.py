@@ -114,7 +114,8 @@ def test_a_client_sees_what_its_level_offers_and_nothing_else(workspace, connect
             ]
             assert [answered for answered, _ in refused] == [False] * len(refused)
             codes = [facts["problems"][0]["code"] for _, facts in refused]
-            assert codes[:2] == ["NOT_PERMITTED", "UNKNOWN_NAME (tool)"]
+            assert codes[:2] == ["NOT_PERMITTED", "UNKNOWN_NAME"]
+            assert refused[1][1]["problems"][0]["kind"] == "tool"
 
     run(talk)
     assert not (workspace.proposals / "new").exists()
@@ -253,7 +254,7 @@ def test_an_agent_finds_a_hidden_cube_call_by_call_and_a_rerun_repeats_its_decis
                 seen = await step(call="observe")
                 assert "green_cube" in seen["world"]["never_seen"]
                 wrong = await step(call="invoke_tool", tool="estop")
-                assert wrong["problems"][0]["code"] == "UNKNOWN_NAME (tool)"
+                assert [wrong["problems"][0][each] for each in ("code", "kind")] == ["UNKNOWN_NAME", "tool"]
                 opened = await step(
                     call="invoke_tool", tool="open_drawer", arguments={"drawer": "drawer", "handle": "handle"}
                 )
