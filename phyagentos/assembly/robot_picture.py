@@ -8,7 +8,7 @@ import numpy as np
 from phyagentos.errors import DefinitionError
 from phyagentos.geometry import rotate
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.runtime.drivers.mujoco.rendering import PictureRenderer
+from phyagentos.runtime.drivers.mujoco.rendering import render_png
 from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.models.scene import aim
@@ -41,7 +41,7 @@ def draw_robot(profile: TargetProfile, folder: Path) -> bytes:
     eye = middle + reach * np.array((1.0, -1.0, 0.6))
     spec.worldbody.add_camera(name="portrait", pos=eye, fovy=FOV_DEG, xyaxes=aim(eye, middle))
     model = spec.compile()
-    taken = PictureRenderer().render(model, _pose(model, profile, folder), "portrait", WIDTH, HEIGHT)
+    taken = render_png(model, _pose(model, profile, folder), "portrait", WIDTH, HEIGHT)
     if "picture.png" not in taken.artefacts:
         raise DefinitionError.of("NO_GRAPHICS", profile.target, taken.reason, "MuJoCo's graphics", "See `paos doctor`.")
     return taken.artefacts["picture.png"].data

@@ -1,7 +1,6 @@
 """What simulated cameras tell: true geometry, the noise that is declared, the past, and the lies of a fault file."""
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 
 import mujoco
 import numpy as np
@@ -12,7 +11,7 @@ from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.settings.sensors import CameraSettings, NoiseLevel, Sensor, Sensors, read_sensors
 from phyagentos.protocol.world.faults import FaultFile
 from phyagentos.runtime.drivers.mujoco.joint_controller import StateHistory
-from phyagentos.runtime.drivers.mujoco.rendering import GraphicsCaster, PictureRenderer
+from phyagentos.runtime.drivers.mujoco.rendering import GraphicsCaster, render_png
 from phyagentos.runtime.drivers.mujoco.simulated_camera import SimulatedCamera, open_cameras, pose_state
 from phyagentos.runtime.drivers.mujoco.static_depth_cache import VISIBLE_GROUPS
 from phyagentos.runtime.models.camera_model import Lens, look_at
@@ -27,8 +26,6 @@ SMALL = {"width": 64, "height": 48}
 
 
 CLEAN = NoiseLevel()
-ANOTHER_WORLD = """<mujoco><worldbody><light pos="0 0 3"/><geom type="box" size="1 1 .1"/>
-<camera name="eye" pos="0 0 4"/></worldbody></mujoco>"""
 
 
 def make_sensors(noise=CLEAN, rate_hz=25.0, synchronised=True, **cameras) -> Sensors:
@@ -117,19 +114,10 @@ def test_a_machine_without_graphics_gives_no_frame_and_a_code(physics, monkeypat
     assert rig.world.handle(wire.Capture()) == wire.Frames((), {"above": "NO_GRAPHICS"})
 
 
-def test_pictures_for_people_are_the_same_from_any_thread_and_after_another_world(physics, data):
-    pictures, other = PictureRenderer(), mujoco.MjModel.from_xml_string(ANOTHER_WORLD)
-    camera = physics.model.camera(0).name
-
-    def take() -> dict[str, wire.Artefact]:
-        return pictures.render(physics.model, data, camera, 64, 48).artefacts
-
-    first = take()
-    assert list(pictures.render(other, mujoco.MjData(other), "eye", 64, 48).artefacts) == list(first)
-    with ThreadPoolExecutor(1) as thread:
-        assert thread.submit(take).result() == take() == first
-    assert first == {} or PictureRenderer().render(physics.model, data, camera, 64, 48).artefacts == first
-    assert physics.model.vis.quality.shadowsize == 4096  # what evidence records of the model stays
+def test_a_picture_for_people_leaves_the_model_as_it_was(physics, data):
+    name = physics.model.camera(0).name
+    assert render_png(physics.model, data, name, 64, 48) == render_png(physics.model, data, name, 64, 48)
+    assert physics.model.vis.quality.shadowsize == 4096  # what evidence records of the model
 
 
 def test_the_arm_hides_what_is_behind_it(physics, data):

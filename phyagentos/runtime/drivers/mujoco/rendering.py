@@ -6,8 +6,6 @@ reason, or no frame with a code; never an error.
 
 import io
 import threading
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 
 import mujoco
 import numpy as np
@@ -24,49 +22,18 @@ _DRAWING = threading.Lock()  # robots of one world are served by a thread each
 _FAR = 0.99  # of the far plane: beyond it nothing was drawn
 
 
-class PictureRenderer:
-    """Pictures for people, of one world after another; graphics stay open, since to open them costs more than to draw.
-
-    They belong to the thread that opened them, so one thread draws for all that ask.
-    """
-
-    def __init__(self) -> None:
-        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="pictures")
-        self._renderer: mujoco.Renderer | None = None
-
-    def render(self, model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: int, height: int) -> ToolResult:
-        """One picture of a model's camera, as the artefact `picture.png`; without graphics none, with the reason."""
-        names = [model.camera(index).name for index in range(model.ncam)]
-        if camera not in names:
-            return ToolResult({}, f"no camera {camera!r}; there are {', '.join(names) or 'none'}")
-        size = (min(width, _MAX_WIDTH), min(height, _MAX_HEIGHT))
-        try:
-            pixels = self._thread.submit(self._draw, model, data, camera, *size).result()
-        except Exception as error:  # graphics drivers raise what they like
-            return ToolResult({}, f"{type(error).__name__}: {error}")
-        return ToolResult({"picture.png": Artefact("image/png", _encode(pixels))})
-
-    def _draw(
-        self, model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: int, height: int
-    ) -> NDArray[np.uint8]:
-        with _DRAWING:
-            kept = self._renderer
-            if kept is None or kept.model is not model or (kept.width, kept.height) != (width, height):
-                self._close()
-                kept = self._renderer = _open_renderer(model, width, height)
+def render_png(model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: int, height: int) -> ToolResult:
+    """One picture of a model's camera, as the artefact `picture.png`; without graphics none, with the reason."""
+    names = [model.camera(index).name for index in range(model.ncam)]
+    if camera not in names:
+        return ToolResult({}, f"no camera {camera!r}; there are {', '.join(names) or 'none'}")
+    try:
+        with _DRAWING, _open_renderer(model, min(width, _MAX_WIDTH), min(height, _MAX_HEIGHT)) as renderer:
             mujoco.mj_camlight(model, data)
-            kept.update_scene(data, camera, _make_options())
-            return np.array(kept.render())
-
-    def _close(self) -> None:
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
-
-    def __del__(self) -> None:
-        with suppress(RuntimeError):  # this process ends
-            self._thread.submit(self._close).result()
-        self._thread.shutdown(wait=False)
+            renderer.update_scene(data, camera, _make_options())
+            return ToolResult({"picture.png": Artefact("image/png", _encode(renderer.render()))})
+    except Exception as error:  # graphics drivers raise what they like
+        return ToolResult({}, f"{type(error).__name__}: {error}")
 
 
 def _open_renderer(model: mujoco.MjModel, width: int, height: int) -> mujoco.Renderer:

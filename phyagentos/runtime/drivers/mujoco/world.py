@@ -33,7 +33,7 @@ from phyagentos.runtime.drivers.mujoco.joint_controller import JointController, 
 from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 from phyagentos.runtime.drivers.mujoco.local_limits import END_MARGIN_RAD
 from phyagentos.runtime.drivers.mujoco.physics import Physics, advance
-from phyagentos.runtime.drivers.mujoco.rendering import PictureRenderer
+from phyagentos.runtime.drivers.mujoco.rendering import render_png
 from phyagentos.runtime.drivers.mujoco.simulation import BROKEN_OFF, ReadAgreement, Simulation
 from phyagentos.runtime.models.robot import build_robot, count_steps
 from phyagentos.runtime.models.world import CompiledScene, compile_scene, name_prefix
@@ -71,7 +71,6 @@ class SimulatedWorld:
         self.mode, self.sensors = mode, sensors or Sensors(sensors={})
         self.simulation = Simulation(read_agreement)
         self.robots: dict[str, MujocoDriver] = {}
-        self.pictures = PictureRenderer()
         self._library, self._make_faults = library, faults or (lambda _episode, _seed: FaultInjector())
         self._present: tuple[wire.LoadScene, wire.Loaded] | None = None
 
@@ -383,7 +382,7 @@ class MujocoDriver(TargetDriver):
                 return wire.ToolResult({}, f"in real time, a picture would make {other} late, which runs a session")
             physics.queries.look()
             seen = copy(physics.queries.seen)
-        return self.world.pictures.render(physics.model, seen, wanted.camera, wanted.width, wanted.height)
+        return render_png(physics.model, seen, wanted.camera, wanted.width, wanted.height)
 
     def _get_present(self) -> Embodiment:
         if self._present is None:
