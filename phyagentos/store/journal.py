@@ -119,7 +119,7 @@ class Journal:
             Fenced: A stale epoch.
             IllegalEvent: A goal or node event out of order, or from the wrong side.
             DefinitionError: An invalid contract, or a record that is too large.
-            ExecutionError: `JOURNAL_WRITE_FAILED` (nothing was recorded), `JOURNAL_WRITE_FAILED` (final for this
+            ExecutionError: `JOURNAL_WRITE_FAILED` (nothing was recorded), `JOURNAL_NOT_DURABLE` (final for this
                 process), `JOURNAL_DAMAGED`, `BUSY`.
         """
         if not entries:
@@ -152,7 +152,7 @@ class Journal:
         return records
 
     def sync(self) -> None:
-        """Wait until everything committed or read here is durable; raises `JOURNAL_WRITE_FAILED`."""
+        """Wait until everything committed or read here is durable; raises `JOURNAL_NOT_DURABLE`."""
         with self._mutex:
             self._writer.refuse_if_failed()
             self._writer.open(self._follower)

@@ -87,7 +87,7 @@ class SegmentWriter:
             self._synced_seq = max(self._synced_seq, reached)
 
     def be_durable(self, sync: Callable[..., None], *args: object) -> None:
-        """Call something that waits for the disk; a failure, `JOURNAL_WRITE_FAILED`, is final."""
+        """Call something that waits for the disk; a failure, `JOURNAL_NOT_DURABLE`, is final."""
         try:
             sync(*args)
         except OSError as error:
@@ -107,7 +107,7 @@ class SegmentWriter:
 
     def _fail(self, error: OSError) -> ExecutionError:
         self.failure = ExecutionError(
-            "JOURNAL_WRITE_FAILED",
+            "JOURNAL_NOT_DURABLE",
             f"{self._folder}: {error}. What was written last may be lost; end this process, check the disk and "
             "start again from what stands there.",
         )

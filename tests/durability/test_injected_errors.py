@@ -154,12 +154,12 @@ def check_failure(bench, calls, name):
     code = attempt(bench, name)
     assert not (code and had_failed), f"{name}: {code}, though nothing failed any more"
     if calls.failed in SYNCS and not had_failed:
-        assert code == "JOURNAL_WRITE_FAILED", f"{name}: a sync failed, and the process went on"
-    if code == "JOURNAL_WRITE_FAILED":
+        assert code == "JOURNAL_NOT_DURABLE", f"{name}: a sync failed, and the process went on"
+    if code == "JOURNAL_NOT_DURABLE":
         assert calls.failed in SYNCS
         if journal := bench.find(bench.last_side):
             for _ in range(2):
-                with pytest.raises(ExecutionError, match=r"JOURNAL_WRITE_FAILED: .*end this process"):
+                with pytest.raises(ExecutionError, match=r"JOURNAL_NOT_DURABLE: .*end this process"):
                     journal.commit([make_submit("late")])
             bench.close(bench.last_side)
     elif code:

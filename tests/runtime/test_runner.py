@@ -327,7 +327,7 @@ def test_the_limit_that_decides_ends_a_session_and_is_named(build_bench, session
     [
         ("timed_out", "the contract allows 9 s by the wall clock", "TIMED_OUT", "9 s by the wall"),
         ("stalled", "no command for 20 s although it acts", "NO_PROGRESS", "20 s although"),
-        ("cancelled", "", "CANCELLED", "asked for"),
+        ("cancelled", "", "CANCELLED", "requested"),
     ],
 )
 def test_an_end_by_the_watchdog_names_the_limit_that_decided(build_bench, session, plant, reason, why, code, named):

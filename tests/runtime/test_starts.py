@@ -165,7 +165,7 @@ def test_a_disk_that_does_not_confirm_a_start_lets_nothing_move(stand):  # noqa:
     stand.submit(make_session("g.a"))
     watchdog = watch_disk(stand, Observer(course), Failing(course))
 
-    with pytest.raises(Exception, match="JOURNAL_WRITE_FAILED"):
+    with pytest.raises(Exception, match="JOURNAL_NOT_DURABLE"):
         watchdog.run()
 
     assert course.events[-2:] == ["start", "Run"]

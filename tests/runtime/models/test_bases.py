@@ -221,7 +221,7 @@ def test_a_profile_with_a_base_names_its_pose_first(scooter):
     with pytest.raises(DefinitionError, match="expected plate"):
         build_robot(profile.model_copy(update={"base": held}), folder)
     hovering = profile.base.model_copy(update={"kind": "hover"})
-    with pytest.raises(DefinitionError, match="UNKNOWN_NAME: found 'hover'"):
+    with pytest.raises(DefinitionError, match=r"UNKNOWN_NAME \(locomotion\): found 'hover'"):
         Physics.alone(profile.model_copy(update={"base": hovering}), folder, GROUND, seed=3)
 
 

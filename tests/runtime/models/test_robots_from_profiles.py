@@ -201,7 +201,7 @@ def test_a_hand_that_does_not_open_so_wide_is_told_with_the_opening_it_has(beak)
         ("joints: [shoulder, elbow]", "joints: [shoulder, elbo]", "UNKNOWN_NAME (joint)"),
         ("home_rad: [0.2, 0.4]", "home_rad: [0.2]", "INVALID_VALUE"),
         ("home_rad: [0.2, 0.4]", "home_rad: [2.2, 0.4]", "INVALID_VALUE"),
-        ("body: lower, position_m: [0.0, 0.0, 0.19]", "body: lowr", "UNKNOWN_NAME"),
+        ("body: lower, position_m: [0.0, 0.0, 0.19]", "body: lowr", "UNKNOWN_NAME (body)"),
         ("0.19]}", "0.19], quaternion_wxyz: [0.70710678, 0.0, 0.0, 0.70710678]}", "MODEL_INVALID"),
     ],
 )

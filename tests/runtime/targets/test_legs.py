@@ -127,7 +127,7 @@ def test_a_body_that_leans_may_start_and_an_arm_on_a_fixed_mount_may_not(name, l
         time_s=0.0, scene="s", episode="e", revision=1, sensing="truth", entities={}, targets={name: state}
     )
     found = iter_tool_problems(profile, SimpleNamespace(kinematics=chain), now)
-    assert [problem.code for problem in found] == codes
+    assert [problem.label for problem in found] == codes
 
 
 def test_a_restored_body_goes_on_bit_for_bit():
