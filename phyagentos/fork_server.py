@@ -96,12 +96,11 @@ def start_python(
     """
     environment = dict(os.environ if environment is None else environment)
     if ADDRESS in environment and arguments[0] == "-m":
-        printed = sys.stdout.fileno() if output is None else output.fileno()
-        errors = sys.stderr.fileno() if output is None else output.fileno()
+        printed = (1, 2) if output is None else (output.fileno(), output.fileno())
         numbers, where = (0, 1, 2, *pass_fds), str(folder or Path.cwd())
         request = Request(tuple(arguments), where, environment, numbers, os.getpid(), leads_group)
         with contextlib.suppress(OSError):
-            return _ask(request, (printed, errors, *pass_fds), has_input=has_input)
+            return _ask(request, (*printed, *pass_fds), has_input=has_input)
     return subprocess.Popen(
         [sys.executable, *arguments],
         stdin=subprocess.PIPE if has_input else subprocess.DEVNULL,
