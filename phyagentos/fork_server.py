@@ -131,13 +131,13 @@ def _ask(request: Request, files: Sequence[int], *, has_input: bool) -> "Fork":
         raise
     finally:
         os.close(theirs)
-    return Fork(int(answer), received[0], connection, pipe)
+    return Fork(int(answer), received[0], connection.detach(), pipe)
 
 
 class Fork:
     """A child process that the server has forked."""
 
-    def __init__(self, pid: int, pidfd: int, connection: socket.socket, stdin: IO[bytes] | None) -> None:
+    def __init__(self, pid: int, pidfd: int, connection: int, stdin: IO[bytes] | None) -> None:
         self.pid, self.stdin = pid, stdin
         self._pidfd, self._connection = pidfd, connection
         self._code: int | None = None
@@ -155,7 +155,7 @@ class Fork:
             poll.register(self._pidfd, select.POLLIN)
             if not poll.poll(None if timeout is None else 1e3 * timeout):
                 raise subprocess.TimeoutExpired(f"process {self.pid}", timeout or 0.0)
-            self._code = int(self._connection.recv(MANY) or -signal.SIGKILL)  # empty: the server is gone
+            self._code = int(os.read(self._connection, MANY) or -signal.SIGKILL)  # empty: the server is gone
         return self._code
 
     def terminate(self) -> None:
@@ -171,7 +171,7 @@ class Fork:
             signal.pidfd_send_signal(self._pidfd, number)
 
     def __del__(self) -> None:
-        self._connection.close()
+        os.close(self._connection)
         os.close(self._pidfd)
 
 
