@@ -33,9 +33,9 @@ from typing import IO, Protocol
 import msgspec
 
 ADDRESS = "PHYAGENTOS_FORK_SERVER"
-FORKED_FOR = "PHYAGENTOS_FORKED_FOR"  # in a fork: the process that asked for it
+FORKED_FOR = "PHYAGENTOS_FORKED_FOR"  # in a fork: the process that requested it
 READ_AT_START = ("PYTHON", "MUJOCO_GL", "NUMBA_")  # an interpreter or a library reads these once, while it is loaded
-REQUEST_BYTES, MANY = 1 << 17, 64
+REQUEST_BYTES, MANY = 1 << 18, 64  # more than the kernel sends at once, so that none is cut
 
 
 class PythonProcess(Protocol):
@@ -69,7 +69,7 @@ class Request(msgspec.Struct, frozen=True):
     folder: str
     environment: dict[str, str]
     descriptors: tuple[int, ...]
-    asked_by: int
+    requester: int
     leads_group: bool
 
 
@@ -227,8 +227,8 @@ class ForkServer:
                 if key.fileobj == 0:
                     return None
                 if child is None:
-                    if (asked := self._accept()) is not None:
-                        return asked
+                    if (requested := self._accept()) is not None:
+                        return requested
                 elif key.fileobj == child.pidfd:
                     self._note_end(child)
                 else:
@@ -238,7 +238,7 @@ class ForkServer:
                     self._reap(child)
 
     def _accept(self) -> tuple[Request, list[int]] | None:
-        """Fork for one who asks; returns in the child."""
+        """Fork for a requester; returns in the child."""
         connection, _ = self._listener.accept()
         data, files, _, _ = socket.recv_fds(connection, REQUEST_BYTES, MANY)
         request = msgspec.json.decode(data, type=Request) if data else None
@@ -291,7 +291,7 @@ def _choose(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def become(request: Request, files: Sequence[int]) -> None:
-    """In a fork: be the process that was asked for, to its end."""
+    """In a fork: be the process that was requested, to its end."""
     if request.leads_group:
         os.setsid()
     above = max(request.descriptors) + 1
@@ -302,7 +302,7 @@ def become(request: Request, files: Sequence[int]) -> None:
         os.dup2(each, number)
         os.close(each)
     os.environ.clear()
-    os.environ.update(request.environment, **{FORKED_FOR: str(request.asked_by)})
+    os.environ.update(request.environment, **{FORKED_FOR: str(request.requester)})
     os.chdir(request.folder)
     sys.path[0] = request.folder
     _, module, *arguments = request.arguments
@@ -311,8 +311,8 @@ def become(request: Request, files: Sequence[int]) -> None:
     runpy.run_module(module, run_name="__main__", alter_sys=True)
 
 
-def end_with_asker(process: int) -> bool:
-    """In a fork: end as soon as the process that asked for it ends; False where that is gone."""
+def end_with_requester(process: int) -> bool:
+    """In a fork: end as soon as the process that requested it ends; False where that is gone."""
     try:
         pidfd = os.pidfd_open(process)
     except ProcessLookupError:
@@ -322,7 +322,7 @@ def end_with_asker(process: int) -> bool:
         select.select([pidfd], [], [])
         os.kill(os.getpid(), signal.SIGTERM)
 
-    threading.Thread(target=wait, daemon=True, name="end-with-asker").start()
+    threading.Thread(target=wait, daemon=True, name="end-with-requester").start()
     return True
 
 
@@ -336,8 +336,8 @@ def main(arguments: Sequence[str]) -> None:
     gc.collect()
     gc.freeze()
     atexit.register(gc.unfreeze)  # else OMPL's bindings report every type as leaked
-    if (asked := ForkServer(listener, started_with).serve()) is not None:
-        become(*asked)
+    if (requested := ForkServer(listener, started_with).serve()) is not None:
+        become(*requested)
 
 
 if __name__ == "__main__":

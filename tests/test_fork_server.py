@@ -32,21 +32,21 @@ def address():
 
 @pytest.fixture(params=["interpreter", "fork"])
 def environment(request, address, tmp_path):
-    """What a child begins with; a module lies where it finds it."""
+    """What a child begins with; its module is in its folder."""
     own = {name: value for name, value in os.environ.items() if name != ADDRESS}
     return own | ({ADDRESS: address} if request.param == "fork" else {}) | {"SAID": request.param}
 
 
 def start(tmp_path, environment, source, *arguments, **options):
-    (tmp_path / "asked_for.py").write_text(source)
+    (tmp_path / "requested.py").write_text(source)
     with (tmp_path / "log").open("ab") as log:
-        command = ["-m", "asked_for", *map(str, arguments)]
+        command = ["-m", "requested", *map(str, arguments)]
         child = start_python(command, log, environment=environment, folder=tmp_path, **options)
     assert isinstance(child, Fork) == (environment["SAID"] == "fork")
     return child
 
 
-def test_a_child_has_the_arguments_folder_environment_files_and_code_that_are_asked_for(tmp_path, environment):
+def test_a_child_has_the_arguments_folder_environment_files_and_code_that_are_requested(tmp_path, environment):
     reads, writes = os.pipe()
     child = start(tmp_path, environment, SHOWS, writes, pass_fds=[writes], has_input=True)
     os.close(writes)
@@ -54,7 +54,7 @@ def test_a_child_has_the_arguments_folder_environment_files_and_code_that_are_as
     child.stdin.close()
     with os.fdopen(reads) as pipe:
         said = pipe.read()
-    assert said.startswith(f'[["{tmp_path / "asked_for.py"}", "{writes}"], "{tmp_path}", true, "{environment["SAID"]}"')
+    assert said.startswith(f'[["{tmp_path / "requested.py"}", "{writes}"], "{tmp_path}", true, "{environment["SAID"]}"')
     assert said.endswith('"a line"]')
     assert child.wait(60) == 3
     assert child.poll() == 3
@@ -71,7 +71,7 @@ def test_it_ends_when_told_and_its_code_is_the_signal(tmp_path, environment, end
     assert child.wait(60) == -(signal.SIGTERM if end == "terminate" else signal.SIGKILL)
 
 
-def test_its_process_id_is_taken_until_the_one_who_asked_lets_it_go(tmp_path, environment):
+def test_its_process_id_is_taken_until_its_requester_lets_it_go(tmp_path, environment):
     child = start(tmp_path, environment, "")
     if isinstance(child, Fork):
         child.wait(60)  # subprocess frees it here
@@ -79,7 +79,7 @@ def test_its_process_id_is_taken_until_the_one_who_asked_lets_it_go(tmp_path, en
     child.wait(60)
 
 
-def test_where_another_environment_is_asked_for_a_new_interpreter_starts(tmp_path, address):
+def test_where_another_environment_is_requested_a_new_interpreter_starts(tmp_path, address):
     other = os.environ | {ADDRESS: address, "PYTHONPATH": str(tmp_path), "SAID": "interpreter"}
     assert start(tmp_path, other, "").wait(60) == 0
 
@@ -98,20 +98,20 @@ time.sleep(60)
 """
 
 
-def test_a_child_that_ends_with_the_one_who_asked_does(tmp_path, environment):
-    (tmp_path / "asked_for.py").write_text(ENDS)
+def test_a_child_that_ends_with_its_requester_does(tmp_path, environment):
+    (tmp_path / "requested.py").write_text(ENDS)
     asks = (
         "import os, sys, time; from phyagentos.fork_server import start_python;"
-        f"child = start_python(['-m', 'asked_for', str(os.getpid())], open({str(tmp_path / 'log')!r}, 'wb'));"
+        f"child = start_python(['-m', 'requested', str(os.getpid())], open({str(tmp_path / 'log')!r}, 'wb'));"
         "print(child.pid, flush=True); time.sleep(60)"
     )
-    asker = subprocess.Popen(
+    requester = subprocess.Popen(
         [sys.executable, "-c", asks], env=environment, cwd=tmp_path, stdout=subprocess.PIPE, text=True
     )
-    pidfd = os.pidfd_open(int(asker.stdout.readline()))
+    pidfd = os.pidfd_open(int(requester.stdout.readline()))
     wait_until(lambda: "ready" in (tmp_path / "log").read_text(), "the child")
-    asker.kill()
-    asker.communicate()
+    requester.kill()
+    requester.communicate()
     assert select.select([pidfd], [], [], 60.0)[0]
     os.close(pidfd)
 

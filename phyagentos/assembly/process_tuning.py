@@ -12,7 +12,7 @@ import gc
 import os
 import signal
 
-from phyagentos.fork_server import FORKED_FOR, end_with_asker
+from phyagentos.fork_server import FORKED_FOR, end_with_requester
 
 YOUNG = 50_000  # allocations; what a session makes is let go by reference counts
 PRECEDENCE = -10  # the nice value of what keeps real time: nine times the share of an ordinary process
@@ -51,6 +51,6 @@ def collect_rarely() -> None:
 def end_with(parent: int) -> bool:
     """Let this process end when its parent ends; False where that is another one by now, or gone."""
     if os.environ.get(FORKED_FOR) == str(parent):
-        return end_with_asker(parent)
+        return end_with_requester(parent)
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     return os.getppid() == parent

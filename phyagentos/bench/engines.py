@@ -8,7 +8,7 @@ import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from enum import StrEnum
 
 import msgspec
@@ -33,12 +33,10 @@ class EngineName(StrEnum):
 
 
 class Engine:
-    """Carries jobs out, so many at a time; a thread waits for each. `around` is entered now and left at the end."""
+    """Carries jobs out, so many at a time, while the block `around` runs; a thread waits for each."""
 
     def __init__(self, jobs: int, carry: CarryOut, around: AbstractContextManager[None] | None = None) -> None:
-        self.jobs = jobs
-        self._around = ExitStack()
-        self._around.enter_context(around or nullcontext())
+        self.jobs, self.around = jobs, around or nullcontext()
         self._pool = ThreadPoolExecutor(jobs, thread_name_prefix="episode")
         self._running: set[Future[EpisodeRecord | None]] = set()
         self._ends, self._carry = threading.Event(), carry
@@ -56,7 +54,6 @@ class Engine:
         """End what still runs; it leaves no record."""
         self._ends.set()
         self._pool.shutdown(cancel_futures=True)
-        self._around.close()
 
 
 def open_engine(name: EngineName, jobs: int) -> Engine:

@@ -106,7 +106,7 @@ def run_sweep(
     left = [order for order in manifest.orders if order.id not in log.records and order.id not in manifest.missing]
     served = [policies[name] for name in dict.fromkeys(order.policy for order in left) if name]
     try:
-        with _serving(served, Path(manifest.project), clock):
+        with engine.around, contextlib.closing(engine), _serving(served, Path(manifest.project), clock):
             for phase in dict.fromkeys(order.phase for order in left):
                 chains: dict[str, deque[Order]] = {}
                 for order in left:
@@ -114,7 +114,6 @@ def run_sweep(
                         chains.setdefault(order.chain or order.id, deque()).append(order)
                 yield from _run_chains(deque(chains.values()), folder, manifest, engine, log)
     finally:
-        engine.close()
         log.close()
         os.close(lock)
 

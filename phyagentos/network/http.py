@@ -47,7 +47,7 @@ class HttpClient:
                     raise self._describe_refusal(answer.status, parts)
                 for name, coding in answer.headers:
                     if name.lower() == b"content-encoding" and coding.strip().lower() not in {b"", b"identity"}:
-                        what = f"a body in the encoding {coding[:40].decode(errors='replace')!r}; none was asked for"
+                        what = f"a body in the encoding {coding[:40].decode(errors='replace')!r}; none was requested"
                         raise ExecutionError(self._malformed, f"{self._name} answered with {what}")
                 return self._collect(parts, max_bytes)
         except (TimeoutError, httpcore.TimeoutException) as error:
@@ -76,8 +76,8 @@ class HttpClient:
                 if len(said) >= QUOTED_BYTES:
                     break
         quoted = "".join(each if each.isprintable() else " " for each in said[:QUOTED_BYTES].decode(errors="replace"))
-        told = ", a redirect, which is not followed" if 300 <= status < 400 else f": {quoted}" if quoted else ""
-        return ExecutionError(self._failed, f"{self._name} answered with status {status}{told}")
+        more = ", a redirect, which is not followed" if 300 <= status < 400 else f": {quoted}" if quoted else ""
+        return ExecutionError(self._failed, f"{self._name} answered with status {status}{more}")
 
 
 class _Backend(httpcore.NetworkBackend):

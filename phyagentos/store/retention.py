@@ -87,7 +87,7 @@ def apply_retention(
 ) -> RetentionReport:
     """Thin what the policy allows, finish an interrupted clean-up, and drop large files that no bundle needs.
 
-    `goes_on` is asked before each bundle is read, measured, chosen or thinned; once it is False the clean-up ends.
+    `goes_on` is called before each bundle is read, measured, chosen or thinned; once it is False the clean-up ends.
     Raises ExecutionError: `BUSY` while another clean-up runs; `EVIDENCE_UNWRITABLE`, after which every bundle
     still names its files and the next clean-up goes on.
     """

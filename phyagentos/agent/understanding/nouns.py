@@ -169,7 +169,7 @@ class Discourse:
         return replace(objects, names=names)
 
     def find_it(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
-        """The one fitting object that the latest clause with any named; several are asked about."""
+        """The one fitting object that the latest clause with any named; with several, the person is asked which."""
         for before in reversed(self.recent[:-1]):
             found = [name for name in before if name not in self.recent[-1] and slot.takes(self.get(name))]
             if found:

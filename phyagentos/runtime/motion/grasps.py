@@ -102,7 +102,7 @@ def find_grasps(
 
 
 def _is_wanted(way: ApproachCandidate, entity: Entity, request: FindGrasps) -> bool:
-    """Whether it closes as asked, and the hand still points down once another side of the object is up."""
+    """Whether it closes in the requested direction, and the hand points down once another side of the object is up."""
     if request.then is not None and request.then.up is not None:
         up = np.array(rotate(entity.pose.quaternion_wxyz, request.then.up))
         if up[2] > UP_COS or up @ way.end[:3, 2] > -TURNED_COS:
@@ -169,7 +169,7 @@ def _tilt(ways: list[ApproachCandidate], degrees: int) -> list[ApproachCandidate
 
 
 def _lay(ways: list[ApproachCandidate], entity: Entity, degrees: int) -> Iterator[ApproachCandidate]:
-    """The same with a hand that lies and comes along its own axis: under what covers the object."""
+    """The same with a level hand that comes along its own axis: under what covers the object."""
     box = compute_entity_box(entity)
     for way in ways:
         end = tilt_tool(way.end, np.radians(degrees))

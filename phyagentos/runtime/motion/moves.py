@@ -51,6 +51,7 @@ TimeRows = Callable[[Array], Timed]
 ATTEMPTS = 3
 DENSE_RAD = 0.05
 FINE_RAD = 0.005  # moves what is held by less than a wall of 5 mm is thick
+CHECK_RAD = 0.0025  # moves it by 2 mm, which is no more than the margin around what is in the world
 _SEED_STRIDE = 101
 LARGER_M = 0.005  # so much the spheres grow where a motion touched something that they did not see
 ESCAPE_RADII_RAD = (0.05, 0.1, 0.2, 0.35)  # the nearest way out first
@@ -187,9 +188,9 @@ def _time_and_check(path: Path, search: _Search, scene: PlanningScene, time_rows
 
 
 def thin_out(rows_rad: Array) -> Array:
-    """As few rows of a motion (k, n_joints) as leave no joint more than `FINE_RAD`, or one row, between two of them."""
+    """As few rows of a motion (k, n_joints) as leave at most `CHECK_RAD` of a joint, or one row, between two of them."""
     turned = np.abs(np.diff(rows_rad, axis=0)).max(axis=1).cumsum()
-    kept: Array = rows_rad[_keep_apart(np.concatenate(((0.0,), turned, (np.inf,))), FINE_RAD)]
+    kept: Array = rows_rad[_keep_apart(np.concatenate(((0.0,), turned, (np.inf,))), CHECK_RAD)]
     return kept
 
 

@@ -56,7 +56,7 @@ def compute_shape_boxes(entity: Entity) -> tuple[Box, ...]:
 
 
 def _level(pose: Array) -> Array:
-    """The pose (4, 4) of a round object that lies, turned about its z axis until x is level; others as they are."""
+    """The pose (4, 4) of a round object on its side, turned about its z axis until x is level; others as they are."""
     x, y = pose[2, :2]
     if np.hypot(x, y) < LYING_SINE:
         return pose

@@ -6,7 +6,7 @@ import pytest
 
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.kinematics import POLISHED, REACHED
-from phyagentos.runtime.motion.moves import FINE_RAD, leaves_contact, thin_out
+from phyagentos.runtime.motion.moves import CHECK_RAD, leaves_contact, thin_out
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.requests import (
     Approaches,
@@ -23,7 +23,6 @@ from phyagentos.runtime.motion.timing import JointLimits, compute_excess
 
 pytestmark = pytest.mark.motion
 
-GRAZE_M = 1e-3  # half of the least margin around what is in the world
 HELD = Payload("cube0", Pose(quaternion_wxyz=(0.0, 1.0, 0.0, 0.0)))
 
 
@@ -40,8 +39,7 @@ def test_a_pick_and_place_is_found_stays_within_the_limits_and_touches_nothing(p
         assert not trajectory.qd_rad_s[-1].any()
     for start, motion, payload in (motions[0], motions[3]):
         scene = PlanningScenes(planner.robot).get_scene(world, payload)
-        for q in np.vstack((start, motion.trajectory.q_rad)):  # between checked rows it may graze a margin
-            assert not scene.find_contacts(q, depth_m=GRAZE_M)
+        assert scene.find_first_blocked(np.vstack((start, motion.trajectory.q_rad))) is None
 
 
 @pytest.mark.parametrize("fastest_rad", [1e-4, 0.004, 0.02])
@@ -52,7 +50,7 @@ def test_between_the_rows_that_are_checked_no_joint_turns_far(fastest_rad):
     checked = thin_out(rows)
 
     steps = np.abs(np.diff(checked, axis=0)).max(axis=1)
-    assert steps.max() <= max(FINE_RAD, np.abs(turns).max())
+    assert steps.max() <= max(CHECK_RAD, np.abs(turns).max())
     assert np.array_equal(checked[[0, -1]], rows[[0, -1]])
     assert len(checked) < 100 or fastest_rad > 1e-3
     assert np.array_equal(thin_out(rows[:1]), rows[:1])
