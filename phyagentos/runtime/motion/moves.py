@@ -188,7 +188,7 @@ def _time_and_check(path: Path, search: _Search, scene: PlanningScene, time_rows
 
 
 def thin_out(rows_rad: Array) -> Array:
-    """As few rows of a motion (k, n_joints) as leave at most `CHECK_RAD` of a joint, or one row, between two of them."""
+    """As few rows of a motion (k, n_joints) as leave at most `CHECK_RAD` a joint, or one row, between two of them."""
     turned = np.abs(np.diff(rows_rad, axis=0)).max(axis=1).cumsum()
     kept: Array = rows_rad[_keep_apart(np.concatenate(((0.0,), turned, (np.inf,))), CHECK_RAD)]
     return kept
