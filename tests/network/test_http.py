@@ -84,7 +84,7 @@ def test_answers_come_over_one_connection_and_over_a_new_one_when_that_is_gone(s
     client = HttpClient(server.url, *CODES)
     for body in (b"one", b"bomb", b"two"):
         if body == b"bomb":
-            with pytest.raises(ExecutionError, match="in the encoding 'gzip'; none was asked for"):
+            with pytest.raises(ExecutionError, match="in the encoding 'gzip'; none was requested"):
                 client.post(body, timeout_s=PATIENCE_S, max_bytes=MAX_BYTES)
         else:
             assert client.post(body, timeout_s=PATIENCE_S, max_bytes=6) == body * 2
