@@ -121,5 +121,5 @@ def draft_robot(model: str, folder: Path, name: str = "") -> DraftedProfile:
     named, models = name_in_models(path) if is_beside(model) else (model, None)
     text = draft_profile(path, named, target)
     place.parent.mkdir(parents=True, exist_ok=True)
-    place.write_text(text)
+    place.write_text(text, encoding="utf-8")
     return DraftedProfile(robot=target, file=place, guessed=text.count("# check"), model=named, models=models)

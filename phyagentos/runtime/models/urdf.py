@@ -24,7 +24,7 @@ def read_urdf(path: Path, replaced: Collection[str] = ()) -> mujoco.MjSpec:
         DefinitionError: `MODEL_INVALID`, `MODEL_MISSING` for a collision mesh.
     """
     try:
-        robot = ElementTree.fromstring(_expand(path) if path.suffix == ".xacro" else path.read_text())
+        robot = ElementTree.fromstring(_expand(path) if path.suffix == ".xacro" else path.read_text(encoding="utf-8"))
     except (OSError, ElementTree.ParseError) as error:
         raise DefinitionError.of("MODEL_INVALID", str(path), str(error)) from error
     for element in robot.findall("mujoco"):
@@ -54,7 +54,7 @@ def _expand(path: Path) -> str:
     require_reader(path)
     from xacrodoc import XacroDoc, packages  # type: ignore[import-not-found, import-untyped, unused-ignore]
 
-    for name in set(_FIND.findall(path.read_text())):
+    for name in set(_FIND.findall(path.read_text(encoding="utf-8"))):
         found = [place for folder in path.resolve().parents[:_UP] for place in (folder, folder / name)]
         place = next((each for each in found if each.name == name and each.is_dir()), None)
         if place is not None:
