@@ -107,9 +107,9 @@ class ExecutionError(PhyAgentOSError):
 class DefectError(ExecutionError):
     """What failed is a person's own code, at `place`: `file:line`, or the server that has it. To repeat it is vain."""
 
-    def __init__(self, code: str, message: str, place: str) -> None:
-        self.place = place
-        super().__init__(code, f"{message} ({place})")
+    def __init__(self, code: str, report: str, place: str) -> None:
+        self.report, self.place = report, place
+        super().__init__(code, f"{report} ({place})")
 
 
 def is_defect(error: BaseException) -> bool:

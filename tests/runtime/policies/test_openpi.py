@@ -2,6 +2,7 @@
 
 import contextlib
 import pickle
+import socket
 import ssl
 import threading
 import urllib.request
@@ -14,7 +15,7 @@ from websockets.sync.client import connect
 from websockets.sync.server import serve
 
 from phyagentos.clock import SystemClock
-from phyagentos.errors import ExecutionError
+from phyagentos.errors import DefectError, ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.policies import openpi_codec, wire
 from phyagentos.runtime.policies.client import PolicyClient, ask_policy
@@ -253,6 +254,34 @@ def test_a_pickle_is_bytes_that_are_no_message(hostile, tmp_path):
     assert not seen.exists()
     pickle.loads(data)
     assert seen.exists(), "it would have been made"
+
+
+def test_an_array_with_keys_of_text_is_read_as_one_with_keys_of_bytes(hostile):
+    array = {"__ndarray__": True, "data": ROWS.tobytes(), "dtype": "<f8", "shape": ROWS.shape}
+    with open_client(hostile(answer_with(msgspec.msgpack.encode({"actions": array})))) as client:
+        assert ask(client).rows == pytest.approx(ROWS)
+
+
+def test_what_a_model_misses_is_told_beside_what_it_was_shown_and_what_it_says_of_itself(hostile):
+    endpoint = hostile(answer_with("KeyError: observation/wrist"), metadata=openpi_codec.encode({"action_horizon": 10}))
+    with open_client(endpoint) as client, pytest.raises(DefectError, match="observation/wrist") as error:
+        ask(client)
+    assert "it was shown observation/state [3] float64, observation/image [8, 8, 3] uint8" in str(error.value)
+    assert (client.metadata, error.value.place) == ({"action_horizon": 10}, endpoint)
+
+
+def test_a_port_of_another_program_is_told_before_anything_is_asked():
+    def greet(listener):
+        with listener.accept()[0] as connection:
+            connection.sendall(b"SSH-2.0-OpenSSH_9.2\r\n\r\n")
+            connection.recv(1000)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=greet, args=[listener])
+        thread.start()
+        with pytest.raises(ExecutionError, match="another program listens there: it speaks no WebSocket"):
+            ask_policy(f"openpi://127.0.0.1:{listener.getsockname()[1]}")
+        thread.join()
 
 
 def test_a_single_action_is_a_chunk_of_one_row(hostile):
