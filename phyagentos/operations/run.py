@@ -91,9 +91,13 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PlaneEnded(ExecutionError):
-    """A plane ended before the verdict; its exit code and the lines that it has printed say why."""
+    """A plane ended before the verdict; its exit code and the lines that it has printed say why.
+
+    The goal is not over: another run in the same `workspace` continues it.
+    """
 
     def __init__(self, plane: Plane) -> None:
+        self.workspace = plane.log.parent.parent
         self.exit_code, self.printed = plane.find_exit_code(), plane.read_printed()
         last = self.printed[-1] if self.printed else "it printed nothing."
         if not self.printed and (room := shutil.disk_usage(plane.log.parent).free) < FULL_BYTES:
@@ -176,6 +180,9 @@ def run_goal(
             planes = start_planes(request, goal, graph, faults, workspace)
             try:
                 follow_run(fold, journal, planes, interrupts, clock, show)
+            except PlaneEnded:
+                planes[-1].kill()  # asked to end, the agent would cancel the goal, which can be continued
+                raise
             finally:
                 for plane in reversed(planes):  # the agent first: what it still cancels needs the runtime
                     plane.stop(clock, is_urgent=lambda: interrupts.count > 1)
