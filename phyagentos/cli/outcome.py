@@ -14,7 +14,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import IO
 
-from phyagentos.errors import DefinitionError, PhyAgentOSError, Problem
+from phyagentos.errors import DefinitionError, PhyAgentOSError, Problem, find_full_disk
 from phyagentos.protocol.documents.plain_text import clean
 
 
@@ -124,6 +124,9 @@ def report_exception(error: BaseException) -> ExitCode:
         count = print_problems(error.problems)
         print_note(f"{count} problem{'s' if count != 1 else ''}")
         return ExitCode.INVALID_INPUT
+    if place := find_full_disk(error):
+        print_note(f"{place}: no room is left on its disk. Make room, then do it again.")
+        return ExitCode.INTERNAL_ERROR
     if isinstance(error, OSError) and error.filename is not None:
         print_note(f"{error.filename}: {error.strerror}; name a place that can be read and written")
         return ExitCode.INVALID_INPUT

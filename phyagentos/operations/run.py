@@ -8,7 +8,6 @@ import contextlib
 import math
 import os
 import select
-import shutil
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -30,7 +29,7 @@ from phyagentos.assembly.planted_faults import find_unstruck, iter_misses
 from phyagentos.assembly.project import admit_python, get_file, get_settings, open_library, parse_overrides
 from phyagentos.assembly.skill_checks import check_skill
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError, has_room
 from phyagentos.operations.lint import FileKind, find_other_kind
 from phyagentos.operations.progress import RunFold
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
@@ -48,7 +47,6 @@ from phyagentos.store.admission import GOAL_PREFIX, GoalEvent
 from phyagentos.store.journal import Entry, IllegalEvent, Journal, cancel_unheld
 from phyagentos.store.watch import Watch
 
-FULL_BYTES = 1 << 20  # with less room than that no plane can keep its records
 FOLLOW_PERIOD_S = 0.1  # ten pictures a second are enough for people
 CANCEL_PATIENCE_S = 20.0  # then the planes are ended without waiting for their records
 Show = Callable[[RunFold], object]
@@ -100,8 +98,8 @@ class PlaneEnded(ExecutionError):
         self.workspace = plane.log.parent.parent
         self.exit_code, self.printed = plane.find_exit_code(), plane.read_printed()
         last = self.printed[-1] if self.printed else "it printed nothing."
-        if not self.printed and (room := shutil.disk_usage(plane.log.parent).free) < FULL_BYTES:
-            last = f"it printed nothing, and its disk is full ({room} bytes are free): make room and run it again."
+        if not self.printed and not has_room(plane.log.parent):
+            last = "it printed nothing, and its disk is full: make room and run it again."
         message = f"the {plane.name} plane ended with code {self.exit_code}: {last} Log: {plane.log}"
         super().__init__("PLANE_ENDED", message)
 
