@@ -9,6 +9,7 @@ from msgspec.structs import astuple
 from phyagentos.cli.exporting import draw_without_screen
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.reply import Reply
+from phyagentos.errors import DefinitionError
 from phyagentos.operations import robots
 from phyagentos.operations.export import Written
 from phyagentos.operations.robots import DraftedProfile, KnownRobot, ProfileCheck, RobotDescription
@@ -28,14 +29,14 @@ def show(robot: Name) -> Reply[RobotDescription]:
     """Print what a robot's model says: joints, ranges, hand, fingers, opening."""
     found = robots.describe(robot)
     named = [("robot", found.robot), ("description", found.description), ("model", found.model)]
-    return Reply(found, render_table(("", ""), [*named, *found.facts.items()]))
+    return Reply(found, render_table(("", ""), [*named, *found.facts.items()]), found.remarks)
 
 
 def check(robot: Name) -> Reply[ProfileCheck]:
     """Report all that a profile lacks before its robot can work, at file, line and column; exit code 2 with any."""
     found = robots.check_robot(robot)
     code = ExitCode.INVALID_INPUT if found.problems else ExitCode.GOAL_MET
-    notes = [f"{found.file}: {count(len(found.problems), 'problem')}"]
+    notes = [*found.remarks, f"{found.file}: {count(len(found.problems), 'problem')}"]
     return Reply(found, "\n".join(map(str, found.problems)), notes, code)
 
 
@@ -52,9 +53,17 @@ def new(
     model: Annotated[str, typer.Argument(metavar="MODEL", help="MJCF or URDF file, or SOURCE:PATH.")],
     name: Annotated[str, typer.Option("--name", help="Of the target; from the file's name by default.")] = "",
     folder: Annotated[Path, typer.Option("--in", metavar="DIR", help="Project that gets it.")] = Path(),
+    arguments: Annotated[
+        list[str] | None,
+        typer.Option("--arg", metavar="NAME=VALUE", help="An argument of a xacro file; may be given again."),
+    ] = None,
 ) -> Reply[DraftedProfile]:
     """Draft a profile from a model: joints, limits, tool and fingers as it has them, or guessed and marked so."""
-    found = robots.draft_robot(model, folder, name)
-    notes = [f"its model is {found.model}: set PHYAGENTOS_MODELS to {found.models}"] if found.models else []
+    pairs = [text.partition("=") for text in arguments or ()]
+    if wrong := [key for key, given, _ in pairs if not key or not given]:
+        raise DefinitionError.of("INVALID_VALUE", "--arg", repr(wrong[0]), "NAME=VALUE")
+    found = robots.draft_robot(model, folder, name, {key: value for key, _, value in pairs})
+    notes = [*found.remarks]
+    notes += [f"its model is {found.model}: set PHYAGENTOS_MODELS to {found.models}"] if found.models else []
     notes.append(f"next: edit it, then paos robot check {found.robot} && paos robot render {found.robot}")
     return Reply(found, f"wrote {found.file}, {found.guessed} lines say check", notes)

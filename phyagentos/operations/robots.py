@@ -1,6 +1,7 @@
 """Profiles of robots: which there are, what one's model says, what it lacks, how it looks, a draft of a new one."""
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
@@ -23,12 +24,16 @@ class KnownRobot(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RobotDescription(msgspec.Struct, frozen=True, kw_only=True):
-    """What a profile and its model say; `facts` are joints, ranges, hand, fingers, opening, none without a model."""
+    """What a profile and its model say; `facts` are joints, ranges, hand, fingers, opening, none without a model.
+
+    `remarks` say what was left out of the model, or added to it.
+    """
 
     robot: str
     description: str
     model: str
     facts: dict[str, str]
+    remarks: tuple[str, ...] = ()
 
 
 class ProfileCheck(msgspec.Struct, frozen=True, kw_only=True):
@@ -36,6 +41,7 @@ class ProfileCheck(msgspec.Struct, frozen=True, kw_only=True):
 
     file: Path
     problems: tuple[Problem, ...]
+    remarks: tuple[str, ...] = ()
 
 
 class DraftedProfile(msgspec.Struct, frozen=True, kw_only=True):
@@ -43,6 +49,7 @@ class DraftedProfile(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         models: Folder that PHYAGENTOS_MODELS must name for this model; None where it is found without.
+        remarks: What was left out of the model, or added to it.
     """
 
     robot: str
@@ -50,6 +57,7 @@ class DraftedProfile(msgspec.Struct, frozen=True, kw_only=True):
     guessed: int
     model: str
     models: Path | None = None
+    remarks: tuple[str, ...] = ()
 
 
 def list_robots() -> tuple[KnownRobot, ...]:
@@ -72,18 +80,19 @@ def list_robots() -> tuple[KnownRobot, ...]:
 
 def describe(robot: str) -> RobotDescription:
     """What a robot's model says; raises DefinitionError `UNKNOWN_NAME`, or of its model."""
-    from phyagentos.runtime.models.robot import read_profile
+    from phyagentos.runtime.models.robot import read_profile, read_remarks
     from phyagentos.runtime.motion.profile_checks import describe_robot
     from phyagentos.runtime.motion.robot_model import build_robot_model
 
     profile, folder = read_profile(open_library().get_target(robot))
     facts = describe_robot(build_robot_model(profile, folder)) if profile.model else {}
     names = {"robot": profile.target, "description": profile.description, "model": profile.model}
-    return RobotDescription(**names, facts=facts)
+    return RobotDescription(**names, facts=facts, remarks=read_remarks(profile, folder))
 
 
 def check_robot(robot: str) -> ProfileCheck:
     """Check a profile with the limits that hold for it here."""
+    from phyagentos.runtime.models.robot import read_profile, read_remarks
     from phyagentos.runtime.motion.profile_checks import check_profile
 
     library = open_library()
@@ -91,7 +100,12 @@ def check_robot(robot: str) -> ProfileCheck:
     files = [root / "protocol" / "safety.yaml" for root in library.roots] + [path.with_name("safety.yaml")]
     found = [read_safety(each) for each in files if each.is_file()]
     limits = {name: limits for each in found for name, limits in each.targets.items()}
-    return ProfileCheck(file=path, problems=tuple(check_profile(path, Safety(targets=limits))))
+    problems = tuple(check_profile(path, Safety(targets=limits)))
+    try:
+        remarks = read_remarks(*read_profile(path))
+    except DefinitionError:  # stands among the problems
+        remarks = ()
+    return ProfileCheck(file=path, problems=problems, remarks=remarks)
 
 
 def render_robot(robot: str, to: Path) -> Written:
@@ -103,10 +117,11 @@ def render_robot(robot: str, to: Path) -> Written:
     return Written(file=to)
 
 
-def draft_robot(model: str, folder: Path, name: str = "") -> DraftedProfile:
+def draft_robot(model: str, folder: Path, name: str = "", arguments: Mapping[str, str] = {}) -> DraftedProfile:
     """Draft a profile from a model, named after its file without a name; what it does not say is guessed and marked.
 
-    Raises DefinitionError `MODEL_MISSING`, `MODEL_INVALID`, `WOULD_OVERWRITE`.
+    `arguments` are values of those of a xacro file. Raises DefinitionError `MODEL_MISSING`, `MODEL_INVALID`,
+    `WOULD_OVERWRITE`, `INVALID_VALUE` for a name that no target can have.
     """
     from phyagentos.runtime.models.drafting import draft_profile
     from phyagentos.runtime.models.sources import find_model, name_in_models
@@ -114,12 +129,16 @@ def draft_robot(model: str, folder: Path, name: str = "") -> DraftedProfile:
     path = find_model(model, Path())
     if not path.is_file():
         raise DefinitionError.of("MODEL_MISSING", model, "no such file", "a MJCF or URDF file")
-    target = name or re.sub(r"[^a-z0-9]+", "_", path.stem.lower()).strip("_") or "robot"
+    target = name or re.sub(r"^[^a-z]*", "", re.sub(r"[^a-z0-9]+", "_", path.stem.lower())).strip("_") or "robot"
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", target):
+        raise DefinitionError.of("INVALID_VALUE", "--name", repr(target), "small letters, digits and _")
     place = folder / "robots" / target / "target.yaml"
     if place.exists():
         raise DefinitionError.of("WOULD_OVERWRITE", str(place), "a profile", "a new name", "Choose one with --name.")
     named, models = name_in_models(path) if is_beside(model) else (model, None)
-    text = draft_profile(path, named, target)
+    text, remarks = draft_profile(path, named, target, arguments)
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_text(text, encoding="utf-8")
-    return DraftedProfile(robot=target, file=place, guessed=text.count("# check"), model=named, models=models)
+    return DraftedProfile(
+        robot=target, file=place, guessed=text.count("# check"), model=named, models=models, remarks=remarks
+    )

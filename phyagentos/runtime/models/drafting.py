@@ -1,13 +1,15 @@
 """A first draft of a profile from any MJCF or URDF: what the model says, and guesses that are marked `check`."""
 
+import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from phyagentos.errors import DefinitionError
+from phyagentos.runtime.models.compiling import compile_model
 from phyagentos.runtime.models.robot import read_model
 
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -16,13 +18,14 @@ GUESSED_TORQUE_NM, GUESSED_SPEED_RAD_S = 20.0, 1.0
 STIFFNESS_PER_TORQUE, DAMPING_SHARE = 40.0, 0.1  # of a servo that holds its arm within a few milliradians
 
 
-def draft_profile(path: Path, model: str, name: str) -> str:
-    """YAML of a profile for a model file; `model` is how the profile names it.
+def draft_profile(path: Path, model: str, name: str, arguments: Mapping[str, str] = {}) -> tuple[str, tuple[str, ...]]:
+    """YAML of a profile for a model file, and remarks on that; `model` is how the profile names it.
 
     Raises:
         DefinitionError: `MODEL_INVALID` where no hinge is found.
     """
-    compiled = read_model(path).compile()
+    source = read_model(path, arguments)
+    compiled = compile_model(source.spec, path)
     chain = _find_chain(compiled)
     if not chain:
         raise DefinitionError.of("MODEL_INVALID", str(path), "no hinge", "an arm of hinges")
@@ -37,6 +40,7 @@ def draft_profile(path: Path, model: str, name: str) -> str:
         f"target: {name}",
         f"description: {name}, simulated with contact physics.",
         f"model: {model}",
+        *([f"arguments: {json.dumps(dict(arguments))}"] if arguments else []),
         *_draft_tool(compiled, last, fingers),
         "grasp_band_m: [0.3, 0.6]   # check: distances from the base between which objects can be taken from above",
         "arm:",
@@ -54,7 +58,7 @@ def draft_profile(path: Path, model: str, name: str) -> str:
         "actions: [joint_position, gripper_width]",
         "capabilities: [manipulation]",
     ]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines) + "\n", source.remarks
 
 
 def _find_chain(model: mujoco.MjModel) -> list[int]:

@@ -51,11 +51,16 @@ def name_in_models(path: Path, environ: Mapping[str, str] = os.environ) -> tuple
     return f"models:{file.name}", file.parent
 
 
+def find_models(profile: TargetProfile, folder: Path) -> list[Path]:
+    """The files that a profile names: its model, then its hand; as of `find_model`."""
+    named = (profile.model, profile.hand.model if profile.hand is not None else "")
+    return [find_model(model, folder) for model in named if model]
+
+
 def require_models(profile: TargetProfile, folder: Path) -> None:
     """Raise `MODEL_MISSING`, `LEADS_OUT` or `MODEL_INVALID` unless the models that a profile names can be read."""
-    for model in (profile.model, profile.hand.model if profile.hand is not None else ""):
-        if model:
-            require_reader(find_model(model, folder))
+    for path in find_models(profile, folder):
+        require_reader(path)
 
 
 def require_reader(path: Path) -> None:
