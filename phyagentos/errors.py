@@ -113,12 +113,12 @@ class DefectError(ExecutionError):
 
     def __init__(self, code: str, report: str, place: str) -> None:
         self.report, self.place = report, place
-        super().__init__(code, f"{report} ({place})")
+        super().__init__(code, report if place in report else f"{report} ({place})")
 
 
 def is_defect(error: BaseException) -> bool:
     """Whether an exception of a person's code, such as a KeyError, is a defect that every repetition meets again."""
-    return not isinstance(error, PhyAgentOSError | OSError | MemoryError)
+    return isinstance(error, DefectError) or not isinstance(error, PhyAgentOSError | OSError | MemoryError)
 
 
 def find_place(error: BaseException, own: object) -> str:

@@ -12,14 +12,6 @@ from phyagentos.errors import find_full_disk
 FULL = OSError(errno.ENOSPC, "No space left on device")
 
 
-class Writer:
-    def __init__(self, path):
-        self._path = path
-
-    def write(self):
-        raise FULL
-
-
 @pytest.mark.parametrize(
     ("error", "found"),
     [
@@ -37,9 +29,9 @@ def test_the_place_of_a_write_without_room_is_that_of_the_error(error, found):
 def test_where_the_system_names_none_it_is_the_path_on_the_full_disk_that_the_calls_knew(monkeypatch):
     monkeypatch.setattr(errors, "has_room", lambda path: not path.is_relative_to("/full"))
 
-    def write(read, writer):
-        writer.write()
+    def write(read, written):
+        raise FULL
 
     with pytest.raises(OSError, match="No space left") as raised:
-        write(Path("/else"), Writer(Path("/full/journal")))
+        write(Path("/else"), Path("/full/journal"))
     assert find_full_disk(raised.value) == "/full/journal"

@@ -111,6 +111,15 @@ def print_problems(problems: Iterable[Problem]) -> int:
 
 def report_exception(error: BaseException) -> ExitCode:
     """Print what a person needs of an exception and choose the exit code; tracebacks only where they were asked for."""
+    if isinstance(
+        error, AttributeError | ImportError | RuntimeError
+    ):  # as MuJoCo raises with graphics that are not here
+        from phyagentos.assembly.graphics import require_graphics
+
+        try:
+            require_graphics()
+        except DefinitionError as refused:
+            error = refused
     debug = "--debug" in sys.argv or os.environ.get("PAOS_DEBUG") == "1"  # which both planes inherit
     if isinstance(error, KeyboardInterrupt):
         return ExitCode.INTERRUPTED

@@ -10,6 +10,7 @@ import struct
 import time
 from collections.abc import Mapping
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 import msgspec
 import numpy as np
@@ -38,6 +39,7 @@ class OpenpiService(PolicyService):
 
     def __init__(self, endpoint: str, streams: Mapping[str, Stream]) -> None:
         self._streams, self._start, self._endpoint = streams, wire.Start("", "", {}, 0), endpoint
+        self._chunk_key = parse_qs(urlsplit(endpoint).query).get(openpi_codec.ACTIONS, [openpi_codec.ACTIONS])[0]
         limits: Any = {"max_size": REPLY_MAX_BYTES, "open_timeout": CONNECT_S, "close_timeout": _CLOSE_S}
         url = endpoint.replace("openpi", "ws", 1)
         self._opened = contextlib.ExitStack()
@@ -72,7 +74,7 @@ class OpenpiService(PolicyService):
             message[openpi_codec.EXTENSION] = {name: each for name, each in asked.items() if name != "observations"}
         self._send(openpi_codec.encode(message), timeout_s)
         try:
-            return _read_chunk(self._read(timeout_s, silence_s), request.sequence)
+            return _read_chunk(self._read(timeout_s, silence_s), request.sequence, self._chunk_key)
         except DefectError as error:
             shown = {key: np.asarray(each) for key, each in message.items() if not isinstance(each, str | dict)}
             forms = ", ".join(f"{key} {list(each.shape)} {each.dtype}" for key, each in shown.items())
@@ -139,14 +141,15 @@ class OpenpiService(PolicyService):
             raise ExecutionError("POLICY_FAULT", str(error).removeprefix("MALFORMED: ")) from error
 
 
-def _read_chunk(answer: dict[Any, Any], sequence: int) -> wire.Chunk:
+def _read_chunk(answer: dict[Any, Any], sequence: int, key: str) -> wire.Chunk:
     own = answer.get(openpi_codec.EXTENSION)
     own = own if isinstance(own, dict) else {}
     try:
-        rows = np.asarray(answer[openpi_codec.ACTIONS], dtype=np.float64)
+        rows = np.asarray(answer[key], dtype=np.float64)
     except (KeyError, TypeError, ValueError) as error:
-        found = f"no array under {openpi_codec.ACTIONS!r}; its keys are {', '.join(map(str, answer))[:200]}"
-        raise ExecutionError("POLICY_FAULT", f"the policy server answered with {found}") from error
+        found = f"no array under {key!r}; its keys are {', '.join(map(str, answer))[:200]}"
+        hint = f"name the one of the chunk at the end of `endpoint`: ?{openpi_codec.ACTIONS}=KEY"
+        raise ExecutionError("POLICY_FAULT", f"the policy server answered with {found}; {hint}") from error
     told = own.get("sequence", sequence)
     return wire.Chunk(
         sequence=told if isinstance(told, int) else -1,

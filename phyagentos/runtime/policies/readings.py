@@ -62,14 +62,9 @@ def _find_form(space: ActionSpace, rows: Array) -> Fields:
 
 def _iter_changes(space: ActionSpace, rows: Array) -> Iterator[Fields]:
     """Units, forms and conventions that are easily mistaken."""
-    is_posture = space.representation == "joint_position"
-    if is_posture or space.rotation in UNIT_ROTATIONS:
+    if space.representation == "joint_position" or space.rotation in UNIT_ROTATIONS:
         yield {"angle_unit": "deg" if space.angle_unit == "rad" else "rad"}
     yield {"delta": not space.delta}
-    if not is_posture:
-        yield from ({"length_unit": unit} for unit in ("m", "cm", "mm") if unit != space.length_unit)
-        if space.rotation.startswith("quaternion"):
-            yield {"rotation": "quaternion_xyzw" if space.rotation == "quaternion_wxyz" else "quaternion_wxyz"}
     if space.gripper is not None and rows.shape[-1] >= space.width and rows.size:
         column = rows[..., space.width - 1]
         greatest = next((each for each in GREATEST if each >= abs(column).max()), GREATEST[-1])

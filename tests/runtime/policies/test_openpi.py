@@ -2,7 +2,6 @@
 
 import contextlib
 import pickle
-import socket
 import ssl
 import threading
 import urllib.request
@@ -262,26 +261,23 @@ def test_an_array_with_keys_of_text_is_read_as_one_with_keys_of_bytes(hostile):
         assert ask(client).rows == pytest.approx(ROWS)
 
 
+def test_a_chunk_under_another_key_is_read_where_the_endpoint_names_it(hostile):
+    endpoint = hostile(answer_with(pack(action=ROWS)))
+    with (
+        open_client(endpoint) as client,
+        pytest.raises(ExecutionError, match=r"keys are action; name .* \?actions=KEY"),
+    ):
+        ask(client)
+    with open_client(f"{endpoint}?actions=action") as client:
+        assert ask(client).rows == pytest.approx(ROWS)
+
+
 def test_what_a_model_misses_is_told_beside_what_it_was_shown_and_what_it_says_of_itself(hostile):
     endpoint = hostile(answer_with("KeyError: observation/wrist"), metadata=openpi_codec.encode({"action_horizon": 10}))
     with open_client(endpoint) as client, pytest.raises(DefectError, match="observation/wrist") as error:
         ask(client)
     assert "it was shown observation/state [3] float64, observation/image [8, 8, 3] uint8" in str(error.value)
     assert (client.metadata, error.value.place) == ({"action_horizon": 10}, endpoint)
-
-
-def test_a_port_of_another_program_is_told_before_anything_is_asked():
-    def greet(listener):
-        with listener.accept()[0] as connection:
-            connection.sendall(b"SSH-2.0-OpenSSH_9.2\r\n\r\n")
-            connection.recv(1000)
-
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        thread = threading.Thread(target=greet, args=[listener])
-        thread.start()
-        with pytest.raises(ExecutionError, match="another program listens there: it speaks no WebSocket"):
-            ask_policy(f"openpi://127.0.0.1:{listener.getsockname()[1]}")
-        thread.join()
 
 
 def test_a_single_action_is_a_chunk_of_one_row(hostile):
