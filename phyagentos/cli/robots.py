@@ -57,13 +57,17 @@ def new(
         list[str] | None,
         typer.Option("--arg", metavar="NAME=VALUE", help="An argument of a xacro file; may be given again."),
     ] = None,
+    joint: Annotated[
+        str, typer.Option("--joint", help="A joint of the arm to draft, where the model has several.")
+    ] = "",
 ) -> Reply[DraftedProfile]:
     """Draft a profile from a model: joints, limits, tool and fingers as it has them, or guessed and marked so."""
     pairs = [text.partition("=") for text in arguments or ()]
     if wrong := [key for key, given, _ in pairs if not key or not given]:
         raise DefinitionError.of("INVALID_VALUE", "--arg", repr(wrong[0]), "NAME=VALUE")
-    found = robots.draft_robot(model, folder, name, {key: value for key, _, value in pairs})
+    found = robots.draft_robot(model, folder, name, {key: value for key, _, value in pairs}, joint)
     notes = [*found.remarks]
     notes += [f"its model is {found.model}: set PHYAGENTOS_MODELS to {found.models}"] if found.models else []
-    notes.append(f"next: edit it, then paos robot check {found.robot} && paos robot render {found.robot}")
-    return Reply(found, f"wrote {found.file}, {found.guessed} lines say check", notes)
+    notes.append(f"next: paos robot check {found.robot} && paos robot render {found.robot}")
+    written = f"wrote {found.file} and {found.safety.name}; check {count(len(found.asks), 'line')}:"
+    return Reply(found, "\n  ".join((written, *found.asks)), notes)
