@@ -5,6 +5,8 @@
 """
 
 import difflib
+import inspect
+import traceback
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -100,6 +102,40 @@ class ExecutionError(PhyAgentOSError):
     def __init__(self, code: str, message: str) -> None:
         self.code, self.message = code, message
         super().__init__(f"{code}: {message}")
+
+
+class DefectError(ExecutionError):
+    """What failed is a person's own code, at `place`: `file:line`, or the server that has it. To repeat it is vain."""
+
+    def __init__(self, code: str, message: str, place: str) -> None:
+        self.place = place
+        super().__init__(code, f"{message} ({place})")
+
+
+def is_defect(error: BaseException) -> bool:
+    """Whether an exception of a person's code, such as a KeyError, is a defect that every repetition meets again."""
+    return not isinstance(error, PhyAgentOSError | OSError | MemoryError)
+
+
+def find_place(error: BaseException, own: object) -> str:
+    """`file:line` of the deepest call in the file of a person's function or class, or of all where none is in it."""
+    functions = (own,) if inspect.isfunction(own) else vars(own).values()
+    files = {each.__code__.co_filename for each in functions if inspect.isfunction(each)}
+    calls = traceback.extract_tb(error.__traceback__)
+    inner = next((call for call in reversed(calls) if call.filename in files), calls[-1])
+    return f"{inner.filename}:{inner.lineno}"
+
+
+@contextmanager
+def blaming(own: type, call: str) -> Iterator[None]:
+    """Around a call of a person's class before anything moves: its errors become DefinitionError `BROKEN_PYTHON`."""
+    try:
+        yield
+    except PhyAgentOSError:
+        raise
+    except (Exception, SystemExit) as error:
+        found = f"{own.__name__}.{call} raised {type(error).__name__}: {error}"
+        raise DefinitionError.of("BROKEN_PYTHON", find_place(error, own), found, "no error") from error
 
 
 @contextmanager

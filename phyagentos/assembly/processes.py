@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from phyagentos.assembly.drivers import DRIVERS, choose_graphics, open_shared_world
+from phyagentos.assembly.drivers import DRIVERS, open_shared_world
+from phyagentos.assembly.graphics import choose_graphics
 from phyagentos.assembly.process_tuning import ask_for_precedence, collect_rarely
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError

@@ -101,7 +101,7 @@ def carry_out(job: Job, is_ended: Callable[[], bool] = lambda: False) -> Episode
     if is_ended():
         return None
     ended, error = ("hung", f"no end within {limit_s:g} s") if code is None else ("crashed", f"exit code {code}")
-    tail = (folder / LOG).read_text(errors="replace")[-2000:].strip()
+    tail = (folder / LOG).read_text(encoding="utf-8", errors="replace")[-2000:].strip()
     return _fail(job, folder, ended, f"{error}: {tail}" if tail else error, at, clock.now_s() - begin_s)
 
 

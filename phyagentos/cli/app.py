@@ -19,7 +19,7 @@ import typer
 from typer.core import TyperGroup
 from typing_extensions import override
 
-from phyagentos.cli.outcome import ExitCode, print_json, report_exception
+from phyagentos.cli.outcome import ExitCode, print_json, report_exception, take_every_text
 from phyagentos.protocol.documents.plain_data import Fields
 
 PLAIN: Fields = {"no_args_is_help": True, "rich_markup_mode": None, "pretty_exceptions_enable": False}
@@ -214,6 +214,7 @@ def answering(command: Callable[..., object]) -> Callable[..., object]:
 def main() -> None:
     """Entry point of the console script `paos`."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: temporary folders are removed
+    take_every_text()
     try:
         outcome = app(standalone_mode=False)
         code = outcome if isinstance(outcome, int) else ExitCode.GOAL_MET

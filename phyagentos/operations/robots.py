@@ -155,7 +155,7 @@ def draft_robot(
     texts, asks = {place: draft.render(), place.with_name("safety.yaml"): limits}, []
     place.parent.mkdir(parents=True, exist_ok=True)
     for file, text in texts.items():
-        file.write_text(text)
+        file.write_text(text, encoding="utf-8")
         asks += [f"{file.name}:{k}: {line.strip()}" for k, line in enumerate(text.splitlines(), 1) if "# check" in line]
     return DraftedProfile(
         robot=target, file=place, safety=place.with_name("safety.yaml"), asks=tuple(asks), model=named, models=models,

@@ -22,6 +22,7 @@ from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.agent.mission.mission import choose_goal
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.mission.report import build_report as build_mission_report
+from phyagentos.assembly.graphics import require_graphics
 from phyagentos.assembly.memory_choice import choose_memory
 from phyagentos.assembly.paths import choose_folder, serve_alone
 from phyagentos.assembly.planes import Plane, start_watch
@@ -157,6 +158,7 @@ def run_goal(
     faults = get_file(request.faults, "faults") if request.faults is not None else None
     root = request.workspace or choose_folder(Path("workspaces"), f"{graph.stem}-{request.seed}")
     admit_python(root, graph, is_trusted=request.trusts_python, announce=announce)
+    require_graphics()
     compiled = check_request(graph, faults, parse_overrides(request.overrides), request.workspace)
     workspace = Workspace.create(root, open_library(graph))
     with serve_alone(workspace, clock), interrupts.counted():

@@ -91,7 +91,13 @@ def make_case(catalogue: Catalogue, cause: Cause, **more: Any) -> Case:
     bundle = Bundle(
         folder=Path("e"),
         session=session,
-        execution=Execution(ended=Ended.SKILL_FAILED, evidence="e", leaf="a/plan", code=more.pop("code", "NO_IK")),
+        execution=Execution(
+            ended=Ended.SKILL_FAILED,
+            evidence="e",
+            leaf="a/plan",
+            code=more.pop("code", "NO_IK"),
+            is_final=more.pop("is_final", False),
+        ),
         before=world,
         after=world,
         holds=(),
@@ -188,6 +194,14 @@ def test_a_plan_that_failed_is_not_tried_again_in_the_same_world(shipped, cause,
     code = "NO_FREE_SITE" if trace else "NO_IK"
     case = make_case(shipped, cause, world=HEMMED, contract=TO_TRAY, trace=trace, code=code)
     assert propose(replace(case, miss=replace(case.miss, world=shift(HEMMED, *moved)))).kind is kind
+
+
+@pytest.mark.parametrize(("is_final", "kind"), [(False, AlternativeKind.RETRY), (True, AlternativeKind.GIVE_UP)])
+def test_a_failure_that_the_leaf_calls_final_is_not_repeated_by_the_same_skill(shipped, is_final, kind):
+    case = make_case(shipped, Cause.GRASP_MISSED, contract=TO_TRAY, is_final=is_final)
+    decision = GraphRepair((propose_retry,)).choose(case)
+    assert decision.chosen.kind is kind
+    assert any("another attempt would fail" in each for each in decision.reasons) is is_final
 
 
 def test_a_policy_that_was_refused_is_asked_again_in_the_same_world(shipped):

@@ -275,8 +275,38 @@ def test_a_leaf_that_raises_ends_the_session_with_its_path_and_the_target_halted
     assert (execution.ended, execution.code) == (Ended.SKILL_FAILED, "LEAF_ERROR")
     assert execution.leaf == "planted/crash"
     assert "ZeroDivisionError: by zero" in execution.message
-    assert f"{__file__}:{Crash.on_running.__code__.co_firstlineno + 1}" in execution.message
+    place = f"{__file__}:{Crash.on_running.__code__.co_firstlineno + 1}"
+    assert (execution.defect, place in execution.message) == (place, True)
     assert was_halted(bench.target)
+
+
+@pytest.mark.parametrize(("error", "is_defect"), [(KeyError("gap"), True), (ConnectionError("bus"), False)])
+def test_only_an_error_of_the_code_itself_is_its_defect(build_bench, session, plant, registry, error, is_defect):
+    def fail(_):
+        raise error
+
+    registry.register("crash", type("Raises", (Boast,), {"on_start": fail}))
+    execution = build_bench(library=plant(["crash"])).run(session)
+    assert (execution.code, bool(execution.defect)) == ("LEAF_ERROR", is_defect)
+
+
+def test_a_leaf_that_cannot_be_made_is_a_defect_before_anything_moves(build_bench, session, plant, registry):
+    def fail(self, *_):
+        raise TypeError("no gripper")
+
+    registry.register("crash", type("Raises", (Boast,), {"__init__": fail}))
+    bench = build_bench(library=plant(["crash"]))
+    execution = bench.run(session)
+    assert (execution.code, execution.defect) == ("BROKEN_TREE", f"{__file__}:{fail.__code__.co_firstlineno + 1}")
+    assert "Raises.__init__ raised TypeError: no gripper" in execution.message
+    assert bench.target.commands() == []
+
+
+def test_a_leaf_says_that_its_failure_is_not_worth_another_attempt(build_bench, session, plant, registry):
+    give_up = type("GiveUp", (Boast,), {"on_start": lambda self: self.fail_for_good("UNMET", "the lid is glued")})
+    registry.register("give_up", give_up)
+    execution = build_bench(library=plant(["give_up"])).run(session)
+    assert (execution.ended, execution.code, execution.is_final) == (Ended.SKILL_FAILED, "UNMET", True)
 
 
 def test_a_refused_command_never_reaches_the_wire_and_is_recorded(build_bench, session, plant, registry):

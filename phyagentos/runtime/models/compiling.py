@@ -77,7 +77,7 @@ def explain(text: str, *paths: Path) -> Problem:
 def _locate(path: Path, name: str) -> str:
     """A file, with the line that names an element first."""
     try:
-        text = path.read_text(errors="replace") if name else ""
+        text = path.read_text(encoding="utf-8", errors="replace") if name else ""
     except OSError:
         text = ""
     match = re.search(rf"""<(?:link|joint|body|geom|mesh)\b[^>]*\bname\s*=\s*["']{re.escape(name)}["']""", text)

@@ -62,7 +62,7 @@ def _explain(text: str, package: str, path: Path, arguments: Mapping[str, str]) 
         hint = f"Put the folder {package} beside that of this file's package, or below that of PHYAGENTOS_MODELS."
         return Problem("MODEL_MISSING", address, f"no package {package!r}", "a folder of this name", hint)
     if missing := _UNKNOWN_ARGUMENT.findall(text):
-        written = path.read_text()
+        written = path.read_text(encoding="utf-8")
         names = sorted({*missing, *_USED.findall(written)} - {*_DECLARED.findall(written), *arguments})
         found, given = ", ".join(map(repr, names)), " ".join(f"--arg {name}=VALUE" for name in names)
         hint = f"To `paos robot new` give {given}; a profile has them as `arguments`."

@@ -56,7 +56,7 @@ def _settle(draft: ProfileDraft, file: Path) -> tuple[ProfileDraft, str]:
 
 
 def _write(draft: ProfileDraft, file: Path) -> TargetProfile:
-    file.write_text(draft.render())
+    file.write_text(draft.render(), encoding="utf-8")
     return read_profile(file)[0]
 
 

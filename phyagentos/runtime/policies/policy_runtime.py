@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from py_trees.common import Status
 
-from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.errors import DefectError, DefinitionError, ExecutionError, find_place
 from phyagentos.protocol.capabilities.action_spaces import describe_target_space
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
@@ -104,7 +104,10 @@ class PolicySkillRuntime:
                 self._parts.observer.sample(self._context.time_s)
             self._converse()
         except ExecutionError as error:
-            return self._fail(error.code, str(error))
+            return self._fail(error.code, str(error), error.place if isinstance(error, DefectError) else "")
+        except Exception as error:  # of a wire or a bridge that a package brings
+            place = find_place(error, object)
+            return self._fail("LEAF_ERROR", f"{type(error).__name__}: {error} ({place})", place)
         points = self._choose() if self._failure is None else None
         if self._failure is not None:
             return TickResult(SkillStatus.FAILED, None, LEAF)
@@ -332,9 +335,9 @@ class PolicySkillRuntime:
         chain = self._parts.chain
         return max(1, min(n_rows, math.ceil(horizon * chain.target.rate_hz / chain.source.rate_hz)))
 
-    def _fail(self, code: str, message: str) -> TickResult:
+    def _fail(self, code: str, message: str, defect: str = "") -> TickResult:
         self._drop()
-        self._failure = Failure(LEAF, code, message)
+        self._failure = Failure(LEAF, code, message, defect=defect)
         self._note(Status.FAILURE.value, code=code, message=message)
         return TickResult(SkillStatus.FAILED, None, LEAF)
 

@@ -16,6 +16,7 @@ from phyagentos.protocol.sessions.evidence import read_bundle
 from phyagentos.protocol.sessions.session import Ended, Limits
 from phyagentos.protocol.settings.sensors import Sensors, read_sensors
 from phyagentos.protocol.world.faults import FaultFile
+from phyagentos.runtime.actions.bridges.chain import BridgeChain
 from phyagentos.runtime.actions.chunks import iter_periods
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedule
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
@@ -154,6 +155,24 @@ def test_a_chunk_that_must_not_be_carried_out_is_not(run_policy, profile, spoil,
     assert execution.ended is ended, execution
     assert execution.code == code
     assert len(bench.target.commands()) <= 21, "the first chunk was sound, and no command of the second was given"
+
+
+def test_an_error_of_the_policys_own_code_is_a_defect_of_its_file_and_line(run_policy, profile):
+    look = lambda rows, _: rows["wrist"]  # noqa: E731
+    _, execution, _ = run_policy(Line(np.asarray(profile.arm.home_rad), spoil=look))
+    assert (execution.code, execution.defect) == ("POLICY_FAULT", f"{__file__}:{look.__code__.co_firstlineno}")
+    assert execution.defect in execution.message
+
+
+def test_an_error_of_a_bridge_of_a_package_is_a_defect_and_ends_no_worker(run_policy, profile, monkeypatch):
+    def apply(*_):
+        raise KeyError("joint9")
+
+    monkeypatch.setattr(BridgeChain, "apply", apply)
+    _, execution, _ = run_policy(Line(np.asarray(profile.arm.home_rad)))
+    place = f"{__file__}:{apply.__code__.co_firstlineno + 1}"
+    assert (execution.code, execution.defect, execution.leaf) == ("LEAF_ERROR", place, "policy")
+    assert execution.message == f"KeyError: 'joint9' ({place})"
 
 
 def test_a_policy_that_hangs_ends_the_session_by_name(run_policy, profile):
