@@ -45,6 +45,23 @@ class ProfileCheck(msgspec.Struct, frozen=True, kw_only=True):
     remarks: tuple[str, ...] = ()
 
 
+class Measured(msgspec.Struct, frozen=True, kw_only=True):
+    """One thing that a trial measured; `well` where nothing of it would fail a session."""
+
+    what: str
+    measured: str
+    well: bool
+
+
+class RobotTrial(msgspec.Struct, frozen=True, kw_only=True):
+    """What a robot did alone in simulation; `band_m` is where it can take objects in front, none where it cannot."""
+
+    robot: str
+    findings: tuple[Measured, ...]
+    band_m: tuple[float, float] | None
+    picture: Path
+
+
 class DraftedProfile(msgspec.Struct, frozen=True, kw_only=True):
     """A profile and limits that were drafted: where, what is guessed, and the model that the profile names.
 
@@ -119,6 +136,19 @@ def render_robot(robot: str, to: Path) -> Written:
 
     to.write_bytes(draw_robot(*read_profile(open_library().get_target(robot))))
     return Written(file=to)
+
+
+def try_robot(robot: str, to: Path) -> RobotTrial:
+    """Try a robot alone in simulation, and draw where its grasps reach; raises DefinitionError of profile or model."""
+    from phyagentos.assembly.robot_trial import run_trial
+    from phyagentos.runtime.models.robot import read_profile
+
+    if problems := check_robot(robot).problems:
+        raise DefinitionError(problems)
+    trial = run_trial(*read_profile(open_library().get_target(robot)))
+    to.write_bytes(trial.picture)
+    findings = tuple(Measured(what=each.what, measured=each.measured, well=each.is_well) for each in trial.findings)
+    return RobotTrial(robot=robot, findings=findings, band_m=trial.band_m, picture=to)
 
 
 def draft_robot(

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.runtime.models.compiling import compile_model
-from phyagentos.runtime.models.hand_drafting import HandDraft, Placed, draft_hand
+from phyagentos.runtime.models.hand_drafting import PAD_M, HandDraft, Placed, draft_hand
 from phyagentos.runtime.models.robot import read_model
 
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -46,8 +46,8 @@ class ProfileDraft:
     arguments: Mapping[str, str]
     compiled: mujoco.MjModel
     chain: Sequence[int]
-    parked: Mapping[str, float]
-    fingers: Mapping[str, float]
+    parked: dict[str, float]
+    fingers: dict[str, float]
     speeds: Mapping[str, float]
     hand: HandDraft | None
     home_rad: Sequence[float]
@@ -57,73 +57,78 @@ class ProfileDraft:
 
     def render(self) -> str:
         """YAML of the profile."""
-        return "\n".join(self._iter_lines()) + "\n"
-
-    def _iter_lines(self) -> Iterator[str]:
-        model, chain = self.compiled, self.chain
+        model, chain, hand = self.compiled, self.chain, self.hand
         limits = [float(np.abs(model.jnt_actfrcrange[joint]).max()) for joint in chain]
         torque = [limit if limit > 0.0 else GUESSED_TORQUE_NM for limit in limits]
         names = [model.joint(joint).name for joint in chain]
         speeds = [self.speeds.get(name, 0.0) or GUESSED_SPEED_RAD_S for name in names]
-        endless = [name for name, joint in zip(names, chain, strict=True) if np.ptp(model.jnt_range[joint]) == 0.0]
-        yield f"# Drafted from {self.file}; check every line that says check, then: paos robot check {self.name}"
-        yield f"target: {self.name}"
-        yield f"description: {self.name}, simulated with contact physics."
-        yield f"model: {self.model if _PATH.fullmatch(self.model) else json.dumps(self.model)}"
-        if self.arguments:
-            yield f"arguments: {json.dumps(dict(self.arguments))}"
-        yield from self._iter_tool()
-        yield f"grasp_band_m: {_show(self.band_m)}   # check: paos robot try {self.name} measures it"
-        if endless:
-            shown = ", ".join(f"{_quote(name)}: [-3.14, 3.14]" for name in endless)
-            yield f"ranges: {{{shown}}}   # check: the model lets them turn without end"
-        if parked := {**self.parked, **({} if self.hand is not None else self.fingers)}:
-            shown = ", ".join(f"{_quote(name)}: {at:.6g}" for name, at in parked.items())
-            yield f"parked_rad: {{{shown}}}   # check: joints of the model that this target does not move"
-        yield "arm:"
-        yield f"  joints: [{', '.join(map(_quote, names))}]"
-        yield f"  home_rad: {_show(self.home_rad)}   # check: a posture in front of its work"
-        known = all(self.speeds.get(name) for name in names)
-        yield f"  velocity_rad_s: {_show(speeds)}   {'# of the model' if known else '# check: its data sheet'}"
-        yield f"  acceleration_rad_s2: {_show([10.0] * len(chain))}"
-        yield f"  jerk_rad_s3: {_show([5000.0] * len(chain))}"
-        yield f"  torque_nm: {_show(torque)}   {'# of the model' if all(limits) else '# check: its data sheet'}"
-        yield f"  stiffness_nm_rad: {_show([STIFFNESS_PER_TORQUE * each for each in torque])}"
-        yield f"  damping_nms_rad: {_show([STIFFNESS_PER_TORQUE * DAMPING_SHARE * each for each in torque])}"
-        yield "  payload_kg: 1.0   # check: its data sheet, the hand included"
-        yield f"  wrist_joints: {min(3, len(chain))}"
-        yield from self._iter_gripper()
-        opens = ", gripper_width" if self.hand is not None else ""
-        yield f"observations: [joint_state{opens}, entity_poses, camera_rgb]"
-        yield f"actions: [joint_position{opens}]"
-        yield "capabilities: [manipulation]"
+        is_known = all(self.speeds.get(name) for name in names)
+        endless = {_quote(name): "[-3.14, 3.14]" for name, joint in zip(names, chain, strict=True)
+                   if np.ptp(model.jnt_range[joint]) == 0.0}  # fmt: skip
+        parked = {
+            _quote(name): f"{at:.6g}" for name, at in (self.parked | (self.fingers if hand is None else {})).items()
+        }
+        opens = "" if hand is None else ", gripper_width"
+        at, body = "" if hand is None else f", {_place(hand.tool)}", model.body(int(model.jnt_bodyid[chain[-1]])).name
+        sheet, found = "# check: its data sheet", "# of the model"
+        lines = [
+            f"# Drafted from {self.file}; check every line that says check, then: paos robot check {self.name}",
+            f"target: {self.name}",
+            f"description: {self.name}, simulated with contact physics.",
+            f"model: {self.model if _PATH.fullmatch(self.model) else json.dumps(self.model)}",
+            f"arguments: {json.dumps(dict(self.arguments))}" if self.arguments else "",
+            f"tool: {{body: {_quote(body)}{at}}}   # check: z approaches, y is the closing axis; see paos robot render",
+            f"grasp_band_m: {_show(self.band_m)}   # check: paos robot try {self.name} measures it",
+            _map("ranges", endless, "the model lets them turn without end"),
+            _map("parked_rad", parked, "joints of the model that this target does not move"),
+            "arm:",
+            f"  joints: [{', '.join(map(_quote, names))}]",
+            f"  home_rad: {_show(self.home_rad)}   # check: a posture in front of its work",
+            f"  velocity_rad_s: {_show(speeds)}   {found if is_known else sheet}",
+            f"  acceleration_rad_s2: {_show([10.0] * len(chain))}   {sheet}",
+            f"  jerk_rad_s3: {_show([5000.0] * len(chain))}",
+            f"  torque_nm: {_show(torque)}   {found if all(limits) else sheet}",
+            f"  stiffness_nm_rad: {_show([STIFFNESS_PER_TORQUE * each for each in torque])}",
+            f"  damping_nms_rad: {_show([STIFFNESS_PER_TORQUE * DAMPING_SHARE * each for each in torque])}",
+            f"  payload_kg: 1.0   {sheet}, the hand included",
+            f"  wrist_joints: {min(3, len(chain))}",
+            *(_NO_HAND if hand is None else _list_gripper(hand, self.width_m)),
+            f"observations: [joint_state{opens}, entity_poses, camera_rgb]",
+            f"actions: [joint_position{opens}]",
+            "capabilities: [manipulation]",
+        ]
+        return "\n".join(filter(None, lines)) + "\n"
 
-    def _iter_tool(self) -> Iterator[str]:
-        at = "" if self.hand is None else f", {_place(self.hand.tool)}"
-        body = self.compiled.body(int(self.compiled.jnt_bodyid[self.chain[-1]])).name
-        hint = "# check: z approaches, y is the closing axis; see `paos robot render`"
-        yield f"tool: {{body: {_quote(body)}{at}}}   {hint}"
 
-    def _iter_gripper(self) -> Iterator[str]:
-        hand = self.hand
-        if hand is None:
-            yield "end_effector: none   # check: or a hand: {model: 'menagerie:robotiq_2f85/2f85.xml', at: {body: ...}}"
-            return
-        yield "gripper:"
-        yield f"  joints: [{', '.join(map(_quote, hand.joints))}]"
-        yield f"  travel: {_show(hand.travel)}   # share of each joint in the drive, metres of opening a unit"
-        yield "  pads: [pad_0, pad_1]"
-        yield "  pad_boxes:   # check: where each finger grips"
-        for index, (body, pose) in enumerate(hand.pads):
-            yield f"    - {{name: pad_{index}, body: {_quote(body)}, {_place(pose)}, half_m: [0.01, 0.004, 0.01]}}"
-        yield "  pad_surface: rubber"
-        yield f"  max_width_m: {self.width_m:.4g}   # as the pads open in the model"
-        yield "  stiffness_n_m: 2000.0"
-        yield "  damping_ns_m: 60.0"
-        yield "  force_n: 20.0   # check: its data sheet"
-        yield f"  palm_depth_m: {max(hand.palm_m - CLEAR_M, 0.005):.3g}"
-        yield f"  palm_height_m: {max(hand.palm_m + hand.tip_m, 0.01):.3g}"
-        yield f"  fingertip_m: {hand.tip_m + CLEAR_M:.3g}"
+_NO_HAND = ("end_effector: none   # check: or a hand: {model: 'menagerie:robotiq_2f85/2f85.xml', at: {body: ...}}",)
+
+
+def _list_gripper(hand: HandDraft, width_m: float) -> list[str]:
+    pads = [
+        f"    - {{name: pad_{index}, body: {_quote(body)}, {_place(pose)}, half_m: {_show(PAD_M)}}}"
+        for index, (body, pose) in enumerate(hand.pads)
+    ]
+    return [
+        "gripper:",
+        f"  joints: [{', '.join(map(_quote, hand.joints))}]",
+        f"  travel: {_show(hand.travel)}   # share of each joint in the drive, metres of opening a unit",
+        "  pads: [pad_0, pad_1]",
+        "  pad_boxes:   # check: where each finger grips",
+        *pads,
+        "  pad_surface: rubber",
+        f"  max_width_m: {width_m:.4g}   # as the pads open in the model",
+        "  stiffness_n_m: 2000.0",
+        "  damping_ns_m: 60.0",
+        "  force_n: 20.0   # check: its data sheet",
+        f"  palm_depth_m: {max(hand.palm_m - CLEAR_M, 0.005):.3g}",
+        f"  palm_height_m: {max(hand.palm_m + hand.tip_m, 0.01):.3g}",
+        f"  fingertip_m: {hand.tip_m + CLEAR_M:.3g}",
+    ]
+
+
+def _map(key: str, values: Mapping[str, str], why: str) -> str:
+    inside = ", ".join(f"{name}: {value}" for name, value in values.items())
+    return f"{key}: {{{inside}}}   # check: {why}" if values else ""
 
 
 def draft_profile(

@@ -1,6 +1,5 @@
 """A draft of a profile made whole in the model: an opening that its pads have, a home that is free, limits."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from phyagentos.protocol.settings.safety import UNITS
 from phyagentos.runtime.models.drafting import ProfileDraft
 from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.models.robot import read_profile
-from phyagentos.runtime.motion.chain import build_chain
+from phyagentos.runtime.motion.chain import Chain, build_chain
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.profile_checks import find_model_problems
 from phyagentos.runtime.motion.requests import Array, World
@@ -47,12 +46,13 @@ def _settle(draft: ProfileDraft, file: Path) -> tuple[ProfileDraft, str]:
         draft = replace(draft, width_m=np.floor(measure_hand(profile, folder).widths_m[-1] * 1e3) / 1e3)
         profile = _write(draft, file)
     robot = build_robot_model(profile, folder)
-    reach_m, home_rad = _find_home(robot)
+    reach_m = measure_reach(robot)
+    home_rad = _find_home(robot, reach_m)
     draft = replace(draft, home_rad=home_rad.tolist(), band_m=(round(0.4 * reach_m, 2), round(0.8 * reach_m, 2)))
     profile = _write(draft, file)
     if problems := list(find_model_problems(build_robot_model(profile, folder), read_yaml(file))):
         raise DefinitionError(problems)
-    return draft, "\n".join(_iter_limits(draft, profile, robot, reach_m)) + "\n"
+    return draft, _render_limits(draft, profile, robot, reach_m)
 
 
 def _write(draft: ProfileDraft, file: Path) -> TargetProfile:
@@ -60,24 +60,34 @@ def _write(draft: ProfileDraft, file: Path) -> TargetProfile:
     return read_profile(file)[0]
 
 
-def _find_home(robot: RobotModel) -> tuple[float, Array]:
-    """How far the tool reaches [m], and a posture (n_joints,) that is free: its tool down in front, if there is one."""
-    chain, scene = build_chain(robot), PlanningScenes(robot).get_scene(World(entities=()))
+def _draw_postures(chain: Chain) -> Array:
+    """(SAMPLES, n_joints) within the limits of the joints."""
     low, high = np.maximum(chain.q_min_rad, -np.pi), np.minimum(chain.q_max_rad, np.pi)
     low = np.minimum(low, high)  # a joint may have less than the margin
-    seeds = np.random.default_rng(0).uniform(low, high, (SAMPLES, len(low)))
-    reach_m = max(float(np.linalg.norm(chain.compute_tcp(q)[:3, 3])) for q in seeds)
+    return np.random.default_rng(0).uniform(low, high, (SAMPLES, len(low)))
+
+
+def measure_reach(robot: RobotModel) -> float:
+    """How far from the base its tool comes [m]."""
+    base, chain = np.array(robot.profile.mount_position_m), build_chain(robot)
+    return max(float(np.linalg.norm(chain.compute_tcp(q_rad)[:3, 3] - base)) for q_rad in _draw_postures(chain))
+
+
+def _find_home(robot: RobotModel, reach_m: float) -> Array:
+    """A posture (n_joints,) that is free: the tool down in front, if there is one."""
+    chain, scene = build_chain(robot), PlanningScenes(robot).get_scene(World(entities=()))
+    seeds, middle = _draw_postures(chain), (robot.q_min_rad + robot.q_max_rad) / 2
     pose = np.diag((1.0, -1.0, -1.0, 1.0))
     for x, z in HOMES if robot.profile.end_effector == "opening" else ():
         pose[:3, 3] = x * reach_m, 0.0, z * reach_m
         if free := [q_rad for q_rad in chain.solve_all(pose, seeds[:60], 0.1)[0] if scene.is_free(q_rad)]:
-            return reach_m, min(free, key=lambda q_rad: float(np.linalg.norm(q_rad - (low + high) / 2)))
-    others = (np.clip(robot.home_rad, low, high), np.clip(0.0 * low, low, high), *seeds)
-    return reach_m, next((q for q in others if scene.is_free(q)), robot.home_rad)
+            return min(free, key=lambda q_rad: float(np.linalg.norm(q_rad - middle)))
+    zero = np.clip(0.0 * middle, robot.q_min_rad, robot.q_max_rad)
+    return next((q_rad for q_rad in (robot.home_rad, zero, *seeds) if scene.is_free(q_rad)), robot.home_rad)
 
 
-def _iter_limits(draft: ProfileDraft, profile: TargetProfile, robot: RobotModel, reach_m: float) -> Iterator[str]:
-    """Lines of safety.yaml: what the model says, and guesses marked `check`."""
+def _render_limits(draft: ProfileDraft, profile: TargetProfile, robot: RobotModel, reach_m: float) -> str:
+    """The text of safety.yaml: what the model says, and guesses marked `check`."""
     arm, gripper, r = profile.arm, profile.gripper, round(reach_m, 2)
     model, site = f"The model {draft.file}", "Site policy"
     known = all(draft.speeds.get(name) for name in arm.joints)
@@ -96,14 +106,16 @@ def _iter_limits(draft: ProfileDraft, profile: TargetProfile, robot: RobotModel,
         "collision_depth_max": (0.004, f"{site}: planning keeps 4 mm from what stands fixed"),
         "tracking_error_max": (0.25, f"{site}: below one hand's width at the tool"),
     }
-    yield f"# What the guard enforces for {profile.target}; a workspace adds it to its safety.yaml."
-    yield "version: 1"
-    yield f"targets:\n  {profile.target}:"
+    lines = [f"# What the guard enforces for {profile.target}; a workspace adds it to its safety.yaml.",
+             "version: 1", "targets:", f"  {profile.target}:"]  # fmt: skip
     for name, (value, source) in values.items():
-        shown = np.round(np.asarray(value, dtype=float), 6).tolist()
+        asks = f"   # {source[source.index('check') :]}" if "check" in source and np.any(value) else ""
         policy = "site_policy" if source.startswith(site) else "planner_constrained"
-        yield f"    {name}:" + (
-            f"   # {source[source.index('check') :]}" if "check" in source and np.any(value) else ""
-        )
-        yield f"      value: {shown}"
-        yield f'      unit: {UNITS.get(name, "m")}\n      source: "{source}"\n      provenance: {policy}'
+        lines += [
+            f"    {name}:{asks}",
+            f"      value: {np.round(np.asarray(value, dtype=float), 6).tolist()}",
+            f"      unit: {UNITS.get(name, 'm')}",
+            f'      source: "{source}"',
+            f"      provenance: {policy}",
+        ]
+    return "\n".join(lines) + "\n"
