@@ -64,7 +64,8 @@ UNFIT = [
 @pytest.fixture(params=UNFIT, ids=lambda each: ",".join(each[0].values()))
 def unfit(request, monkeypatch):
     given, said = request.param
-    monkeypatch.delenv("DISPLAY", raising=False)
+    for name in ("DISPLAY", "PYOPENGL_PLATFORM"):  # the latter is left by MuJoCo where a test before has imported it
+        monkeypatch.delenv(name, raising=False)
     for name, value in given.items():
         monkeypatch.setenv(name, value)
     return said
