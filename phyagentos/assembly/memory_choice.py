@@ -48,7 +48,7 @@ def choose_memory(workspace: Workspace, graph: Path, asked: str | None = None) -
 def read_choice(workspace: Workspace) -> ChosenMemory | None:
     """The memory that a workspace began with; None before its first run, or where memory.yaml is unreadable."""
     try:
-        data = yaml.safe_load(workspace.memory_place.read_text())
+        data = yaml.safe_load(workspace.memory_place.read_text(encoding="utf-8"))
         folder = data["folder"]
     except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError, KeyError):
         return None

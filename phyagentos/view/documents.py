@@ -136,7 +136,7 @@ class Documents:
             bundle = self.read_bundle(status)
             return bundle.after or bundle.before
         path = self.workspace.environment
-        return read_environment(path.read_text(), path.name) if path.is_file() else None
+        return read_environment(path.read_text(encoding="utf-8"), path.name) if path.is_file() else None
 
 
 def _find_latest(paths: list[Path]) -> int:

@@ -138,9 +138,10 @@ def _read_guard(documents: Documents, _: Query, status: Session) -> Fields:
 
 def _read_log(documents: Documents, _: Query, __: Session) -> Fields:
     path = documents.workspace.log
-    events = [line for line in path.read_text().splitlines() if _EVENT.match(line)] if path.is_file() else []
+    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    events = [line for line in lines if _EVENT.match(line)]
     logs = {path.stem: _read_end(path) for path in sorted(documents.workspace.logs.glob("*.log"))}
-    return {"events": events[-LINES_SHOWN:], "logs": {name: lines for name, lines in logs.items() if lines}}
+    return {"events": events[-LINES_SHOWN:], "logs": {name: found for name, found in logs.items() if found}}
 
 
 def _read_end(path: Path) -> list[str]:
@@ -152,8 +153,8 @@ def _read_end(path: Path) -> list[str]:
 
 def _read_memory(documents: Documents, _: Query, __: Session) -> Fields:
     place = documents.workspace
-    lessons = read_document(place.lessons.read_text(), LESSONS, place.lessons.name).blocks
-    facts = read_document(place.knowledge.read_text(), KNOWLEDGE, place.knowledge.name).blocks
+    lessons = read_document(place.lessons.read_text(encoding="utf-8"), LESSONS, place.lessons.name).blocks
+    facts = read_document(place.knowledge.read_text(encoding="utf-8"), KNOWLEDGE, place.knowledge.name).blocks
     return {"entries": [*lessons.values(), *facts.values()]}
 
 
