@@ -5,7 +5,8 @@ import pytest
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
-from phyagentos.protocol.world.scenes import Body, Contents, Inside, Joint, SceneSpec, Solid
+from phyagentos.protocol.world.body_shapes import Solid
+from phyagentos.protocol.world.scenes import Body, Contents, Inside, Joint, SceneSpec
 from phyagentos.runtime.preflight.needs import iter_payload_problems
 
 PROFILE = read_target(find_shipped_root() / "robots" / "panda" / "target.yaml")

@@ -17,10 +17,11 @@ from typing_extensions import override
 
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.body_shapes import Solid
 from phyagentos.protocol.world.descriptions import add_described
 from phyagentos.protocol.world.environment import Entity, Environment, Shape, Status
 from phyagentos.protocol.world.friction import FRICTION, PAIRS
-from phyagentos.protocol.world.scenes import Body, Placement, SceneSpec, Solid
+from phyagentos.protocol.world.scenes import Body, Placement, SceneSpec
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector
 from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.drivers.mujoco.world import SimulatedWorld

@@ -5,6 +5,7 @@ are refused and the JSON Schema for editors comes from the same source.
 """
 
 import copy
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -295,7 +296,7 @@ def _to_problem(model: type[Authored], located: Located, base: Address, item: Er
         tag = facts["discriminator"].strip("'")
         if kind == "union_tag_not_found":
             return located.problem("MISSING_VALUE", path, "nothing", f"key {tag!r}", f"Add {tag!r}.")
-        path, found, facts = (*path, tag), facts["tag"], {"expected": facts["expected_tags"]}
+        path, found, facts = (*path, tag), facts["tag"], {"expected": _ENUM.sub(r"\1", facts["expected_tags"])}
     expected = str(facts.get("expected") or _phrase(kind, facts))
     names = expected.replace("'", "").replace(" or ", ", ").split(", ")
     hint = format_hint(found, names) if isinstance(found, str) else ""
@@ -312,6 +313,7 @@ def _strip_tags(data: Any, path: Address) -> Address:
     return tuple(kept)
 
 
+_ENUM = re.compile(r"<[^<>]*: ('[^']*')>")  # a member as Python shows it
 _PHRASES = {  # by pydantic's kind of error; its own sentences are written for programmers
     "greater_than": "a number greater than {gt}",
     "greater_than_equal": "a number of at least {ge}",

@@ -13,9 +13,10 @@ from math import prod
 import msgspec
 
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.world.body_shapes import Solid
 from phyagentos.protocol.world.entity_geometry import compute_half_box
 from phyagentos.protocol.world.environment import UNNAMED, Entity, Shape, ShapeKind, Status
-from phyagentos.protocol.world.scenes import Body, Material, SceneSpec, Solid
+from phyagentos.protocol.world.scenes import Body, Material, SceneSpec
 from phyagentos.protocol.world.truth import Truth
 
 OR = " or "  # between words of which one holds

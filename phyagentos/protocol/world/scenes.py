@@ -8,16 +8,16 @@ import re
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import pydantic
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.documents.schema import Authored, Located, Span, misfit, parse_library_yaml, read_text, salvage
+from phyagentos.protocol.world.body_shapes import Number3, Shapes, Solid, add_interior
 from phyagentos.protocol.world.environment import CLOSES_AT, OPENS_AT, Mechanism, Pose, ShapeKind
 from phyagentos.protocol.world.friction import PAIRS, Surface
 
-Number3 = tuple[float, float, float]
 Number2 = tuple[float, float]
 Color = tuple[float, float, float, float]
 
@@ -25,12 +25,6 @@ NAME = re.compile(r"(?!(and|or|not|count)$)[A-Za-z_][A-Za-z0-9_]*")  # as in pre
 MOVABLE_M = 0.5  # half a metre each way: more than an arm of this size could handle
 GOLDEN_RAD = 2.399963  # between two balls of a layer: in a lattice, pixels would count them wrongly
 APART, LAYER = 1.32, 2.04  # scale of the spiral, and height of a layer, in radii of a ball: they do not touch
-_SIZES = {
-    ShapeKind.BOX: ("half x", "half y", "half z"),
-    ShapeKind.CYLINDER: ("radius", "half height"),
-    ShapeKind.CAPSULE: ("radius", "half height"),
-    ShapeKind.SPHERE: ("radius",),
-}
 
 
 class Texture(Authored):
@@ -54,23 +48,11 @@ class Material(Authored):
     texture: Texture | None = None
 
 
-class Solid(Authored):
-    """One primitive of a body, in the body's frame; `decor` is seen but touches nothing."""
+def _double(value: object) -> object:
+    return (value, value) if isinstance(value, int | float) else value
 
-    kind: ShapeKind
-    size_m: tuple[float, ...]
-    position_m: Number3 = (0.0, 0.0, 0.0)
-    euler_rad: Number3 = (0.0, 0.0, 0.0)
-    material: str | None = None
-    decor: bool = False
 
-    @pydantic.model_validator(mode="after")
-    def _check_size(self) -> "Solid":
-        names = _SIZES[self.kind]
-        if len(self.size_m) != len(names) or min(self.size_m) <= 0.0:
-            expected = f"the {len(names)} positive half sizes of a {self.kind} [m]"
-            raise misfit("size_m", expected, f"Write [{', '.join(names)}].")
-        return self
+Yaw = Annotated[Span, pydantic.BeforeValidator(_double, json_schema_input_type=float | tuple[float, float])]
 
 
 class Placement(Authored):
@@ -81,7 +63,7 @@ class Placement(Authored):
         jitter_m: Half width of the uniform spread around it, per axis.
         area: Name of an area to draw x and y from instead.
         frame: Name of an earlier body in whose frame the position is meant.
-        yaw_rad: Lowest and highest turn about z.
+        yaw_rad: Lowest and highest turn about z; one number is both.
         euler_rad: Turns about x, y and z before the yaw, of what lies or stands on its head.
     """
 
@@ -89,7 +71,7 @@ class Placement(Authored):
     jitter_m: Number3 = (0.0, 0.0, 0.0)
     area: str | None = None
     frame: str | None = None
-    yaw_rad: Span = (0.0, 0.0)
+    yaw_rad: Yaw = (0.0, 0.0)
     euler_rad: Number3 = (0.0, 0.0, 0.0)
 
 
@@ -164,6 +146,7 @@ class Body(Authored):
             look, pixels are distinguished by their places alone, and objects by form and look.
         datum_m: (3,) the point in its frame at which its world locates it, where its middle alone is not asked.
         contents: What its interior is filled with, from its floor up, when the scene begins.
+        interior: Where what is in it is; that of its one `open_box` or `cup` where it is absent.
         part_of: Name of an earlier body that it is fixed to, such as a handle to its drawer. It is an object of its
             own: it can be seen, grasped and pushed. Its place is meant in that body's frame, without jitter.
         listed: Whether the inventory names it; what is not listed is seen as an unnamed object.
@@ -174,7 +157,7 @@ class Body(Authored):
     fixed: bool = False
     mass_kg: float = pydantic.Field(default=0.1, gt=0.0)
     friction: Number3 | None = None
-    shapes: tuple[Solid, ...] = pydantic.Field(min_length=1)
+    shapes: Shapes
     material: str | None = None
     interior: Inside | None = None
     datum_m: Number3 | None = None
@@ -187,6 +170,11 @@ class Body(Authored):
     contents: Contents | None = None
     part_of: str | None = None
     listed: bool = True
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _add_interior(cls, data: object) -> object:
+        return add_interior(data)
 
     @pydantic.model_validator(mode="after")
     def _check_mobility(self) -> "Body":

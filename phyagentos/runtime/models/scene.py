@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.geometry import compute_rotation, convert_euler, multiply, to_parent, turn
+from phyagentos.protocol.world.body_shapes import Solid
 from phyagentos.protocol.world.entity_geometry import compute_volume
 from phyagentos.protocol.world.environment import UNNAMED, Entity, Interior, Mechanism, Pose, Region, Shape, ShapeKind
-from phyagentos.protocol.world.scenes import Body, Joint, Material, SceneSpec, Solid
+from phyagentos.protocol.world.scenes import Body, Joint, Material, SceneSpec
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.models.surfaces import find_surface
 

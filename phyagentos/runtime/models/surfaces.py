@@ -11,9 +11,10 @@ from itertools import combinations
 
 import mujoco
 
+from phyagentos.protocol.world.body_shapes import Solid
 from phyagentos.protocol.world.environment import ShapeKind
 from phyagentos.protocol.world.friction import Surface, compute_rolling_m, draw_friction, name_pair
-from phyagentos.protocol.world.scenes import Body, SceneSpec, Solid
+from phyagentos.protocol.world.scenes import Body, SceneSpec
 
 ROUND = frozenset({ShapeKind.SPHERE, ShapeKind.CYLINDER, ShapeKind.CAPSULE})
 PAD_SPIN_M = 0.02  # torsional friction of a pad, per unit of its friction: half the length of its contact

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from phyagentos.geometry import compute_matrix, compute_rotation, convert_euler, multiply
 from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.world.alike import find_alike, find_turned
+from phyagentos.protocol.world.body_shapes import Number3, Solid
 from phyagentos.protocol.world.descriptions import add_described
 from phyagentos.protocol.world.environment import Entity, Interior, Pose, PriorKnowledge, Shape
-from phyagentos.protocol.world.scenes import Body, Number3, Placement, SceneSpec, Solid
+from phyagentos.protocol.world.scenes import Body, Placement, SceneSpec
 from phyagentos.runtime.perception import forms
 from phyagentos.runtime.perception.articulated import Articulated, Path, find_articulated
 from phyagentos.runtime.perception.solids import Array, Solids
