@@ -112,7 +112,7 @@ class DefectError(ExecutionError):
     """What failed is a person's own code, at `place`: `file:line`, or the server that has it. To repeat it is vain."""
 
     def __init__(self, code: str, report: str, place: str) -> None:
-        self.report, self.place = report, place
+        self.place = place
         super().__init__(code, report if place in report else f"{report} ({place})")
 
 
