@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 
 from phyagentos.clock import Clock
-from phyagentos.errors import ExecutionError, is_defect
+from phyagentos.errors import DefectError, ExecutionError, is_defect
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.runtime.actions.handle import CommandRefused, TargetSessionHandle
@@ -122,7 +122,8 @@ class SessionLoop:
         except LeafError as error:
             cause = error.cause
             code = cause.code if isinstance(cause, ExecutionError) else "LEAF_ERROR"
-            defect = error.place if is_defect(cause) else ""
+            place = cause.place if isinstance(cause, DefectError) else error.place
+            defect = place if is_defect(cause) else ""
             return Outcome(ended=_ended_by(code), code=code, leaf=error.path, message=str(error), defect=defect)
         except ExecutionError as error:
             return Outcome(ended=_ended_by(error.code), code=error.code, message=str(error))
