@@ -29,9 +29,11 @@ from phyagentos.assembly.planted_faults import find_unstruck, iter_misses
 from phyagentos.assembly.project import admit_python, get_file, get_settings, open_library, parse_overrides
 from phyagentos.assembly.skill_checks import check_skill
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, ExecutionError, has_room
+from phyagentos.errors import DefinitionError, ExecutionError, Problem, has_room
 from phyagentos.operations.lint import FileKind, find_other_kind
 from phyagentos.operations.progress import RunFold
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.capabilities.targets import SHARING, TargetProfile, find_driver_name, is_beside
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
@@ -212,7 +214,9 @@ def build_report(fold: RunFold, wall_s: float, *, is_interrupted: bool = False) 
 def check_request(
     graph: Path, faults: Path | None, overrides: Mapping[str, str], workspace: Path | None = None
 ) -> GoalGraph:
-    """The graph, once it, the scene, skills and models that it names, and the faults are in order; loads no simulator.
+    """The graph, once it, the scene, skills and models that it names, and the faults are in order.
+
+    A simulator is loaded for robots of a project alone: those that ship are known to be sound.
 
     Ports of trees against leaves, and how the scene begins, are left to preflight. Raises DefinitionError with every
     problem.
@@ -233,7 +237,9 @@ def check_request(
         raise DefinitionError([*error.problems, *problems]) from error
     try:
         for name in sorted({choice.target for choice in compiled.choices.values()}):
-            require_models(catalogue.targets[name], library.get_target(name).parent)
+            require_models(profile := catalogue.targets[name], (file := library.get_target(name)).parent)
+            if find_driver_name(profile) == SHARING and file.parents[1] != find_shipped_root() / "robots":
+                problems += _check_own(profile, file)
         bodies = read_scene(library.get_scene(compiled.spec.scene)).bodies
         if faults is not None and not problems:
             targets = {catalogue.targets[choice.target] for choice in compiled.choices.values()}
@@ -247,6 +253,14 @@ def check_request(
     if problems := [*(each for file in files for each in check_skill(file, open_library(file))), *problems]:
         raise DefinitionError(problems)
     return compiled
+
+
+def _check_own(profile: TargetProfile, file: Path) -> list[Problem]:
+    """What `paos robot check` finds; nothing where the model is brought together with those that ship."""
+    from phyagentos.runtime.motion.profile_checks import check_profile  # the solvers: only where they are needed
+
+    is_here = not is_beside(profile.model) or (file.parent / profile.model).is_file()
+    return check_profile(file) if is_here else []
 
 
 def start_planes(
