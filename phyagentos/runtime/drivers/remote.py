@@ -95,6 +95,12 @@ class RemoteDriver(TargetPort):
             self._force_n = self.carry_out(wire.Halt(self._session, self._epoch, category)).contact_force_n
 
     @override
+    def emergency_stop(self) -> None:
+        if self._session:
+            halt = wire.Halt(self._session, self._epoch, category=1, is_emergency=True)
+            self._force_n = self.carry_out(halt).contact_force_n
+
+    @override
     def end(self) -> tuple[wire.RecordedFault, ...]:
         return self.carry_out(wire.End(self._session, self._epoch)).faults
 

@@ -241,6 +241,8 @@ class ServedTarget:
                 self._authority.count()
                 if reply.stopped:
                     self._authority.stop(reply.stopped)
+            case wire.Halt(is_emergency=True), wire.Step():
+                self._authority.stop("ESTOPPED")
             case wire.Halt(category=1), wire.Step() if not self._authority.stopped:
                 self._authority.stop("DRIVES_OFF")
             case _, wire.Ended():

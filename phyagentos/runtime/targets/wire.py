@@ -304,10 +304,12 @@ class Announce(OfSession[Admission], frozen=True, tag=True):
 class Halt(OfSession[Step], frozen=True, tag=True):
     """Bring the target to rest within its limits, by its own means, and hold.
 
-    After a stop of category 2 (IEC 60204-1, 9.2.2) the session may command again, after 1 only the next one.
+    After a stop of category 2 (IEC 60204-1, 9.2.2) the session may command again, after 1 only the next one. An
+    emergency stop is the device's own, where it has one; no session begins before it is reset.
     """
 
     category: int = 2
+    is_emergency: bool = False
 
 
 class Settle(OfSession[Step], frozen=True, tag=True):
