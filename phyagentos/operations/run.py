@@ -8,7 +8,6 @@ import contextlib
 import math
 import os
 import select
-import shutil
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,6 +21,7 @@ from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.agent.mission.mission import choose_goal
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.mission.report import build_report as build_mission_report
+from phyagentos.assembly.graphics import require_graphics
 from phyagentos.assembly.memory_choice import choose_memory
 from phyagentos.assembly.paths import choose_folder, serve_alone
 from phyagentos.assembly.planes import Plane, start_watch
@@ -29,7 +29,7 @@ from phyagentos.assembly.planted_faults import find_unstruck, iter_misses
 from phyagentos.assembly.project import admit_python, get_file, get_settings, open_library, parse_overrides
 from phyagentos.assembly.skill_checks import check_skill
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError, has_room
 from phyagentos.operations.lint import FileKind, find_other_kind
 from phyagentos.operations.progress import RunFold
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
@@ -47,7 +47,6 @@ from phyagentos.store.admission import GOAL_PREFIX, GoalEvent
 from phyagentos.store.journal import Entry, IllegalEvent, Journal, cancel_unheld
 from phyagentos.store.watch import Watch
 
-FULL_BYTES = 1 << 20  # with less room than that no plane can keep its records
 FOLLOW_PERIOD_S = 0.1  # ten pictures a second are enough for people
 CANCEL_PATIENCE_S = 20.0  # then the planes are ended without waiting for their records
 Show = Callable[[RunFold], object]
@@ -90,13 +89,17 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PlaneEnded(ExecutionError):
-    """A plane ended before the verdict; its exit code and the lines that it has printed say why."""
+    """A plane ended before the verdict; its exit code and the lines that it has printed say why.
+
+    The goal is not over: another run in the same `workspace` continues it.
+    """
 
     def __init__(self, plane: Plane) -> None:
+        self.workspace = plane.log.parent.parent
         self.exit_code, self.printed = plane.find_exit_code(), plane.read_printed()
         last = self.printed[-1] if self.printed else "it printed nothing."
-        if not self.printed and (room := shutil.disk_usage(plane.log.parent).free) < FULL_BYTES:
-            last = f"it printed nothing, and its disk is full ({room} bytes are free): make room and run it again."
+        if not self.printed and not has_room(plane.log.parent):
+            last = "it printed nothing, and its disk is full: make room and run it again."
         message = f"the {plane.name} plane ended with code {self.exit_code}: {last} Log: {plane.log}"
         super().__init__("PLANE_ENDED", message)
 
@@ -157,6 +160,7 @@ def run_goal(
     faults = get_file(request.faults, "faults") if request.faults is not None else None
     root = request.workspace or choose_folder(Path("workspaces"), f"{graph.stem}-{request.seed}")
     admit_python(root, graph, is_trusted=request.trusts_python, announce=announce)
+    require_graphics()
     compiled = check_request(graph, faults, parse_overrides(request.overrides), request.workspace)
     workspace = Workspace.create(root, open_library(graph))
     with serve_alone(workspace, clock), interrupts.counted():
@@ -174,6 +178,9 @@ def run_goal(
             planes = start_planes(request, goal, graph, faults, workspace)
             try:
                 follow_run(fold, journal, planes, interrupts, clock, show)
+            except PlaneEnded:
+                planes[-1].kill()  # asked to end, the agent would cancel the goal, which can be continued
+                raise
             finally:
                 for plane in reversed(planes):  # the agent first: what it still cancels needs the runtime
                     plane.stop(clock, is_urgent=lambda: interrupts.count > 1)

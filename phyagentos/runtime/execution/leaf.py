@@ -6,8 +6,6 @@ stay with the tree, not on the blackboard of the process.
 """
 
 import copy
-import inspect
-import traceback
 from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any, ClassVar, final
@@ -17,7 +15,7 @@ from py_trees.common import Status
 from py_trees.ports import NoDataAvailable, PortInformation
 from py_trees.ports_utils import is_instance_of_type
 
-from phyagentos.errors import PhyAgentOSError
+from phyagentos.errors import PhyAgentOSError, find_place
 from phyagentos.geometry import Vector
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.trace import Role
@@ -68,6 +66,7 @@ class LeafError(PhyAgentOSError):
     def __init__(self, path: str, cause: BaseException, place: str) -> None:
         self.path = path
         self.cause = cause
+        self.place = place
         super().__init__(f"leaf {path}: {type(cause).__name__}: {cause} ({place})")
 
 
@@ -77,6 +76,7 @@ class Leaf(Behaviour):
     Attributes:
         path: Slash-separated names from the root of the tree.
         code: Coded reason of the latest failure, else empty; `message` is one sentence about the latest result.
+        is_final: Whether that failure is not worth another attempt.
         numbers: Measurements and decisions.
         activations: Number of starts.
     """
@@ -97,6 +97,7 @@ class Leaf(Behaviour):
         self.path = path or name
         self.code = ""
         self.message = ""
+        self.is_final = False
         self.numbers: Fields = {}
         self.activations = 0
         self._active = False
@@ -140,7 +141,7 @@ class Leaf(Behaviour):
     @final
     def initialise(self) -> None:
         """Begin an activation."""
-        self.code, self.message, self.numbers = "", "", {}
+        self.code, self.message, self.is_final, self.numbers = "", "", False, {}
         self.activations += 1
         self._active = False
 
@@ -151,7 +152,7 @@ class Leaf(Behaviour):
             status = self.on_running() if self._active else self.on_start()
         except (Exception, SystemExit) as error:
             self._active = False
-            raise LeafError(self.path, error, _find_place(self, error)) from error
+            raise LeafError(self.path, error, find_place(error, type(self))) from error
         if status not in (Status.SUCCESS, Status.FAILURE, Status.RUNNING):
             code = (self.on_running if self._active else self.on_start).__code__
             wrong = TypeError(f"{code.co_name} answered {status!r}; expected SUCCESS, FAILURE or RUNNING")
@@ -167,7 +168,7 @@ class Leaf(Behaviour):
             try:
                 self.on_halted()
             except (Exception, SystemExit) as error:
-                raise LeafError(self.path, error, _find_place(self, error)) from error
+                raise LeafError(self.path, error, find_place(error, type(self))) from error
 
     def succeed(self, message: str = "", **numbers: Any) -> Status:
         """SUCCESS, with measurements and decisions."""
@@ -180,6 +181,11 @@ class Leaf(Behaviour):
         self.code, self.message = str(code), message
         self.numbers = numbers
         return Status.FAILURE
+
+    def fail_for_good(self, code: str, message: str, **numbers: Any) -> Status:
+        """FAILURE that another attempt with this skill would meet again: the node goes on by other means, or ends."""
+        self.is_final = True
+        return self.fail(code, message, **numbers)
 
     def read(self, port: str) -> Any:
         """The value of a required input, or its declared default."""
@@ -211,14 +217,6 @@ class Leaf(Behaviour):
         _check(port, value, declared)
         if port in self._keys:
             self._values[self._keys[port]] = value
-
-
-def _find_place(leaf: Leaf, error: BaseException) -> str:
-    """`file:line` of the deepest call in the file of the leaf's own class, or of all, where none is in it."""
-    own = {each.__code__.co_filename for each in vars(type(leaf)).values() if inspect.isfunction(each)}
-    calls = traceback.extract_tb(error.__traceback__)
-    inner = next((call for call in reversed(calls) if call.filename in own), calls[-1])
-    return f"{inner.filename}:{inner.lineno}"
 
 
 def _check(port: str, value: Any, declared: PortInformation) -> Any:

@@ -28,8 +28,13 @@ def find_profile_problems(path: Path, profile: TargetProfile, limits: Safety) ->
     problems = [] if profile.target in limits.targets else [_describe_no_limits(profile, path)]
     if not profile.model:
         return problems
-    robot = build_robot_model(profile, path.parent)
-    return [*problems, *_iter_posture_problems(robot, located), *_iter_gripper_problems(robot, located)]
+    return [*problems, *find_model_problems(build_robot_model(profile, path.parent), located)]
+
+
+def find_model_problems(robot: RobotModel, located: Located) -> Iterator[Problem]:
+    """Problems of postures and hand in the model, at their lines of the profile."""
+    yield from _iter_posture_problems(robot, located)
+    yield from _iter_gripper_problems(robot, located)
 
 
 def _describe_no_limits(profile: TargetProfile, path: Path) -> Problem:
