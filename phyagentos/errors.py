@@ -187,9 +187,9 @@ def find_nearest(name: str, possible: Iterable[str]) -> str | None:
 
 
 def format_hint(name: str, possible: Iterable[str]) -> str:
-    """`Did you mean 'x'?` when a close name exists, else an empty string."""
+    """`Did you mean 'x'?` when a close name exists that is another one, else an empty string."""
     nearest = find_nearest(name, possible)
-    return f"Did you mean {nearest!r}?" if nearest else ""
+    return f"Did you mean {nearest!r}?" if nearest not in (None, name) else ""
 
 
 def format_names(names: Iterable[str]) -> str:
