@@ -290,6 +290,7 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
         size_px: (width, height) of the whole picture.
         liveness_probe: Hash of a small window of its latest frame, and the stamp of that: `hash@time_s`.
         probed_s: When that window was asked for [s].
+        number: The sensor's own count at its latest frame; negative where it has none.
     """
 
     status: str = "live"
@@ -303,6 +304,7 @@ class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     size_px: tuple[int, int] = (0, 0)
     liveness_probe: str = msgspec.field(default="", name="pulse")
     probed_s: float = msgspec.field(default=0.0, name="pulse_s")
+    number: int = -1
 
 
 class PriorKnowledge(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

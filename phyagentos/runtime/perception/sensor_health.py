@@ -3,7 +3,8 @@
 The noise of a real sensor never repeats: two pictures that are equal bit for bit are one. Between whole pictures a
 small window of each camera is probed now and then, which detects a frozen camera before the next look. A sensor without
 declared noise may show a still scene twice; it is frozen where its picture stays although the robot has moved through
-what it shows, or has carried the camera along. While the robot stands still, no picture proves anything.
+what it shows, or has carried the camera along. While the robot stands still, no picture proves anything; a sensor that
+counts its exposures is frozen where its stamps advance and its count does not.
 
 A displaced camera disagrees with the map, or with the other cameras: a shift along a plane of the map leaves its points
 on it, and they differ from the other cameras' in the objects then.
@@ -35,6 +36,7 @@ SAME_S = 1e-6  # stamps this near to each other are one
 AHEAD_S = 0.005  # no frame is from the future
 PROBE_PX = 12  # side of the window in the middle of a picture: a few hundred numbers with noise never repeat
 REPEATED = "a new stamp on the same picture"
+UNCOUNTED = "a new stamp, and its own count of exposures stands"
 DISPLACED = "displaced"
 KEPT_S = 10.0  # for so long a camera that was displaced is not believed
 EVERY = 4  # of so many rows and columns one is read
@@ -72,6 +74,7 @@ def assess(
         health[frame.camera] = msgspec.structs.replace(
             turned,
             time_s=frame.time_s,
+            number=frame.number,
             digest=digest,
             shown_rad=turned.shown_rad if repeats else joints_rad(frame.time_s),
             pose=turned.pose if repeats else frame.world_T_camera,
@@ -150,7 +153,10 @@ def _judge(
         return "dark", "no depth at all"
     if was is None:
         return "live", ""
-    if was.status == "frozen" and (was.liveness_probe or was.digest == digest):
+    is_uncounted = was.detail == UNCOUNTED
+    if 0 <= frame.number == was.number and (is_uncounted or frame.time_s > was.time_s + SAME_S):
+        return "frozen", UNCOUNTED
+    if was.status == "frozen" and not is_uncounted and (was.liveness_probe or was.digest == digest):
         return "frozen", REPEATED
     if was.digest == digest and frame.time_s > was.time_s + SAME_S and would_differ(frame, was):
         return "frozen", REPEATED

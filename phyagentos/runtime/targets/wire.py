@@ -214,6 +214,7 @@ class Frame(msgspec.Struct, frozen=True, kw_only=True):
         world_T_camera: OpenCV's convention: z forward, x right, y down.
         rgb: (height, width, 3) uint8.
         depth_m: (height, width) float32 along z; NaN where nothing was measured.
+        number: The sensor's own count of its exposures; negative where it has none.
     """
 
     camera: str
@@ -227,6 +228,7 @@ class Frame(msgspec.Struct, frozen=True, kw_only=True):
     world_T_camera: Pose
     rgb: Colours
     depth_m: Depths
+    number: int = -1
 
 
 class Frames(msgspec.Struct, frozen=True, tag=True):

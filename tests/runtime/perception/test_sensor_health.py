@@ -36,8 +36,9 @@ def expose(seed, time_s, crop=None):
     )
 
 
-def take(seed, time_s, before, crops=None, **given):
-    frames = Frames((expose(seed, time_s, (crops or {}).get("top")),))
+def take(seed, time_s, before, crops=None, number=-1, **given):
+    shown = msgspec.structs.replace(expose(seed, time_s, (crops or {}).get("top")), number=number)
+    frames = Frames((shown,))
     if crops:
         return check_probes(frames, before, time_s)
     return assess(frames, before, time_s, 0.3, **given)[1]
@@ -47,6 +48,19 @@ def take(seed, time_s, before, crops=None, **given):
 def test_a_picture_that_repeats_is_frozen_where_it_would_have_changed(moved, status):
     health = take(None, 1.0, {})
     assert take(None, 2.0, health, would_differ=lambda _frame, _was: moved)["top"].status == status
+
+
+def test_a_still_picture_is_frozen_where_the_sensors_own_count_stands_and_live_where_it_advances():
+    health: dict = {}
+    for time_s, number, status in (
+        (1.0, 7, "live"),
+        (1.5, 8, "live"),
+        (2.0, 8, "frozen"),
+        (2.0, 8, "frozen"),
+        (2.5, 9, "live"),
+    ):
+        health = take(None, time_s, health, number=number, would_differ=lambda _frame, _was: False)
+        assert health["top"].status == status
 
 
 @pytest.mark.sim

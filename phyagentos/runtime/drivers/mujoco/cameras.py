@@ -157,6 +157,7 @@ class CameraRig:
         begin = None if shown.begin is None else pose_state(self._model, shown.begin, start)
         rng = self._draw(camera.name, "frame", shown.number)
         frame = camera.capture(data, claimed.time_s, rng, crop, pose, every, begin)
+        frame = msgspec.structs.replace(frame, number=shown.number)
         for each in corruptions:
             frame = _alter(frame, each)
         return frame
