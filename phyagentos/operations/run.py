@@ -182,7 +182,7 @@ def run_goal(
             try:
                 follow_run(fold, journal, planes, interrupts, clock, show)
             except PlaneEnded:
-                planes[-1].kill()  # asked to end, the agent would cancel the goal, which can be continued
+                planes[-1].kill()  # a signal to end would cancel the goal, which can be continued
                 raise
             finally:
                 for plane in reversed(planes):  # the agent first: what it still cancels needs the runtime
