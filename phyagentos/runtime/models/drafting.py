@@ -186,7 +186,7 @@ def draft_profile(
     `hand` is one that its end carries.
 
     Raises:
-        DefinitionError: `MODEL_INVALID` where no two hinges follow each other, `UNKNOWN_NAME` for the joint; as of
+        DefinitionError: `MODEL_INVALID` where no hinges follow each other, `UNKNOWN_NAME` for the joint; as of
             `read_model` and `compile_model`.
     """
     source = read_model(path, arguments)
@@ -195,12 +195,10 @@ def draft_profile(
     if joint and joint not in names:
         raise DefinitionError([Problem.unknown("joint", str(path), joint, names)])
     chain, others = _find_chain(compiled, names.index(joint) if joint else -1)
-    if len(chain) < 2 or (others and len(chain) < LEG):
+    if not chain or (others and len(chain) < LEG):
         found = f"{len(others) + 1} run(s) of {len(chain)} hinge(s), of the joints {format_names(names)}"
         hint = "A gripper alone is the `hand` of an arm's profile; docs/robots.md says more of hands and bases."
-        raise DefinitionError.of(
-            "MODEL_INVALID", str(path), found, "an arm: two hinges or more, one after another", hint
-        )
+        raise DefinitionError.of("MODEL_INVALID", str(path), found, "an arm: hinges, one after another", hint)
     last = int(compiled.jnt_bodyid[chain[-1]])
     below = [index for index in range(compiled.njnt) if index not in chain and _is_below(compiled, index, last)]
     moving = [index for index in range(compiled.njnt) if int(compiled.jnt_type[index]) in {HINGE, SLIDE}]
