@@ -51,6 +51,10 @@ class ReplyCheck:
         """The driver has moved without a request, or by one whose reply has no time: its time may have gone on."""
         self._slack_s = HALT_MAX_S
 
+    def forget_time(self) -> None:
+        """The owner of an imagined world has put it to another moment."""
+        self._time_s = math.nan
+
     def check(self, request: wire.RequestFor[wire.ReplyT], reply: wire.ReplyT) -> wire.ReplyT:
         """The reply; raises ExecutionError `PROTOCOL_BROKEN`."""
         fault = self._find_fault(request, reply)
