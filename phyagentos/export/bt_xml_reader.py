@@ -18,6 +18,7 @@ from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Address, Located, read_text
 from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, TOO_DEEP
 
+ELEMENTS_MAX = 20_000  # of a file that is imported
 _KINDS = {form.tag: kind for kind, form in FORMS.items()} | {kind.value: kind for kind in FORMS}
 _EXPLICIT = frozenset({"Action", "Condition", "Control", "Decorator"})  # <Action ID="move_to"/> is <move_to/>
 _SILENT = frozenset({"name", "_description", "_uid", "_fullpath"})  # attributes that are no ports
@@ -47,7 +48,7 @@ def read_trees(path: Path) -> tuple[tuple[Located, ...], tuple[Problem, ...]]:
 
 def _parse(text: str, source: str) -> Element:
     parser = expat.ParserCreate()
-    opened = [Element("")]
+    opened, count = [Element("")], 0
 
     def get_mark() -> tuple[int, int]:
         return parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
@@ -57,6 +58,10 @@ def _parse(text: str, source: str) -> Element:
         raise DefinitionError.of("SYNTAX", f"{source}:{line}:{column}", found, "well-formed XML without DOCTYPE")
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count
+        count += 1
+        if count > ELEMENTS_MAX:
+            refuse(f"more than {ELEMENTS_MAX} elements")
         if len(opened) > DEPTH_MAX:
             refuse(TOO_DEEP)
         id = attributes.pop("ID", "")
