@@ -36,6 +36,7 @@ from phyagentos.operations.run import RunReport
 from phyagentos.operations.workspaces import FOLDER, REQUESTS, find_workspaces
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.documents.plain_data import Fields
+from phyagentos.protocol.documents.seen_text import find_unseen
 from phyagentos.protocol.workspace.workspace import Workspace
 
 GOAL_SUFFIX = ".goal.yaml"
@@ -102,8 +103,11 @@ def ask(
     model that is asked for what the grammar does not know. Files go to the requests of `workspace`, a new one under
     workspaces/ by default, or else beside `output`.
 
-    Raises DefinitionError for an unknown scene or target, and where the graph has problems.
+    Raises DefinitionError for an unknown scene or target, for letters that are not seen, and where the graph has
+    problems.
     """
+    if unseen := find_unseen(request.strip()):
+        raise DefinitionError.of("INVALID_VALUE", "the request", ", ".join(unseen[:8]), "text that is seen as it is")
     library = open_library()
     catalogue = Catalogue.read(library)
     past = _read_past(workspace, scene, catalogue)

@@ -15,6 +15,7 @@ from py_trees.decorators import Decorator
 from py_trees.parsers.behaviour_tree_xml import parse_behaviour_tree_xml
 from py_trees.ports import PortInformation, PortsMixin
 
+from phyagentos.errors import DefinitionError
 from phyagentos.export.bt_xml import FORMS, NodeModel, Port, decode, encode, render_trees
 from phyagentos.export.bt_xml_reader import read_trees
 from phyagentos.operations.behaviour_trees import find_tree, iter_leaf_models
@@ -474,3 +475,10 @@ def test_a_tree_with_leaves_of_a_skills_own_python_comes_back_whether_that_is_ex
 
     assert (again.code, again.out) == (0, "every tree of the file is in the library already\n"), again.err
     assert ('<Action ID="move_beside">' in file.read_text()) is bool(options)
+
+
+def test_a_file_of_countless_elements_is_refused_at_once(tmp_path):
+    path, inside = tmp_path / "wide.xml", "<Foo/>" * 100_000
+    path.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="a"><Sequence>{inside}</Sequence></BehaviorTree></root>')
+    with pytest.raises(DefinitionError, match="more than 20000 elements"):
+        read_trees(path)
