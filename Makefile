@@ -102,7 +102,7 @@ mutants: $(STAMP)  ## mutation tests: each bent line of our own source turns red
 test-extras: setup $(OTHERS:%=build/%/.installed) $(DRIVERS)/.installed $(VIEW)/.installed  ## tests beside systems of others, which it installs in build/
 	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS),--$(each)-python=build/$(each)/bin/python)
 	@$(DRIVERS)/bin/pytest -q -m device
-	@$(DRIVERS)/bin/pytest -q tests/runtime/policies/test_onnx.py tests/examples/test_trained_policy.py
+	@$(DRIVERS)/bin/pytest -q tests/runtime/policies/test_onnx.py tests/runtime/models/test_xacro.py tests/examples/test_trained_policy.py
 	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py tests/extras/test_mcp.py tests/extras/test_bt_cpp.py tests/extras/test_rerun.py tests/extras/test_site.py
 	@$(VIEW)/bin/pytest -q -m extras --peers-python=build/peers/bin/python --axe $(VIEW)/$(AXE).tgz $(wildcard tests/extras/test_view*.py)
 
@@ -116,7 +116,7 @@ $(VIEW)/.installed: pyproject.toml
 $(DRIVERS)/.installed: pyproject.toml
 	@test -x $(DRIVERS)/bin/python || $(PYTHON) -m venv $(DRIVERS)
 	@echo "test-extras: installing phyagentos, the drivers of real robots, ONNX, Ray, MCP, Rerun, BehaviorTree.CPP and the site into $(DRIVERS) (a few minutes)"
-	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(DRIVERS)/bin/python -m pip --quiet --quiet install --editable '.[dev,so101,piper,go2,onnx,ray,mcp,rerun,site]' onnx behaviortreepy
+	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(DRIVERS)/bin/python -m pip --quiet --quiet install --editable '.[dev,so101,piper,go2,onnx,ray,mcp,rerun,site,xacro]' onnx behaviortreepy
 	@touch $@
 
 build/%/.installed: pyproject.toml | $(STAMP)

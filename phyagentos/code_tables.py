@@ -5,7 +5,7 @@ NO_CANDIDATE         No skill and target together guarantee what is required, or
 WRONG_KIND           A file or document is of another kind than a command takes, or of none that is known.
 SCENE_INVALID        No collision-free placement was found, or bodies hang in the air, or cannot be meant so.
 BROKEN_TREE          A tree cannot be built: an output that nothing writes, two actions at once, a wrong subtree.
-BROKEN_PYTHON        A Python file of a project cannot be loaded, or registers what is no leaf.
+BROKEN_PYTHON        Python of a person cannot be loaded, registers no leaf, or raised an error in a session.
 SYNTAX               A text is no predicate, XML or YAML, stands for too many values, or has an open block.
 MISSING_VALUE        A key, argument, port, limit, source, acceptance or reason that is needed is missing.
 INVALID_VALUE        A value, name, argument or unit is of the wrong type or out of range, or does not fit its place.
@@ -125,7 +125,7 @@ COOLING_DOWN            The child of a cooldown ended too short a time ago.
 GRASP_LOST              The object was held and is not any more.
 GRASP_MISSED            The fingers closed and do not hold the object.
 HOLD_VIOLATED           A condition that had to hold all through did not.
-LEAF_ERROR              A leaf failed by an error of its own.
+LEAF_ERROR              A leaf failed by an error of its own, or what adapts a policy did.
 MOTION_CONFLICT         Another robot stood in the way of a motion for too long.
 NOT_AT_START            A motion does not begin where the arm stands.
 NOT_VISIBLE             The object is believed, but was not seen.

@@ -5,11 +5,17 @@
 """
 
 import difflib
+import errno
+import inspect
+import shutil
+import traceback
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
+
+ROOM_BYTES = 1 << 20  # with less room than that no process can keep its records
 
 
 class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -102,6 +108,62 @@ class ExecutionError(PhyAgentOSError):
         super().__init__(f"{code}: {message}")
 
 
+class DefectError(ExecutionError):
+    """What failed is a person's own code, at `place`: `file:line`, or the server that has it. To repeat it is vain."""
+
+    def __init__(self, code: str, report: str, place: str) -> None:
+        self.place = place
+        super().__init__(code, report if place in report else f"{report} ({place})")
+
+
+def is_defect(error: BaseException) -> bool:
+    """Whether an exception of a person's code, such as a KeyError, is a defect that every repetition meets again."""
+    return isinstance(error, DefectError) or not isinstance(error, PhyAgentOSError | OSError | MemoryError)
+
+
+def find_place(error: BaseException, own: object) -> str:
+    """`file:line` of the deepest call in the file of a person's function or class, or of all where none is in it."""
+    functions = (own,) if inspect.isfunction(own) else vars(own).values()
+    files = {each.__code__.co_filename for each in functions if inspect.isfunction(each)}
+    calls = traceback.extract_tb(error.__traceback__)
+    inner = next((call for call in reversed(calls) if call.filename in files), calls[-1])
+    return f"{inner.filename}:{inner.lineno}"
+
+
+def has_room(path: Path) -> bool:
+    """Whether the disk of a path, or of the folder where it would be, can still take what a process records."""
+    there = next(each for each in (path.absolute(), *path.absolute().parents) if each.exists())
+    return shutil.disk_usage(there).free >= ROOM_BYTES
+
+
+def find_full_disk(error: BaseException) -> str:
+    """What a write found no room for, by the error or by the calls that led there; empty for any other error."""
+    if isinstance(error, shutil.Error) and f"[Errno {errno.ENOSPC}]" in str(error):  # of the files of a folder
+        return str(error.args[0][0][1])
+    if not isinstance(error, OSError) or error.errno not in {errno.ENOSPC, errno.EDQUOT}:
+        return ""
+    if error.filename is not None:
+        return str(error.filename2 or error.filename)
+    known: list[object] = []
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        here = [*frame.f_locals.values(), *getattr(frame.f_locals.get("self"), "__dict__", {}).values()]
+        known = [*here, *known]  # the innermost first
+    paths = [each for each in known if isinstance(each, Path)]
+    return str(next((each for each in paths if not has_room(each)), paths[0] if paths else "a file"))
+
+
+@contextmanager
+def blaming(own: type, call: str) -> Iterator[None]:
+    """Around a call of a person's class before anything moves: its errors become DefinitionError `BROKEN_PYTHON`."""
+    try:
+        yield
+    except PhyAgentOSError:
+        raise
+    except (Exception, SystemExit) as error:
+        found = f"{own.__name__}.{call} raised {type(error).__name__}: {error}"
+        raise DefinitionError.of("BROKEN_PYTHON", find_place(error, own), found, "no error") from error
+
+
 @contextmanager
 def needs_extra(extra: str, command: str) -> Iterator[None]:
     """Around imports of packages that an extra brings: raises DefinitionError `EXTRA_MISSING` without them."""
@@ -125,9 +187,9 @@ def find_nearest(name: str, possible: Iterable[str]) -> str | None:
 
 
 def format_hint(name: str, possible: Iterable[str]) -> str:
-    """`Did you mean 'x'?` when a close name exists, else an empty string."""
+    """`Did you mean 'x'?` when a close name exists that is another one, else an empty string."""
     nearest = find_nearest(name, possible)
-    return f"Did you mean {nearest!r}?" if nearest else ""
+    return f"Did you mean {nearest!r}?" if nearest not in (None, name) else ""
 
 
 def format_names(names: Iterable[str]) -> str:

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import cycle
-from multiprocessing.connection import Client
 from pathlib import Path
 
 import msgspec
 
 from phyagentos.clock import SystemClock
+from phyagentos.runtime.channel import connect
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.handshake import Grant, Hello, make_key, mint
 
@@ -40,7 +40,7 @@ def wait_in_the_backlog(socket: Path, session: str, epoch: int = 2) -> Iterator[
 
     def wait() -> None:
         while not over.is_set():
-            with contextlib.suppress(OSError, EOFError), Client(str(socket), "AF_UNIX") as stranger:
+            with contextlib.suppress(OSError, EOFError), connect(socket) as stranger:
                 stranger.send_bytes(next(words))
                 told.sent += 1
                 told.heard.append(stranger.recv_bytes())

@@ -1,6 +1,5 @@
 """The shipped drivers by name; each is imported when it is opened."""
 
-import os
 import stat
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from phyagentos.assembly.graphics import choose_graphics
 from phyagentos.assembly.paths import FAULTS, OUTCOMES, RECORDED_FAULTS, TOKENS
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.plugins import Plugins
@@ -28,12 +28,6 @@ def choose_driver(targets: Mapping[str, TargetProfile], target: str) -> DriverSp
     if problems := find_unshared([each for each in targets.values() if world and each.world == world]):
         raise DefinitionError(problems)
     return spec
-
-
-def choose_graphics() -> None:
-    """Render without a display by EGL; MuJoCo reads this when it is imported."""
-    if not os.environ.get("DISPLAY"):
-        os.environ.setdefault("MUJOCO_GL", "egl")
 
 
 def _open_debug(site: DriverSite) -> "TargetPort":

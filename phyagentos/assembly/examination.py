@@ -52,7 +52,11 @@ def _examine_on(workspace: Workspace, target: str, sessions: Sequence[Session]) 
             answer = worker.receive()
             if not isinstance(answer, Checked):
                 log = workspace.logs / f"worker-{target}.log"
-                end = log.read_text(errors="replace").strip()[-LOG_TAIL:] if log.exists() else "it left no log"
+                end = (
+                    log.read_text(encoding="utf-8", errors="replace").strip()[-LOG_TAIL:]
+                    if log.exists()
+                    else "it left no log"
+                )
                 raise ExecutionError("RUNNER_LOST", f"the worker of {target!r} ended: {end}")
             found[session.id] = msgspec.structs.replace(answer, problems=relocate(answer.problems, workspace.root))
     return found

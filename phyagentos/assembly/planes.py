@@ -17,7 +17,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 
 STOP_S = 20.0  # a plane that is well ends within this
 LIBRARIES = (  # for a fork server: what the processes of a run import, and their compiled kernels
-    "phyagentos.assembly.drivers:choose_graphics",
+    "phyagentos.assembly.graphics:choose_graphics",
     "phyagentos.cli.app",
     "phyagentos.cli.running",
     "phyagentos.assembly.agent_plane",

@@ -9,9 +9,11 @@ from phyagentos.errors import DefinitionError
 from phyagentos.geometry import rotate
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.drivers.mujoco.rendering import render_png
+from phyagentos.runtime.models.compiling import compile_model
 from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.models.scene import aim
+from phyagentos.runtime.models.sources import find_models
 
 AXES = {
     (1.0, 0.0, 0.0): (0.9, 0.2, 0.2, 1.0),
@@ -34,7 +36,7 @@ def draw_robot(profile: TargetProfile, folder: Path) -> bytes:
         )  # fmt: skip
     spec.worldbody.add_light(pos=[1.5, -1.5, 3.0], dir=[-0.4, 0.4, -1.0])
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1], rgba=[0.85, 0.86, 0.88, 1.0])
-    probe = spec.compile()
+    probe = compile_model(spec, *find_models(profile, folder))
     data = _pose(probe, profile, folder)
     low, high = data.geom_xpos[:-1].min(axis=0), data.geom_xpos[:-1].max(axis=0)
     middle, reach = (low + high) / 2, float(np.linalg.norm(high - low)) + 0.3

@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.assembly.drivers import choose_driver
+from phyagentos.assembly.graphics import require_graphics
 from phyagentos.assembly.paths import FAULTS, make_socket_folder, open_project, remove_socket_folders, serve_alone
 from phyagentos.assembly.planes import STOP_S
 from phyagentos.assembly.process_tuning import ask_for_prompt_wakeups, collect_rarely
@@ -99,12 +100,13 @@ def run_watch(
     sense: Sensing | None = None,
     outlived: bool = True,
 ) -> None:
-    """The runtime plane: supervise until interrupted; raises `BUSY`.
+    """The runtime plane: supervise until interrupted; raises `BUSY`, and as `require_graphics`.
 
     `faults`, `world_mode` and `sense` are written into the workspace; None leaves what is declared there. With
     `once_idle` it ends when every goal has its verdict. With `outlived`, worlds wait for another watchdog when this one
     dies.
     """
+    require_graphics()
     workspace, clock = open_project(root), SystemClock()
     with serve_alone(workspace, clock) if outlived else contextlib.nullcontext():  # else the parent does
         lock, busy = workspace.root / WATCHDOG_LOCK, "another watchdog supervises this workspace"
@@ -273,6 +275,7 @@ def start_world(workspace: Workspace, target: str, sockets: Path, *, outlives: b
 @contextlib.contextmanager
 def open_worker(workspace: Workspace, target: str) -> Iterator[Worker]:
     """The worker of one target that is ready for orders, with a world and sockets of its own, while the block runs."""
+    require_graphics()
     with tempfile.TemporaryDirectory(prefix="paos-") as folder:
         sockets = Path(folder)
         world = start_world(workspace, target, sockets)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from multiprocessing.connection import Client, Connection
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 from phyagentos.assembly.drivers import choose_driver
@@ -22,7 +22,7 @@ from phyagentos.protocol.settings.sensors import WORLD
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.actions.collision import PostureCollision
 from phyagentos.runtime.actions.handle import TargetSessionHandle
-from phyagentos.runtime.channel import Channel, Link
+from phyagentos.runtime.channel import Channel, Link, connect
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry, build_registry
 from phyagentos.runtime.lookahead.gate import LookaheadGate
 from phyagentos.runtime.lookahead.service import RehearsalProcess
@@ -256,7 +256,7 @@ def connect_to_world(socket: str, token: bytes, clock: Clock) -> Link:
     deadline_s = clock.now_s() + WORLD_START_S
     while True:
         try:
-            link = Link(Client(socket, "AF_UNIX"))
+            link = Link(connect(socket))
             greet(link, token)
             return link
         except (FileNotFoundError, ConnectionRefusedError) as error:

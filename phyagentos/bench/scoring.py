@@ -89,7 +89,7 @@ def measure(bundle: Path) -> tuple[dict[str, float], float, int]:
     """Where the time of a session went, by stage [ms]; its wall time [s]; contacts of robots with each other."""
     stages: dict[str, float] = {}
     spent_ms, contacts = 0.0, 0
-    lines = (bundle / EVENTS).read_text().splitlines() if (bundle / EVENTS).is_file() else ()
+    lines = (bundle / EVENTS).read_text(encoding="utf-8").splitlines() if (bundle / EVENTS).is_file() else ()
     for event in map(json.loads, lines):
         contacts += event["kind"] == "robot_contact"
         if event["kind"] == "planner":

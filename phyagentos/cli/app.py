@@ -19,7 +19,7 @@ import typer
 from typer.core import TyperGroup
 from typing_extensions import override
 
-from phyagentos.cli.outcome import ExitCode, print_json, report_exception
+from phyagentos.cli.outcome import ExitCode, print_json, report_exception, take_every_text
 from phyagentos.protocol.documents.plain_data import Fields
 
 PLAIN: Fields = {"no_args_is_help": True, "rich_markup_mode": None, "pretty_exceptions_enable": False}
@@ -27,7 +27,7 @@ EXPORTS = ("bt_xml", "html", "lerobot", "mcap", "mermaid", "rrd", "video")
 GROUPS = {  # name -> help, module and functions
     "memory": ("What verdicts taught.", "memory", ("show", "why", "forget", "promote", "revoke")),
     "tree": ("Behaviour trees.", "showing", ("show",)),
-    "robot": ("Profiles of robots.", "robots", ("list_", "show", "check", "render", "new")),
+    "robot": ("Profiles of robots.", "robots", ("list_", "show", "check", "render", "try_", "new")),
     "export": ("Trees, goals and sessions as files for the tools of others.", "exporting", EXPORTS),
     "evidence": ("Evidence bundles.", "keeping", ("verify", "prune")),
     "store": ("The journal of a workspace.", "keeping", ("check", "repair", "compact")),
@@ -214,6 +214,7 @@ def answering(command: Callable[..., object]) -> Callable[..., object]:
 def main() -> None:
     """Entry point of the console script `paos`."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: temporary folders are removed
+    take_every_text()
     try:
         outcome = app(standalone_mode=False)
         code = outcome if isinstance(outcome, int) else ExitCode.GOAL_MET

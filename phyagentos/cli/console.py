@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 from typing_extensions import override
 
+from phyagentos.cli.outcome import writing
 from phyagentos.operations.progress import Row, RunFold
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.protocol.sessions.session import Ended
@@ -41,12 +42,18 @@ class CleanConsole(Console):
         for each in super().render(renderable, options):
             yield each if each.control else Segment(clean(each.text), each.style)
 
+    @override
+    def _write_buffer(self) -> None:
+        with writing(self.file):
+            super()._write_buffer()
+
 
 class RunConsole:
     """Shows a run while it goes on; a context manager. When quiet, it shows nothing."""
 
     def __init__(self, title: str, *, quiet: bool = False) -> None:
-        self._console = CleanConsole(file=sys.stderr, quiet=quiet, highlight=False, soft_wrap=not sys.stderr.isatty())
+        is_terminal = sys.stderr is not None and sys.stderr.isatty()
+        self._console = CleanConsole(stderr=True, quiet=quiet, highlight=False, soft_wrap=not is_terminal)
         redraws = self._console.is_terminal and not quiet
         self._live = Live(console=self._console, auto_refresh=False, transient=True) if redraws else None
         self._title = title

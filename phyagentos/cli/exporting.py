@@ -1,6 +1,5 @@
 """Files for the tools of others: `export`, and `import` of trees; `render` draws sessions."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -121,8 +120,11 @@ def render(
 
 
 def draw_without_screen() -> None:
-    """Let MuJoCo draw without a display, unless the environment says how; it reads that when it is imported."""
-    os.environ.setdefault("MUJOCO_GL", "egl")
+    """Let MuJoCo draw without a display, unless the environment says how; raises as `require_graphics`."""
+    from phyagentos.assembly.graphics import choose_graphics, require_graphics
+
+    require_graphics()
+    choose_graphics()
 
 
 def _tell(found: Written) -> Reply[Written]:

@@ -3,13 +3,18 @@
 Results go to stdout, everything else to stderr, so that a command can be piped.
 """
 
+import codecs
 import os
 import sys
 import traceback
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from enum import IntEnum
+from io import TextIOWrapper
+from pathlib import Path
+from typing import IO
 
-from phyagentos.errors import DefinitionError, PhyAgentOSError, Problem
+from phyagentos.errors import DefinitionError, PhyAgentOSError, Problem, find_full_disk
 from phyagentos.protocol.documents.plain_text import clean
 
 
@@ -38,17 +43,47 @@ class Exit(Exception):
         super().__init__(message)
 
 
+def take_every_text() -> None:
+    r"""Let stdout take every text: what its encoding lacks is written as in JSON (`\u2713`)."""
+    codecs.register_error("json", _escape)
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="json")
+
+
+def _escape(error: UnicodeError) -> tuple[str, int]:
+    import json
+
+    assert isinstance(error, UnicodeEncodeError), "stdout is written alone"
+    return json.dumps(error.object[error.start : error.end])[1:-1], error.end
+
+
+@contextmanager
+def writing(stream: IO[str]) -> Iterator[None]:
+    """Write to it: a reader that is gone, or notes that find no room, change no exit code; a lost result does."""
+    try:
+        yield
+    except OSError as error:
+        with Path(os.devnull).open("wb") as nowhere:  # from now on
+            os.dup2(nowhere.fileno(), stream.fileno())
+        if stream is sys.stdout and not isinstance(error, BrokenPipeError):
+            raise OSError(error.errno, error.strerror, "standard output") from error
+
+
 def print_note(text: str) -> None:
     """One line to stderr."""
-    sys.stderr.write(f"{clean(text)}\n")
-    sys.stderr.flush()
+    _print(sys.stderr, clean(text))
 
 
 def print_result(text: str) -> None:
     """Text to stdout, with one newline at its end; names and reasons of others command no terminal."""
-    text = clean(text)
-    sys.stdout.write(text if text.endswith("\n") else f"{text}\n")
-    sys.stdout.flush()
+    _print(sys.stdout, clean(text).removesuffix("\n"))
+
+
+def _print(stream: IO[str] | None, text: str) -> None:
+    if stream is not None:  # it was closed before
+        with writing(stream):
+            stream.write(f"{text}\n")
+            stream.flush()
 
 
 def print_json(value: object) -> None:
@@ -76,6 +111,15 @@ def print_problems(problems: Iterable[Problem]) -> int:
 
 def report_exception(error: BaseException) -> ExitCode:
     """Print what a person needs of an exception and choose the exit code; tracebacks only where they were asked for."""
+    if isinstance(
+        error, AttributeError | ImportError | RuntimeError
+    ):  # as MuJoCo raises with graphics that are not here
+        from phyagentos.assembly.graphics import require_graphics
+
+        try:
+            require_graphics()
+        except DefinitionError as refused:
+            error = refused
     debug = "--debug" in sys.argv or os.environ.get("PAOS_DEBUG") == "1"  # which both planes inherit
     if isinstance(error, KeyboardInterrupt):
         return ExitCode.INTERRUPTED
@@ -89,6 +133,9 @@ def report_exception(error: BaseException) -> ExitCode:
         count = print_problems(error.problems)
         print_note(f"{count} problem{'s' if count != 1 else ''}")
         return ExitCode.INVALID_INPUT
+    if place := find_full_disk(error):
+        print_note(f"{place}: no room is left on its disk. Make room, then do it again.")
+        return ExitCode.INTERNAL_ERROR
     if isinstance(error, OSError) and error.filename is not None:
         print_note(f"{error.filename}: {error.strerror}; name a place that can be read and written")
         return ExitCode.INVALID_INPUT

@@ -7,8 +7,6 @@ import os
 import platform
 import shutil
 import socket
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from datetime import datetime
@@ -18,6 +16,7 @@ from pathlib import Path
 import msgspec
 from packaging.requirements import Requirement
 
+from phyagentos.assembly import graphics
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
@@ -31,15 +30,7 @@ SKEW_MAX_S = 2.0
 EVENT_WAIT_S = 2.0
 LOCAL = frozenset({"ext2", "ext3", "ext4", "xfs", "btrfs", "zfs", "f2fs", "overlay", "tmpfs"})
 PRIORITY = 10
-RENDER_TIMEOUT_S = 60.0
 PACKAGES_OF_DEBIAN = "libegl1 libegl-mesa0 libgl1-mesa-dri"
-_RENDER = """
-import mujoco
-model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><light/></worldbody></mujoco>")
-with mujoco.Renderer(model, 32, 32) as renderer:
-    renderer.update_scene(mujoco.MjData(model))
-    renderer.render()
-"""
 
 
 class Grade(StrEnum):
@@ -85,7 +76,7 @@ def iter_findings(folder: Path, clock: Clock) -> Iterator[MachineFinding]:
             yield check(folder, clock)
         except OSError as error:
             subject = check.__name__.removeprefix("check_").replace("_", " ")
-            yield MachineFinding(subject, Grade.BROKEN, str(error), f"Make {folder} a folder that you may write to.")
+            yield MachineFinding(subject, Grade.BROKEN, str(error), f"Make {folder} a folder with room to write to.")
     yield check_scheduling()
     yield check_ports()
 
@@ -141,26 +132,18 @@ def check_packages() -> MachineFinding:
 
 
 def check_graphics() -> MachineFinding:
-    """Whether a picture can be rendered without a screen, tried in a process of its own."""
-    failures = []
-    for backend in dict.fromkeys((os.environ.get("MUJOCO_GL", "egl"), "egl", "osmesa")):
-        try:
-            tried = subprocess.run(
-                [sys.executable, "-c", _RENDER],
-                env={**os.environ, "MUJOCO_GL": backend},
-                capture_output=True,
-                text=True,
-                timeout=RENDER_TIMEOUT_S,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            failures.append(f"{backend}: no picture within {RENDER_TIMEOUT_S:.0f} s")
-            continue
-        if tried.returncode == 0:
-            return MachineFinding("graphics", Grade.FINE, f"pictures by {backend}")
-        failures.append(f"{backend}: {(tried.stderr.strip().splitlines() or ['no message'])[-1]}")
+    """Whether a run draws a picture here, tried in a process with its environment."""
+    named, fix = graphics.find_named(), f"Unset {graphics.NAME}: runs then draw by {graphics.ORDINARY}."
+    try:
+        graphics.require_graphics()
+    except DefinitionError as refused:
+        return MachineFinding("graphics", Grade.BROKEN, f"no run starts with {refused.problems[0].found}", fix)
+    if named in graphics.NONE:
+        return MachineFinding("graphics", Grade.WEAK, f"{graphics.NAME}={named}: no pictures", fix)
     fix = f"Runs work without pictures. On Debian: apt-get install {PACKAGES_OF_DEBIAN}."
-    return MachineFinding("graphics", Grade.WEAK, "; ".join(failures)[:200], fix)
+    if not graphics.can_draw():
+        return MachineFinding("graphics", Grade.WEAK, graphics.explain_unfit(), fix)
+    return MachineFinding("graphics", Grade.FINE, f"pictures by {named}")
 
 
 def check_space(folder: Path, clock: Clock) -> MachineFinding:

@@ -84,7 +84,7 @@ def revoke(project: Path, name: str) -> Revoked:
 def _write(root: Path, texts: Mapping[Path, str]) -> tuple[Path, ...]:
     for path, text in texts.items():
         (root / path).parent.mkdir(parents=True, exist_ok=True)
-        (root / path).write_text(text)
+        (root / path).write_text(text, encoding="utf-8")
     return tuple(root / path for path in texts)
 
 

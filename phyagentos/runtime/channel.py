@@ -10,9 +10,10 @@ import socket
 import struct
 import subprocess
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Client, Connection
+from pathlib import Path
 from typing import Any, Protocol
 
 from phyagentos.fork_server import start_python
@@ -21,6 +22,26 @@ SPIN_S = 0.0015  # about twice what a world needs for a control period
 MESSAGE_MAX_BYTES = 2**27  # some frames of several cameras, or the compiled model of a humanoid: 80 MiB
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}  # a robot's matrices are small: further threads would only spin
 _CREDENTIALS = struct.Struct("3i")  # process, user, group
+
+
+@contextmanager
+def shorten(socket_path: Path | str) -> Iterator[str]:
+    """The same place by a name that a UNIX socket takes, which has at most 107 bytes, while the block runs.
+
+    Raises FileNotFoundError, with its name, where the folder is not there.
+    """
+    path = Path(socket_path)
+    folder = os.open(path.parent, os.O_PATH | os.O_DIRECTORY)
+    try:
+        yield f"/proc/self/fd/{folder}/{path.name}"
+    finally:
+        os.close(folder)
+
+
+def connect(socket_path: Path | str) -> "Connection[bytes, bytes]":
+    """A connection to a process that listens there; raises OSError where none does."""
+    with shorten(socket_path) as name:
+        return Client(name, "AF_UNIX")
 
 
 class Channel(Protocol):

@@ -31,7 +31,7 @@ def build_archive(documents: Documents, goal: GoalStatus) -> str:
     return render(
         "archive",
         goal=goal,
-        css=Path(__file__).with_name("static").joinpath("page.css").read_text(),
+        css=Path(__file__).with_name("static").joinpath("page.css").read_text(encoding="utf-8"),
         overview=[renderer.render(by_name[name], AnchoredQuery(goal=goal.id)) for name in _OVERVIEW],
         sessions=[
             (

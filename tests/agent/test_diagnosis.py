@@ -179,6 +179,26 @@ def criterion(text: str, truth: Truth, kind: str = "accept", **more: Any) -> Cri
 
 
 IN_TRAY = criterion("inside(red_cube, red_tray)", Truth.TRUE)
+DEFECT = criterion("level(red_cube)", Truth.UNKNOWN, failure="BROKEN_PYTHON")
+
+
+@pytest.mark.parametrize(
+    ("defect", "criteria"),
+    [
+        ("skills/x/behaviours.py:7", [IN_TRAY, criterion("visible(red_cube)", Truth.FALSE)]),
+        ("", [IN_TRAY, DEFECT]),
+        ("", [criterion("visible(red_cube)", Truth.FALSE), DEFECT]),
+    ],
+)
+def test_an_error_of_a_persons_code_is_the_cause_and_no_other_attempt_helps(defect, criteria):
+    bundle = make_bundle(
+        moved(0.6, 0.3), ended=Ended.SKILL_FAILED, code="LEAF_ERROR", message="KeyError", defect=defect
+    )
+    diagnosis = diagnose(bundle, criteria)
+    assert (diagnosis.cause, diagnosis.is_hopeless) == (Cause.BROKEN_PYTHON, True)
+    assert diagnosis.fact
+
+
 JUDGING = [
     ([IN_TRAY, criterion("not inside(red_cube, red_tray)", Truth.FALSE)], Cause.CRITERIA_CONTRADICT),
     (

@@ -90,16 +90,18 @@ def test_a_judge_of_an_installed_package_is_found_and_weighed_like_the_own_ones(
 
 @pytest.mark.parametrize(
     ("ticks_max", "because"),
-    [(-1, "the judge raised ZeroDivisionError: no time at all"), (0, "the judge answered with str")],
+    [(-1, "the judge raised ZeroDivisionError: no time at all ("), (0, "the judge answered with str")],
 )
-def test_a_judge_of_others_that_fails_leaves_unknown_and_no_success(announce, make_verifier, ticks_max, because):
+def test_a_judge_of_others_that_fails_ends_the_node_with_its_place(announce, make_verifier, ticks_max, because):
     announce()
     verifier = make_verifier(
         f"verification: {{judges: [predicates, haste], options: {{haste: {{ticks_max: {ticks_max}}}}}}}"
     )
     attempt = verifier.judge(make_bundle(DONE), BUDGET)
-    assert attempt.verdict is not Verdict.SUCCESS
-    assert [(each.truth, each.because) for each in attempt.criteria][1:] == [(Truth.UNKNOWN, because)]
+    assert (attempt.verdict, attempt.cause) == (Verdict.FAILURE, "BROKEN_PYTHON")
+    (criterion,) = attempt.criteria[1:]
+    assert (criterion.truth, criterion.because.startswith(because)) == (Truth.UNKNOWN, True)
+    assert ticks_max == 0 or "haste_judge.py:14)" in criterion.because
 
 
 def test_a_judge_that_is_not_installed_is_refused_in_the_settings_with_its_place(make_verifier):

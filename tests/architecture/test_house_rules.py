@@ -168,7 +168,7 @@ MAY_START = {  # outside of the command line, which starts the editor of a perso
     "phyagentos/fork_server.py": "those",
     "phyagentos/bench/availability.py": "environments of others, made and looked at",
     "phyagentos/bench/sweep.py": "policies of a suite",
-    "phyagentos/operations/doctor.py": "a picture: a graphics driver that crashes must not take the report with it",
+    "phyagentos/assembly/graphics.py": "a picture: a graphics driver that crashes must not take the report with it",
     "phyagentos/runtime/drivers/gymnasium.py": "environments of others",
 }
 
@@ -202,6 +202,15 @@ def test_child_processes_are_planes_planners_worlds_episodes_and_environments_of
     assert [path.name for path in commands if any(each.startswith(STARTS) for each in find_calls(path))] == [
         "editing.py"
     ]
+
+
+def test_files_are_utf_8_in_every_locale():
+    calls = {name_of(path): [each for each in ast.walk(parse(path)) if isinstance(each, ast.Call)] for path in MODULES}
+    of_text = re.compile(r"\.(read|write)_text\(")
+    written = {
+        name: [each for each in map(ast.unparse, nodes) if of_text.search(each)] for name, nodes in calls.items()
+    }
+    assert [(name, each) for name, texts in written.items() for each in texts if "encoding=" not in each] == []
 
 
 def test_no_process_is_started_for_what_an_operation_does():

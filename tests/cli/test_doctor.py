@@ -3,6 +3,7 @@
 import importlib.metadata
 import json
 import os
+import subprocess
 import sys
 
 import pytest
@@ -44,11 +45,54 @@ def test_packages_that_are_missing_or_too_old_are_all_named(monkeypatch):
 
 
 def test_a_machine_without_graphics_is_told_which_packages_help(monkeypatch):
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
     monkeypatch.setattr(sys, "executable", "/bin/false")
     finding = doctor.check_graphics()
 
     assert finding.grade is Grade.WEAK
     assert "apt-get install" in finding.fix
+
+
+UNFIT = [
+    ({"MUJOCO_GL": "osmesa"}, "MUJOCO_GL=osmesa, which needs libOSMesa"),
+    ({"MUJOCO_GL": "glfw"}, "MUJOCO_GL=glfw, which needs a display"),
+    ({"MUJOCO_GL": "glfw", "DISPLAY": ":99"}, "draws nothing here with DISPLAY=:99"),
+    ({"MUJOCO_GL": "opengl"}, "MUJOCO_GL=opengl, which names no graphics"),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("given", "unfit"), UNFIT)
+def test_graphics_that_are_named_and_cannot_draw_are_refused_by_doctor_and_run_at_once(
+    tmp_path, paos, monkeypatch, given, unfit
+):
+    for name, value in ({"DISPLAY": ""} | given).items():
+        monkeypatch.setenv(name, value)
+    finding = doctor.check_graphics()
+    refused = paos("run", "tidy_table", "-w", tmp_path / "w")
+
+    assert (finding.grade, unfit in finding.found) == (Grade.BROKEN, True), finding
+    assert_refused(refused, "MUJOCO_GL: INVALID_VALUE", unfit, "Unset it")
+    assert not (tmp_path / "w").exists()
+    assert_refused(paos("preflight", "tidy_table"), unfit)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("given", [{"PYOPENGL_PLATFORM": "osmesa"}, {"DISPLAY": ":99"}, {"MUJOCO_GL": " EGL"}])
+def test_without_a_name_pictures_are_drawn_by_egl_whatever_else_the_environment_says(monkeypatch, given):
+    monkeypatch.delenv("MUJOCO_GL")
+    for name, value in given.items():
+        monkeypatch.setenv(name, value)
+    assert doctor.check_graphics().found == "pictures by egl"
+
+
+def test_where_egl_is_not_here_mujoco_is_imported_all_the_same(tmp_path):
+    (tmp_path / "OpenGL.py").write_text("raise AttributeError")  # as its bindings do without libEGL
+    code = "import os, mujoco; print(os.environ['MUJOCO_GL'], mujoco.MjSpec().compile().nq)"
+    code = f"from phyagentos.assembly import graphics; graphics.choose_graphics(); {code}"
+    named = os.environ | {"MUJOCO_GL": "", "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    done = subprocess.run([sys.executable, "-c", code], env=named, capture_output=True, text=True, check=False)
+    assert done.stdout == "disable 0\n", done.stderr
 
 
 def test_a_slow_disk_and_a_foreign_clock_are_seen(tmp_path):

@@ -62,6 +62,37 @@ def test_a_plane_is_stopped_with_everything_it_printed_in_its_log(tmp_path):
     assert "no_such_graph: UNKNOWN_NAME (file)" in plane.log.read_text(encoding="utf-8")
 
 
+SHOW_TREE = [sys.executable, "-m", "phyagentos", "tree", "show", "pick_and_place"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_result_is_printed_in_any_encoding_and_as_json_loses_nothing(encoding):
+    narrow, wide = (os.environ | {"PYTHONIOENCODING": each} for each in (encoding, "utf-8"))
+    shown = subprocess.run(SHOW_TREE, env=narrow, capture_output=True, check=True).stdout
+    assert b"\\u2192 pick_and_place" in shown
+    exact = [
+        subprocess.run([*SHOW_TREE, "--json"], env=each, capture_output=True, check=True) for each in (narrow, wide)
+    ]
+    assert json.loads(exact[0].stdout.decode(encoding)) == json.loads(exact[1].stdout)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("redirection", "code", "said"),
+    [
+        ("2>&1 | true", 0, ""),
+        (">&-", 0, ""),
+        ("2>&- >/dev/null", 0, ""),
+        (">/dev/full", 4, "standard output: no room is left"),
+    ],
+)
+def test_where_a_result_goes_to_changes_no_exit_code_but_that_of_one_that_is_lost(redirection, code, said):
+    command = f"set -o pipefail; {' '.join(SHOW_TREE)} {redirection}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert (done.returncode, said in done.stderr) == (code, True), done
+
+
 @pytest.mark.parametrize("word", ["lifecycle", "schema", "list", "tree", "lint", "compile", "init", "run", "why"])
 def test_every_command_explains_itself(paos, word):
     result = paos(word, "--help")

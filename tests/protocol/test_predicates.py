@@ -9,9 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.predicates import evaluation
 from phyagentos.protocol.predicates.builtins import BUILTINS
 from phyagentos.protocol.predicates.language import parse
-from phyagentos.protocol.predicates.library import PredicateLibrary, get_predicate_library
+from phyagentos.protocol.predicates.library import (
+    Argument,
+    ArgumentKind,
+    PredicateDefinition,
+    PredicateLibrary,
+    get_predicate_library,
+)
 from phyagentos.protocol.predicates.predicate import (
     Evaluation,
     View,
@@ -302,3 +309,17 @@ def test_snapshots_survive_their_own_encoding_for_evaluation():
     now = world(tray(), cube("a", 0.5, 0.0, 0.03))
     again = msgspec.json.decode(msgspec.json.encode(now), type=Environment)
     assert value("inside(a, tray)", again) == value("inside(a, tray)", now)
+
+
+def measure_gap(view, a):
+    return view.metrics["gap_m"]
+
+
+@pytest.mark.parametrize("measure", [measure_gap, lambda view, a: None, lambda view: 0.0])
+def test_an_error_of_a_predicate_of_a_project_is_unknown_with_its_place(monkeypatch, measure):
+    definition = PredicateDefinition(name="gap", arguments=(Argument("a", ArgumentKind.ENTITY),), measure=measure)
+    monkeypatch.setitem(get_predicate_library()._definitions, "gap", definition)
+    for text in ("gap(red_cube)", "not gap(red_cube)", "visible(red_cube) or gap(red_cube)"):
+        found = parse_predicate(text).evaluate(View(now=world(cube("red_cube"))))
+        assert (found.truth, found.defect in found.because) == (Truth.UNKNOWN, True)
+        assert found.defect.rpartition(":")[0] in {__file__, evaluation.__file__}

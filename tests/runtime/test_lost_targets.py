@@ -9,6 +9,7 @@ from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.sessions.session import Ended, Execution
 from phyagentos.protocol.settings.safety import read_safety
 from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.supervision.workers import explain_loss
 from phyagentos.runtime.worker.orders import Check, Checked, Finished, Reconcile, Run
 from phyagentos.store.follower import Follower
 
@@ -179,3 +180,12 @@ def test_a_target_that_answers_with_what_is_no_reply_is_lost(answer):
 
     assert lost.value.code == "TARGET_LOST"
     assert ours.closed
+
+
+def test_a_world_that_has_ended_is_lost_for_the_last_line_of_its_log(tmp_path):
+    (tmp_path / "world-panda.log").write_text("a first line\nFatalError: no display\n")
+    assert (
+        explain_loss(tmp_path, "panda", "it was lost")
+        == "it was lost; logs/world-panda.log ends with 'FatalError: no display'"
+    )
+    assert explain_loss(tmp_path / "none", "panda", "it was lost") == "it was lost"

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import yaml
 
+from phyagentos.protocol.predicates.library import PredicateDefinition, get_predicate_library
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence import read_bundle
 from phyagentos.protocol.sessions.session import Ended, Limits
@@ -275,8 +276,47 @@ def test_a_leaf_that_raises_ends_the_session_with_its_path_and_the_target_halted
     assert (execution.ended, execution.code) == (Ended.SKILL_FAILED, "LEAF_ERROR")
     assert execution.leaf == "planted/crash"
     assert "ZeroDivisionError: by zero" in execution.message
-    assert f"{__file__}:{Crash.on_running.__code__.co_firstlineno + 1}" in execution.message
+    place = f"{__file__}:{Crash.on_running.__code__.co_firstlineno + 1}"
+    assert (execution.defect, place in execution.message) == (place, True)
     assert was_halted(bench.target)
+
+
+@pytest.mark.parametrize(
+    ("method", "error", "code", "is_defect"),
+    [
+        ("on_start", KeyError("gap"), "LEAF_ERROR", True),
+        ("on_start", ConnectionError("bus"), "LEAF_ERROR", False),
+        ("__init__", TypeError("no gripper"), "BROKEN_TREE", True),
+    ],
+)
+def test_only_an_error_of_the_code_itself_is_its_defect(
+    build_bench, session, plant, registry, method, error, code, is_defect
+):
+    def fail(*_):
+        raise error
+
+    registry.register("crash", type("Raises", (Boast,), {method: fail}))
+    execution = build_bench(library=plant(["crash"])).run(session)
+    place = f"{__file__}:{fail.__code__.co_firstlineno + 1}"
+    assert (execution.code, execution.defect) == (code, place if is_defect else "")
+    assert place in execution.message
+
+
+def test_a_condition_of_the_tree_whose_predicate_raises_is_its_defect(build_bench, session, plant, monkeypatch):
+    def measure(view):
+        raise KeyError("gap")
+
+    gap = PredicateDefinition(name="gap", arguments=(), measure=measure)
+    monkeypatch.setitem(get_predicate_library()._definitions, "gap", gap)
+    execution = build_bench(library=plant(["condition: gap()"])).run(session)
+    assert execution.defect == f"{__file__}:{measure.__code__.co_firstlineno + 1}", execution
+
+
+def test_a_leaf_says_that_its_failure_is_not_worth_another_attempt(build_bench, session, plant, registry):
+    give_up = type("GiveUp", (Boast,), {"on_start": lambda self: self.fail_for_good("UNMET", "the lid is glued")})
+    registry.register("give_up", give_up)
+    execution = build_bench(library=plant(["give_up"])).run(session)
+    assert (execution.ended, execution.code, execution.is_final) == (Ended.SKILL_FAILED, "UNMET", True)
 
 
 def test_a_refused_command_never_reaches_the_wire_and_is_recorded(build_bench, session, plant, registry):

@@ -42,6 +42,7 @@ _OF_SKILLS = {  # cause -> codes with which skills fail
     Cause.TIMED_OUT: {"OUT_OF_TIME"},
     Cause.RUNNER_LOST: {"PLANNER_LOST"},
     Cause.UNMET: {"UNMET", "COOLING_DOWN"},
+    Cause.POLICY_FAILED: {"GRIPPER_WIDTH"},
     Cause.IMPOSSIBLE: {"NO_SPACE", "OUT_OF_REACH", "TOO_HEAVY", "TOO_SLIPPERY", "TOO_TALL", "TOO_WIDE"},
     Cause.NO_PLAN: {"NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE", "NO_PLAN", "MOTION_CONFLICT"},
 }
@@ -101,7 +102,7 @@ def diagnose(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
     timeline = ManipulationTimeline.of(bundle, find_object(bundle.session, bundle.before or bundle.after, criteria))
     found = _find_cause(bundle, criteria, timeline)
     is_recorded = bool(bundle.trace) or bundle.execution.ended not in _OF_MACHINE
-    never = CODES[found.cause].retry is Retry.NEVER or bundle.after is None
+    never = CODES[found.cause].retry in {Retry.NEVER, Retry.EDITED} or bundle.after is None
     if found.cause is Cause.CONSTRAINT_VIOLATED:
         broken = (each.text for each in _find_violated(criteria))
         never = never or any(evaluate_criterion(text, "hold", bundle).truth is not Truth.TRUE for text in broken)
@@ -141,6 +142,8 @@ def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], timeline: Manipul
     execution = bundle.execution
     if not criteria:
         return Diagnosis(Cause.NO_CRITERIA, "the contract has no criterion, so nothing can be accepted")
+    if execution.defect:
+        return Diagnosis(Cause.BROKEN_PYTHON, _describe_end(bundle))
     if bundle.after is None and execution.ended is Ended.TARGET_LOST:  # which is why
         return Diagnosis(Cause.TARGET_LOST, _describe_end(bundle))
     if bundle.after is None:
@@ -267,6 +270,10 @@ def _has_anything_moved(before: Environment | None, after: Environment) -> bool:
 def _find_judging_fault(criteria: Sequence[Criterion]) -> Diagnosis | None:
     """The verifier's own fault and the deciding fact in words; None when there is none."""
     criteria = [criterion for criterion in criteria if criterion.kind != FORESEEN]
+    broken = next((each for each in criteria if each.failure == Cause.BROKEN_PYTHON), None)
+    if broken is not None:
+        fact = broken.because if broken.text in broken.because else f"{broken.text} was not judged: {broken.because}"
+        return Diagnosis(Cause.BROKEN_PYTHON, fact, broken.text)
     return _find_contradiction(criteria) or _find_dispute(criteria) or _find_silence(criteria)
 
 

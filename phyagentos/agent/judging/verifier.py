@@ -139,7 +139,10 @@ def _find_reason(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[Diagnos
     is_closed = any(each.truth is Truth.FALSE or each.alternatives for each in criteria)  # no look tells alike apart
     judged = [each for each in criteria if each.evidence]  # a look helps where a judge's evidence was not enough
     missing = () if is_closed else find_missing_evidence(judged, bundle.after)
-    if not missing or bundle.after is None or (diagnosis.is_hopeless and bundle.after.sensing == "truth"):
+    is_settled = diagnosis.is_hopeless and (
+        diagnosis.cause is Cause.BROKEN_PYTHON or bundle.after is None or bundle.after.sensing == "truth"
+    )
+    if not missing or bundle.after is None or is_settled:
         return diagnosis, ()
     if diagnosis.cause is not Cause.EVIDENCE_MISSING:
         fact = f"{', '.join(missing)} must be seen again"

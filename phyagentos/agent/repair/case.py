@@ -122,6 +122,11 @@ class UnmetObjective:
         return find_failed_leaf(self.bundle) if self.bundle is not None else None
 
     @property
+    def is_final(self) -> bool:
+        """Whether the leaf that failed says that another attempt is vain."""
+        return self.bundle is not None and self.bundle.execution.is_final
+
+    @property
     def is_interrupted(self) -> bool:
         """Whether the execution ended in the middle of a motion."""
         return self.bundle is not None and self.bundle.execution.ended in INTERRUPTED

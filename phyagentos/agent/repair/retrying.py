@@ -67,7 +67,7 @@ def propose_retry(case: Case) -> Iterator[Alternative]:
         chance = _CHANCE_OF_RETURN if returns else _CHANCE_OF_GRASP
     if MOTION_CONFLICT in case.miss.codes:
         chance = _CHANCE_OF_PASSAGE * AGAIN**same
-    chance = 0.0 if case.replans_left <= 0 or _is_undecided_for_good(case) else chance
+    chance = 0.0 if case.replans_left <= 0 or _is_undecided_for_good(case) or case.miss.is_final else chance
     retry = Alternative(
         kind=AlternativeKind.OTHER_GRASP if avoids_else and not returns else AlternativeKind.RETRY,
         effect=f"{case.session.skill} again {after}".rstrip(),
@@ -220,4 +220,6 @@ def _explain(case: Case, same: int) -> str:
         return f"{LOOKS_MAX} looks did not decide it, and the next attempt would be judged as they were"
     if case.replans_left <= 0:
         return "the node's budget of replans is spent"
+    if case.miss.is_final:
+        return "its skill says that another attempt would fail in the same way"
     return f"it has failed {count(same, 'time')} before with {case.cause}" if same else ""

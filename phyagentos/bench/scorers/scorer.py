@@ -40,7 +40,7 @@ def _check(located: Located, path: Address, condition: Any) -> list[Problem]:
 
 
 def _score(parts: Mapping[str, Any], workspace: Path, bundle: Path | None) -> dict[str, bool] | None:
-    lines = (workspace / FILE).read_text().splitlines() if (workspace / FILE).is_file() else []
+    lines = (workspace / FILE).read_text(encoding="utf-8").splitlines() if (workspace / FILE).is_file() else []
     found = [each for each in map(json.loads, lines) if bundle is None or each.get("session") == bundle.name]
     last = found[-1] if found else {}
     return {part: bool(last.get(name)) or name in last.get("completed", ()) for part, name in parts.items()}

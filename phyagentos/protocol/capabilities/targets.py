@@ -23,6 +23,7 @@ DRIVER_OF_KIND = {"simulation": "mujoco", "debug": "debug"}  # where a profile n
 MODEL_SOURCES = ("menagerie", "package", "models")  # before the colon of a model that is not beside its profile
 SHARING = "mujoco"  # the driver whose world holds several targets
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")  # commanded before those of the arm
+HAND = "hand/"  # begins the names of a mounted hand
 YAW_MAX_RAD = 3.1  # a heading is measured between half a turn to either side
 
 Triple = tuple[float, float, float]
@@ -55,15 +56,28 @@ class PadBox(Frame):
     half_m: Triple
 
 
+class XacroArguments(Authored):
+    """Values of a xacro file's arguments by their names."""
+
+    model_config = pydantic.ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, str | int | float | bool]
+
+    def as_texts(self) -> dict[str, str]:
+        """The values as xacro takes them."""
+        return {name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in self}
+
+
 class Hand(Authored):
     """A model that the arm's flange carries; its names begin with `hand/`.
 
     Attributes:
         model: As that of the profile.
+        arguments: As those of the profile.
         at: The place on the arm where its base is put.
     """
 
     model: str
+    arguments: XacroArguments = XacroArguments.model_validate({})
     at: Frame
 
 
@@ -265,7 +279,9 @@ class TargetProfile(Authored):
         end_effector: What its flange carries: a gripper with an `opening`, a `suction` cup, or `none`.
         model: MJCF or URDF file, relative to the profile or `SOURCE:PATH`, see `runtime.models.sources`; none for
             `debug`.
+        arguments: Values of a xacro file's arguments.
         hand: What is mounted on the arm, where the model has none.
+        parked_rad: Where joints of the model stand still that are none of the target's, by name; zero if unnamed.
         ranges: Of joints that turn without end in the model, and not in reality.
         embodiment: What it is (`arm`).
         tcp: Site of the tool centre point; z approaches, y is the closing axis.
@@ -298,7 +314,9 @@ class TargetProfile(Authored):
     kind: Literal["simulation", "real_robot", "debug"] = "simulation"
     embodiment: str = "arm"
     model: str = ""
+    arguments: XacroArguments = XacroArguments.model_validate({})
     hand: Hand | None = None
+    parked_rad: Posture = Posture.model_validate({})
     ranges: Ranges = Ranges.model_validate({})
     driver: str = ""
     endpoint: str = ""

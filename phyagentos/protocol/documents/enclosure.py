@@ -2,7 +2,8 @@
 
 A workspace may come from elsewhere, so this is examined where it is opened, before anything in it is read or written;
 the many readers and writers behind then need no care of their own. Rejected: a check at each `open`, which the next one
-forgets. What is dropped into `inbox/`, `signals/`, `proposals/` and `loops/` is left to those who take it.
+forgets. What is dropped into `inbox/`, `signals/`, `proposals/` and `loops/` is left to those who take it; the sockets
+of a runtime stand in one folder.
 """
 
 import contextlib
@@ -14,6 +15,7 @@ from pathlib import Path, PurePosixPath
 
 from phyagentos.errors import DefinitionError, Problem
 
+SOCKETS = Path(".world") / "sockets"  # of a workspace
 SHOWN = 20  # problems; of a folder full of links the first are enough
 _DROP_FOLDERS = ("inbox", "signals", "proposals", "loops")  # `new/` and the like in them are not looked into
 _EDITORS_LOCK = ".#"  # Emacs marks a document that is being edited by such a link to nowhere; nothing opens it
@@ -52,12 +54,14 @@ def _iter_problems(root: Path, start: Path) -> Iterator[Problem]:
             if entry.is_dir(follow_symlinks=False):
                 waiting += [Path(entry.path)] if str(folder) not in drops else []
             elif not entry.is_file(follow_symlinks=False) and not entry.name.startswith(_EDITORS_LOCK):
-                yield from _examine(Path(entry.path))
+                yield from _examine(Path(entry.path), may_listen=folder == root / SOCKETS)
 
 
-def _examine(path: Path) -> Iterator[Problem]:
+def _examine(path: Path, *, may_listen: bool = False) -> Iterator[Problem]:
     with contextlib.suppress(FileNotFoundError):  # it went meanwhile
         mode = path.lstat().st_mode
+        if may_listen and stat.S_ISSOCK(mode):
+            return
         found = f"a link to {path.readlink()}" if stat.S_ISLNK(mode) else _KINDS.get(stat.S_IFMT(mode))
         if found is not None:
             hint = "Remove it. To keep a workspace on another disk, link its whole folder."

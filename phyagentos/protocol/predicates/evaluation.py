@@ -9,6 +9,7 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+from phyagentos.errors import DefectError, find_place
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.exchanges import find_agreed, iter_exchanged
 from phyagentos.protocol.predicates.library import (
@@ -50,6 +51,7 @@ class Evaluation:
             of the same predicate mean anything.
         alternatives: Names that cannot be distinguished, where that makes it unknown.
         is_marginal: Whether it is unknown by the uncertainty of a measurement, which another look may reduce.
+        defect: Where the code of a predicate raised an error, which makes it unknown: `file:line`.
     """
 
     truth: Truth
@@ -58,6 +60,7 @@ class Evaluation:
     margin: float = 0.0
     alternatives: tuple[str, ...] = ()
     is_marginal: bool = False
+    defect: str = ""
 
     @property
     def order(self) -> tuple[int, float]:
@@ -73,8 +76,16 @@ def worse(a: Evaluation, b: Evaluation) -> Evaluation:
 def evaluate(formula: syntax.Formula, view: View) -> Evaluation:
     """The value of a formula, any free `*` read as "for every movable object that it does not name".
 
-    A value that turns over where objects that look alike exchange their names is unknown.
+    A value that turns over where objects that look alike exchange their names is unknown, and so is one whose
+    predicate raises an error.
     """
+    try:
+        return _evaluate_named(formula, view)
+    except DefectError as error:
+        return replace(_unknown(error.message), defect=error.place)
+
+
+def _evaluate_named(formula: syntax.Formula, view: View) -> Evaluation:
     believed = _evaluate_each(formula, view)
     if believed.truth is Truth.UNKNOWN:
         return believed
@@ -180,10 +191,17 @@ def _measure(call: syntax.Call, view: View) -> Reading:
         _demand_rest(call, view)
     try:
         reading = definition.measure(view, *resolved)
-    except (ArithmeticError, LookupError, ValueError) as error:  # a malformed entity
-        raise FactUnknown(f"{syntax.render(call)} could not be measured: {type(error).__name__}: {error}") from error
-    numbers = [value for value in reading.measured.values() if isinstance(value, float)]
-    if not all(map(math.isfinite, (reading.value, *numbers))):
+        numbers = [value for value in reading.measured.values() if isinstance(value, float)]
+        is_finite = all(map(math.isfinite, (reading.value, *numbers)))
+    except FactUnknown:
+        raise
+    except (Exception, SystemExit) as error:
+        what = f"{syntax.render(call)} could not be measured: {type(error).__name__}: {error}"
+        is_shipped = definition.measure.__module__.startswith("phyagentos.")
+        if is_shipped and isinstance(error, ArithmeticError | LookupError | ValueError):  # a malformed entity
+            raise FactUnknown(what) from error
+        raise DefectError("BROKEN_PYTHON", what, find_place(error, definition.measure)) from error
+    if not is_finite:
         raise FactUnknown(f"{syntax.render(call)} measured a number that is not finite")
     return reading
 

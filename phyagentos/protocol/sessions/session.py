@@ -245,6 +245,8 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         open_criteria: What the acceptance speaks of and the last look did not show; the target waits for the verdict.
         driver: What moved the target, as it described itself; empty in records of before, and when nothing was moved.
         idealisations: What of the target and its world was simpler than reality, as it described itself.
+        is_final: Whether the leaf that failed says that another attempt would meet the same.
+        defect: Where a person's own code raised the error that ended it: `file:line`, or the server that has it.
     """
 
     ended: Ended
@@ -259,6 +261,8 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     open_criteria: tuple[str, ...] = msgspec.field(default=(), name="undecided")
     driver: str = ""
     idealisations: tuple[Idealisation, ...] = ()
+    is_final: bool = False
+    defect: str = ""
 
     @property
     def is_idle(self) -> bool:

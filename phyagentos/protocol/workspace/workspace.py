@@ -150,7 +150,7 @@ class Workspace:
         for path in _iter_pristine(library):
             if not (self.root / path.name).exists():
                 if path.name == self.safety.name:
-                    text = path.read_text()
+                    text = path.read_text(encoding="utf-8")
                     more = _iter_limits(library, text) if _TARGETS in text else ()  # not where all is said in one line
                     publish(self.safety, text + "".join(more))
                 else:
@@ -212,7 +212,7 @@ def _iter_limits(library: Library, known: str) -> Iterator[str]:
     for name in library.names_of_targets():
         path = library.get_target(name).with_name("safety.yaml")
         if path.is_file() and f"\n  {name}:" not in known:
-            yield "\n" + path.read_text().partition(_TARGETS)[2]
+            yield "\n" + path.read_text(encoding="utf-8").partition(_TARGETS)[2]
 
 
 def _iter_pristine(library: Library) -> Iterator[Path]:

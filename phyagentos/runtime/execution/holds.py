@@ -173,4 +173,5 @@ def _to_criterion(text: str, evaluation: Evaluation, time_s: float) -> Criterion
         at_s=time_s,
         because=evaluation.because,
         alternatives=evaluation.alternatives or UNSET,
+        failure="BROKEN_PYTHON" if evaluation.defect else UNSET,
     )

@@ -6,8 +6,6 @@ stay with the tree, not on the blackboard of the process.
 """
 
 import copy
-import inspect
-import traceback
 from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any, ClassVar, final
@@ -17,16 +15,17 @@ from py_trees.common import Status
 from py_trees.ports import NoDataAvailable, PortInformation
 from py_trees.ports_utils import is_instance_of_type
 
-from phyagentos.errors import PhyAgentOSError
+from phyagentos.errors import PhyAgentOSError, find_place
 from phyagentos.geometry import Vector
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.first_motions import Foreseen, foresee_by_role
+from phyagentos.runtime.execution.ports import Port, find_misfit
 from phyagentos.runtime.perception.world_model import BELIEF
 
-__all__ = ["FailureCode", "Leaf", "LeafError", "PortInformation", "Role", "Status"]
+__all__ = ["FailureCode", "Leaf", "LeafError", "Port", "PortInformation", "Role", "Status"]
 
 
 class FailureCode(StrEnum):
@@ -68,6 +67,7 @@ class LeafError(PhyAgentOSError):
     def __init__(self, path: str, cause: BaseException, place: str) -> None:
         self.path = path
         self.cause = cause
+        self.place = place
         super().__init__(f"leaf {path}: {type(cause).__name__}: {cause} ({place})")
 
 
@@ -77,6 +77,7 @@ class Leaf(Behaviour):
     Attributes:
         path: Slash-separated names from the root of the tree.
         code: Coded reason of the latest failure, else empty; `message` is one sentence about the latest result.
+        is_final: Whether that failure is not worth another attempt.
         numbers: Measurements and decisions.
         activations: Number of starts.
     """
@@ -97,6 +98,7 @@ class Leaf(Behaviour):
         self.path = path or name
         self.code = ""
         self.message = ""
+        self.is_final = False
         self.numbers: Fields = {}
         self.activations = 0
         self._active = False
@@ -140,7 +142,7 @@ class Leaf(Behaviour):
     @final
     def initialise(self) -> None:
         """Begin an activation."""
-        self.code, self.message, self.numbers = "", "", {}
+        self.code, self.message, self.is_final, self.numbers = "", "", False, {}
         self.activations += 1
         self._active = False
 
@@ -151,7 +153,7 @@ class Leaf(Behaviour):
             status = self.on_running() if self._active else self.on_start()
         except (Exception, SystemExit) as error:
             self._active = False
-            raise LeafError(self.path, error, _find_place(self, error)) from error
+            raise LeafError(self.path, error, find_place(error, type(self))) from error
         if status not in (Status.SUCCESS, Status.FAILURE, Status.RUNNING):
             code = (self.on_running if self._active else self.on_start).__code__
             wrong = TypeError(f"{code.co_name} answered {status!r}; expected SUCCESS, FAILURE or RUNNING")
@@ -167,7 +169,7 @@ class Leaf(Behaviour):
             try:
                 self.on_halted()
             except (Exception, SystemExit) as error:
-                raise LeafError(self.path, error, _find_place(self, error)) from error
+                raise LeafError(self.path, error, find_place(error, type(self))) from error
 
     def succeed(self, message: str = "", **numbers: Any) -> Status:
         """SUCCESS, with measurements and decisions."""
@@ -180,6 +182,11 @@ class Leaf(Behaviour):
         self.code, self.message = str(code), message
         self.numbers = numbers
         return Status.FAILURE
+
+    def fail_for_good(self, code: str, message: str, **numbers: Any) -> Status:
+        """FAILURE that another attempt with this skill would meet again: the node goes on by other means, or ends."""
+        self.is_final = True
+        return self.fail(code, message, **numbers)
 
     def read(self, port: str) -> Any:
         """The value of a required input, or its declared default."""
@@ -213,15 +220,9 @@ class Leaf(Behaviour):
             self._values[self._keys[port]] = value
 
 
-def _find_place(leaf: Leaf, error: BaseException) -> str:
-    """`file:line` of the deepest call in the file of the leaf's own class, or of all, where none is in it."""
-    own = {each.__code__.co_filename for each in vars(type(leaf)).values() if inspect.isfunction(each)}
-    calls = traceback.extract_tb(error.__traceback__)
-    inner = next((call for call in reversed(calls) if call.filename in own), calls[-1])
-    return f"{inner.filename}:{inner.lineno}"
-
-
 def _check(port: str, value: Any, declared: PortInformation) -> Any:
     if value is None or not is_instance_of_type(value, declared.data_type):
         raise TypeError(f"port {port!r} carries {declared.data_type}, not {value!r}")
+    if declared.data_type is float and (expected := find_misfit(value, declared)):
+        raise ValueError(f"port {port!r} carries {expected}, not {value!r}")
     return value

@@ -3,10 +3,10 @@
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 from phyagentos.clock import Clock
-from phyagentos.errors import ExecutionError
+from phyagentos.errors import DefectError, ExecutionError, is_defect
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.runtime.actions.handle import CommandRefused, TargetSessionHandle
@@ -45,6 +45,8 @@ class Outcome:
     code: str = ""
     leaf: str = ""
     message: str = ""
+    is_final: bool = False
+    defect: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +123,9 @@ class SessionLoop:
         except LeafError as error:
             cause = error.cause
             code = cause.code if isinstance(cause, ExecutionError) else "LEAF_ERROR"
-            return Outcome(ended=_ended_by(code), code=code, leaf=error.path, message=str(error))
+            place = cause.place if isinstance(cause, DefectError) else error.place
+            defect = place if is_defect(cause) else ""
+            return Outcome(ended=_ended_by(code), code=code, leaf=error.path, message=str(error), defect=defect)
         except ExecutionError as error:
             return Outcome(ended=_ended_by(error.code), code=error.code, message=str(error))
         finally:
@@ -232,4 +236,4 @@ def _judge_end(failure: Failure | None) -> Outcome:
         return Outcome(ended=Ended.COMPLETED)
     stalled = failure.code in (FailureCode.STALLED, FailureCode.NO_PROGRESS)
     ended = Ended.STALLED if stalled else Ended.SKILL_FAILED
-    return Outcome(ended=ended, code=failure.code, leaf=failure.leaf, message=failure.message)
+    return Outcome(ended=ended, **asdict(failure))

@@ -43,11 +43,13 @@ class TickResult:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """The leaf that decided a failure, and why."""
+    """The leaf that decided a failure, and why; `is_final` and `defect` are as of `Execution`."""
 
     leaf: str
     code: str
     message: str
+    is_final: bool = False
+    defect: str = ""
 
 
 class SkillRuntime(Protocol):

@@ -88,7 +88,8 @@ class TreeSkillRuntime:
         decided = _find_decisive(self._tree.root)
         node = next(node for node in self._tree.nodes if node.behaviour is decided)
         code = str(getattr(decided, "code", "")) or f"{node.type.upper()}_FAILED"
-        return Failure(node.path, code, str(getattr(decided, "message", "")) or f"{node.path} failed")
+        message = str(getattr(decided, "message", "")) or f"{node.path} failed"
+        return Failure(node.path, code, message, bool(getattr(decided, "is_final", False)))
 
     def trace(self) -> tuple[TraceEvent, ...]:
         """The changes so far."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.models.hand import measure_hand
-from phyagentos.runtime.models.robot import build_robot
+from phyagentos.runtime.models.robot import compile_robot
 from phyagentos.runtime.models.sources import find_model
 
 Pair = tuple[str, str]
@@ -57,7 +57,7 @@ def exclude_pairs(spec: mujoco.MjSpec, pairs: tuple[Pair, ...]) -> None:
 
 @functools.lru_cache(maxsize=16)
 def _compute(profile: TargetProfile, folder: Path, _changed_ns: int) -> CollisionMatrix:
-    model = build_robot(profile, folder).compile()
+    model = compile_robot(profile, folder)
     data = mujoco.MjData(model)
     hand = measure_hand(profile, folder)
     for name, position in zip(hand.joints, hand.pose(profile.gripper.max_width_m), strict=True):

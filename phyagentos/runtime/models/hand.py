@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.runtime.models.compiling import compile_model
 from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, build_robot
-from phyagentos.runtime.models.sources import find_model
+from phyagentos.runtime.models.sources import find_model, find_models
 
 Array = NDArray[np.float64]
 SETTINGS, SETTLE_S = 25, 0.4  # set-points of the drive, and what each is given to come to rest
@@ -83,7 +84,7 @@ def _measure(profile: TargetProfile, folder: Path, _changed_ns: int) -> HandMoti
     spec = build_robot(profile, folder)
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_GRAVITY
     spec.option.timestep, spec.option.integrator = profile.physics_step_s, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    model = spec.compile()
+    model = compile_model(spec, *find_models(profile, folder))
     data, servo, gripper = mujoco.MjData(model), model.actuator(GRIPPER_ACTUATOR).id, profile.gripper
     arm = [model.joint(name) for name in profile.arm.joints]
     data.qpos[[int(joint.qposadr[0]) for joint in arm]] = profile.arm.home_rad

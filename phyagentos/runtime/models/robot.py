@@ -5,7 +5,8 @@ Alternative rejected: `MjSpec.attach`, which needs a prefix on every name.
 """
 
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -14,16 +15,18 @@ import numpy as np
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.geometry import compute_rotation
-from phyagentos.protocol.capabilities.targets import Frame, TargetProfile, is_beside
+from phyagentos.protocol.capabilities.targets import HAND, Frame, TargetProfile, is_beside
 from phyagentos.protocol.documents.enclosure import leads_out
 from phyagentos.protocol.documents.schema import read_yaml, validate
-from phyagentos.runtime.models.base import free_base, put_on_plane
-from phyagentos.runtime.models.sources import find_model
-from phyagentos.runtime.models.urdf import URDF, read_urdf
+from phyagentos.runtime.models.base import free_base, freeze, put_on_plane
+from phyagentos.runtime.models.compiling import compile_model, explain
+from phyagentos.runtime.models.meshes import settle_meshes
+from phyagentos.runtime.models.sources import find_model, find_models
+from phyagentos.runtime.models.urdf import URDF, ModelSource, describe_left_out, read_urdf
 
 GRIPPER_ACTUATOR = "act_gripper"
 GRIPPER_TENDON = "gripper_width"
-HAND, MOUNT = "hand/", "hand"  # prefix of a mounted hand's names; the body that cameras of the wrist are mounted on
+MOUNT = "hand"  # the body that cameras of the wrist are mounted on
 COLUMN, COLUMN_RADIUS_M, COLUMN_RGBA = "column", 0.05, (0.3, 0.3, 0.33, 1.0)
 MOUNT_TO_TOOL_M = 0.1034  # from that body to the tool centre point, where a model has none of this name
 # Friction decides a grasp: torsional contact (condim 4), stiff, above what the other body says.
@@ -109,6 +112,11 @@ def build_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) 
     return spec
 
 
+def compile_robot(profile: TargetProfile, folder: Path) -> mujoco.MjModel:
+    """The mounted robot with its servos, alone; raises DefinitionError as of `read_robot` and `compile_model`."""
+    return compile_model(build_robot(profile, folder), *find_models(profile, folder))
+
+
 def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -> mujoco.MjSpec:
     """The profile's model, with its hand, pads and tool, mounted; without what only a simulation of its own needs.
 
@@ -127,14 +135,12 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
         frame = _get_body(spec, profile.hand.at, path).add_frame(
             pos=profile.hand.at.position_m, quat=profile.hand.at.quaternion_wxyz
         )
-        hand = read_model(find_model(profile.hand.model, folder))
+        hand = read_model(find_model(profile.hand.model, folder), profile.hand.arguments.as_texts()).spec
         for name in _OPTIONS:  # those of the arm: the scene sets them for all
             setattr(hand.option, name, getattr(spec.option, name))
         spec.attach(hand, prefix=HAND, frame=frame)
-        kept = {*profile.arm.joints, *(base.joints if base is not None else ())}
-        for joint in [each for each in spec.joints if each.name not in kept]:
-            if not joint.name.startswith(HAND):  # such as that of a camera: it stays as it is
-                spec.delete(joint)
+    if base is None or profile.hand is not None:
+        _park_others(spec, profile)
     for pad in profile.gripper.pad_boxes:
         _get_body(spec, pad, path).add_geom(
             name=pad.name, type=mujoco.mjtGeom.mjGEOM_BOX, pos=pad.position_m, quat=pad.quaternion_wxyz, **_PAD
@@ -160,6 +166,26 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
     return spec
 
 
+def _park_others(spec: mujoco.MjSpec, profile: TargetProfile) -> None:
+    """Let joints stand still that are neither the target's nor of a hand at its end: those of another arm, a camera."""
+    kept = {*profile.arm.joints, *profile.gripper.joints, *(profile.base.joints if profile.base is not None else ())}
+    last, parked = spec.joint(profile.arm.joints[-1]), dict(profile.parked_rad)
+    ends = (
+        set[str]()
+        if last is None or profile.hand is not None
+        else {each.name for each in last.parent.find_all("joint")}
+    )
+    for joint in [each for each in spec.joints if each.name not in kept and not each.name.startswith(HAND)]:
+        if joint.name not in ends or joint.name in parked:
+            freeze(joint, parked.get(joint.name, 0.0))
+            pairs = [each for each in spec.equalities if joint.name in {each.name1, each.name2}]
+            wound = [
+                each for each in spec.tendons if joint.name in {wrap.target.name for wrap in each.path if wrap.target}
+            ]
+            for element in (*pairs, *wound, joint):
+                spec.delete(element)
+
+
 def _add_column(base: "mujoco.MjsBody", height_m: float) -> None:
     """A column under a base that is mounted above the level of the table's top."""
     down = compute_rotation(base.quat).T @ (0.0, 0.0, -height_m / 2)
@@ -176,28 +202,43 @@ def _add_column(base: "mujoco.MjsBody", height_m: float) -> None:
 def read_base(profile: TargetProfile, path: Path) -> mujoco.MjSpec:
     """A profile's model at `path`, as of `read_model`: without its hand, all its joints there."""
     wheels = profile.base.wheels if profile.base is not None else None
-    return read_model(path, wheels.links if wheels is not None else ())
+    return read_model(path, profile.arguments.as_texts(), wheels.links if wheels is not None else ()).spec
 
 
-def read_model(path: Path, replaced: Collection[str] = ()) -> mujoco.MjSpec:
-    """A MJCF or URDF without actuators, sensors, key frames, cameras and lights; absent meshes are left out.
+def read_model(path: Path, arguments: Mapping[str, str] = {}, replaced: Collection[str] = ()) -> ModelSource:
+    """A MJCF or URDF without actuators, sensors, key frames, cameras and lights, and without pictures that are absent.
 
-    Of a URDF, a mesh of a `replaced` link may be absent even where it is solid.
+    Args:
+        path: Of the file.
+        arguments: Values of those of a xacro file.
+        replaced: Links of which a mesh may be absent even where it is solid.
 
     Raises:
-        DefinitionError: `MODEL_INVALID`, `MODEL_MISSING`.
+        DefinitionError: `MODEL_INVALID`, `MODEL_MISSING`, also for the file of a solid.
     """
-    try:
-        spec = read_urdf(path, replaced) if path.suffix in URDF else mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise DefinitionError.of("MODEL_INVALID", str(path), str(error)) from error
-    absent = {mesh.name for mesh in spec.meshes if mesh.file and not (path.parent / spec.meshdir / mesh.file).is_file()}
-    left_out = [geom for geom in spec.geoms if geom.meshname in absent]
-    meshes = [mesh for mesh in spec.meshes if mesh.name in absent]
-    scenery = [*spec.actuators, *spec.sensors, *spec.keys, *spec.cameras, *spec.lights]
-    for element in [*scenery, *left_out, *meshes]:
+    if path.suffix in URDF:
+        source = read_urdf(path, arguments, replaced)
+    else:
+        try:
+            source = ModelSource(mujoco.MjSpec.from_file(str(path)))
+        except ValueError as error:
+            raise DefinitionError(explain(str(error), path)) from error
+    spec = source.spec
+    folders = list(dict.fromkeys(file.parent for file in iter_files(path)))
+    left_out = settle_meshes(spec, path, folders, replaced)
+    for body in spec.bodies:
+        body.mocap = False  # a mark that others move
+    for element in [*spec.actuators, *spec.sensors, *spec.keys, *spec.cameras, *spec.lights]:
         spec.delete(element)
-    return spec
+    return replace(source, remarks=(*source.remarks, *map(describe_left_out, [left_out] if left_out else [])))
+
+
+def read_remarks(profile: TargetProfile, folder: Path) -> tuple[str, ...]:
+    """What was left out of the models of a profile, or added to them; raises DefinitionError as of `read_model`."""
+    hands = [] if profile.hand is None else [(profile.hand.model, profile.hand.arguments)]
+    models = [(profile.model, profile.arguments), *hands] if profile.model else []
+    found = [read_model(find_model(model, folder), arguments.as_texts()) for model, arguments in models]
+    return tuple(remark for each in found for remark in each.remarks)
 
 
 def _get_body(spec: mujoco.MjSpec, at: Frame, path: Path) -> "mujoco.MjsBody":
@@ -207,23 +248,38 @@ def _get_body(spec: mujoco.MjSpec, at: Frame, path: Path) -> "mujoco.MjsBody":
     return body
 
 
+def iter_files(path: Path) -> Iterator[Path]:
+    """A model file and those of a MJCF that it includes or attaches, as far as they can be read."""
+    yield path
+    waiting, seen = [path], {path}
+    while waiting:
+        file = waiting.pop()
+        folders, names = _list_names(file)
+        found = {start / folder / name for start in (path.parent, file.parent) for folder in folders for name in names}
+        fresh = {Path(os.path.normpath(each)) for each in found if each.suffix == ".xml" and each.is_file()} - seen
+        yield from sorted(fresh)
+        seen |= fresh
+        waiting += fresh
+
+
+def _list_names(file: Path) -> tuple[list[str], list[str]]:
+    """Folders of assets and names of files in a MJCF."""
+    try:
+        elements = list(ElementTree.parse(file).iter())
+    except (ElementTree.ParseError, OSError, UnicodeDecodeError):  # MuJoCo says it better
+        return [""], []
+    folders = ["", *(each.attrib[key] for each in elements for key in _MJCF_FOLDERS if key in each.attrib)]
+    return folders, [value for each in elements for key, value in each.attrib.items() if key.startswith("file")]
+
+
 def _iter_outside(path: Path, robots: Path) -> Iterator[Problem]:
     """Files that a MJCF and what it includes name outside of `robots`, which a copy of that folder would not hold."""
     place = Path(os.path.normpath(path)).relative_to(robots).parent.as_posix()
-    waiting, seen = [path], {path}
-    while waiting:
-        try:
-            elements = list(ElementTree.parse(file := waiting.pop()).iter())
-        except (ElementTree.ParseError, OSError):  # MuJoCo says it better
-            continue
-        folders = ["", *(each.attrib[key] for each in elements for key in _MJCF_FOLDERS if key in each.attrib)]
-        for name in [value for each in elements for key, value in each.attrib.items() if key.startswith("file")]:
+    for file in iter_files(path):
+        folders, names = _list_names(file)
+        for name in names:
             if any(leads_out(f"{folder}/{name}" if folder else name, place) for folder in folders):
                 yield Problem("LEADS_OUT", str(file), repr(name), f"a file below {robots}", "Keep it with the model.")
-            elif name.endswith(".xml"):
-                found = {path.parent / folder / name for folder in folders} - seen
-                seen |= found
-                waiting += found
 
 
 def _check_names(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> None:

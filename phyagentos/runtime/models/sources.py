@@ -10,7 +10,8 @@
 
 import importlib.util
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError, format_hint, format_install, format_names
@@ -51,11 +52,30 @@ def name_in_models(path: Path, environ: Mapping[str, str] = os.environ) -> tuple
     return f"models:{file.name}", file.parent
 
 
+@contextmanager
+def look_in(folder: Path | None) -> Iterator[None]:
+    """Let models be found below a folder, as where `PHYAGENTOS_MODELS` names it; unchanged for None."""
+    before = os.environ.get(MODELS)
+    if folder is not None:
+        os.environ[MODELS] = str(folder)
+    try:
+        yield
+    finally:
+        if folder is not None:
+            os.environ.pop(MODELS)
+            os.environ.update({} if before is None else {MODELS: before})
+
+
+def find_models(profile: TargetProfile, folder: Path) -> list[Path]:
+    """The files that a profile names: its model, then its hand; as of `find_model`."""
+    named = (profile.model, profile.hand.model if profile.hand is not None else "")
+    return [find_model(model, folder) for model in named if model]
+
+
 def require_models(profile: TargetProfile, folder: Path) -> None:
     """Raise `MODEL_MISSING`, `LEADS_OUT` or `MODEL_INVALID` unless the models that a profile names can be read."""
-    for model in (profile.model, profile.hand.model if profile.hand is not None else ""):
-        if model:
-            require_reader(find_model(model, folder))
+    for path in find_models(profile, folder):
+        require_reader(path)
 
 
 def require_reader(path: Path) -> None:

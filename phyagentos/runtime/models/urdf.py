@@ -1,74 +1,279 @@
 """URDF as MuJoCo can read it: files of packages are found, inertias made valid, every link is kept."""
 
 import os
-import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import mujoco
+import numpy as np
 
-from phyagentos.errors import DefinitionError
-from phyagentos.runtime.models.sources import require_reader
+from phyagentos.errors import DefinitionError, Problem
+from phyagentos.runtime.models.compiling import explain
+from phyagentos.runtime.models.meshes import find_mesh
+from phyagentos.runtime.models.xacro import expand_xacro
 
-_COMPILER = {"balanceinertia": "true", "discardvisual": "false", "fusestatic": "false", "strippath": "false"}
 URDF = (".urdf", ".xacro")
-_UP = 5  # folders above the file, in which the package that it names may stand
-_PACKAGE, _FIND = "package://", re.compile(r"\$\(find (\w+)\)")
+_COMPILER = {"balanceinertia": "true", "discardvisual": "false", "fusestatic": "false", "strippath": "false"}
+_MOVES = ("revolute", "continuous", "prismatic")
+_COUNTS = {
+    **dict.fromkeys(("xyz", "rpy", "scale"), 3),
+    **dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz", "lower", "upper", "effort", "velocity"), 1),
+    **dict.fromkeys(("radius", "length", "multiplier", "offset", "damping", "friction"), 1),
+}  # of numbers in an attribute
+_SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "capsule": ("radius", "length")}
+_AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
+_PRODUCTS = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
+_MATTER = ("inertial", "visual", "collision")
 
 
-def read_urdf(path: Path, replaced: Collection[str] = ()) -> mujoco.MjSpec:
-    """Read a URDF file; a visual whose mesh is absent or of no known kind is left out; so is any of `replaced` links.
+@dataclass(frozen=True, slots=True)
+class ModelSource:
+    """A model as its file has it.
+
+    Attributes:
+        remarks: What was left out or added, for people.
+        speeds: Of joints, where a URDF says them [rad/s].
+    """
+
+    spec: mujoco.MjSpec
+    remarks: tuple[str, ...] = ()
+    speeds: Mapping[str, float] = field(default_factory=dict)
+
+
+def read_urdf(path: Path, arguments: Mapping[str, str] = {}, replaced: Collection[str] = ()) -> ModelSource:
+    """Read a URDF or xacro file, the latter with values of its arguments.
+
+    A visual whose mesh is absent or of no kind that is read is left out; so is any of `replaced` links.
 
     Raises:
-        DefinitionError: `MODEL_INVALID`, `MODEL_MISSING` for a collision mesh.
+        DefinitionError: `MODEL_INVALID`, `MODEL_MISSING` for a collision mesh, `UNKNOWN_NAME`, each at its line.
     """
     try:
-        robot = ElementTree.fromstring(_expand(path) if path.suffix == ".xacro" else path.read_text())
-    except (OSError, ElementTree.ParseError) as error:
-        raise DefinitionError.of("MODEL_INVALID", str(path), str(error)) from error
-    for element in robot.findall("mujoco"):
-        robot.remove(element)
-    ElementTree.SubElement(ElementTree.SubElement(robot, "mujoco"), "compiler", _COMPILER)
-    for link in robot.findall("link"):
-        for shown in [*link.findall("visual"), *link.findall("collision")]:
-            mesh = shown.find("geometry/mesh")
-            if mesh is None:
-                continue
-            file = _find_mesh(mesh.attrib["filename"], path)
-            if file is not None and file.suffix.lower() in {".stl", ".obj"}:
-                mesh.attrib["filename"] = os.fspath(file)
-            elif shown.tag == "visual" or link.attrib["name"] in replaced:
-                link.remove(shown)
-            else:
-                found = mesh.attrib["filename"]
-                raise DefinitionError.of("MODEL_MISSING", str(path), repr(found), "an STL or OBJ file below its folder")
+        text = expand_xacro(path, arguments) if path.suffix == ".xacro" else path.read_bytes()
+        document = _Document.parse(text, path)
+    except OSError as error:
+        raise DefinitionError.of("MODEL_MISSING", str(path), str(error.strerror), "a file that can be read") from error
+    except expat.ExpatError as error:
+        address = f"{path}:{error.lineno}"
+        raise DefinitionError.of("MODEL_INVALID", address, "no whole XML", "every tag closed") from error
+    if problems := list(document.iter_problems()):
+        raise DefinitionError(problems)
+    folder = next((each.get("meshdir", "") for each in document.robot.findall("mujoco/compiler")), "")
+    for element in document.robot.findall("mujoco"):
+        document.robot.remove(element)
+    remarks = [*document.settle_shapes(folder, replaced), *document.give_mass(), *document.release()]
+    extension = ElementTree.SubElement(document.robot, "mujoco")
+    ElementTree.SubElement(extension, "compiler", _COMPILER)
     try:
-        return mujoco.MjSpec.from_string(ElementTree.tostring(robot, encoding="unicode"))
+        spec = mujoco.MjSpec.from_string(ElementTree.tostring(document.robot, encoding="unicode"))
     except ValueError as error:
-        raise DefinitionError.of("MODEL_INVALID", str(path), str(error)) from error
+        raise DefinitionError(explain(str(error), path)) from error
+    limits = {name: joint.find("limit") for name, joint in document.joints().items()}
+    speeds = {name: float(each.get("velocity", 0.0)) for name, each in limits.items() if each is not None}
+    return ModelSource(spec, tuple(remarks), speeds)
 
 
-def _expand(path: Path) -> str:
-    """The URDF that a xacro file stands for; packages that it names are searched among the folders above it."""
-    require_reader(path)
-    from xacrodoc import XacroDoc, packages  # type: ignore[import-not-found, import-untyped, unused-ignore]
+@dataclass(frozen=True, slots=True)
+class _Document:
+    """The elements of a URDF, with their lines where these are those of the file."""
 
-    for name in set(_FIND.findall(path.read_text())):
-        found = [place for folder in path.resolve().parents[:_UP] for place in (folder, folder / name)]
-        place = next((each for each in found if each.name == name and each.is_dir()), None)
-        if place is not None:
-            packages.update_package_cache({name: str(place)})
-    return str(XacroDoc.from_file(str(path), resolve_packages=False).to_urdf_string())
+    path: Path
+    robot: ElementTree.Element
+    lines: Mapping[ElementTree.Element, int]
+
+    @classmethod
+    def parse(cls, text: str | bytes, path: Path) -> "_Document":
+        builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+        lines: dict[ElementTree.Element, int] = {}
+
+        def start(tag: str, attributes: dict[str, str]) -> None:
+            lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
+
+        parser.StartElementHandler, parser.EndElementHandler = start, builder.end
+        parser.Parse(text, True)
+        return cls(path, builder.close(), {} if path.suffix == ".xacro" else lines)
+
+    def locate(self, element: ElementTree.Element) -> str:
+        line = self.lines.get(element)
+        return f"{self.path}:{line}" if line else str(self.path)
+
+    def links(self) -> dict[str, ElementTree.Element]:
+        return {each.get("name", ""): each for each in self.robot.findall("link")}
+
+    def joints(self) -> dict[str, ElementTree.Element]:
+        return {each.get("name", ""): each for each in self.robot.findall("joint")}
+
+    def iter_problems(self) -> Iterator[Problem]:
+        """All that no compiler could make a robot of."""
+        if self.robot.tag != "robot":
+            found = f"a file that begins with <{self.robot.tag}>"
+            yield Problem("MODEL_INVALID", self.locate(self.robot), found, "<robot>, a URDF, or <mujoco> in an .xml")
+            return
+        numbers = list(self._iter_numbers())
+        yield from numbers or [*self._iter_names(), *self._iter_joints()]
+
+    def _problem(self, element: ElementTree.Element, found: str, expected: str) -> Problem:
+        return Problem("MODEL_INVALID", self.locate(element), found, expected)
+
+    def _iter_numbers(self) -> Iterator[Problem]:
+        for element in self.robot.iter():
+            counts = dict(_COUNTS) | {"mass": {"value": 1}, "box": {"size": 3}}.get(element.tag, {})
+            for name in counts.keys() & element.keys():
+                values, expected = element.attrib[name].split(), counts[name]
+                if len(values) != expected or not all(map(_is_finite, values)):
+                    found = f'<{element.tag} {name}="{element.attrib[name]}">'
+                    yield self._problem(element, found, "a number" if expected == 1 else f"{expected} numbers")
+
+    def _iter_names(self) -> Iterator[Problem]:
+        for tag in ("link", "joint"):
+            names = [each.get("name", "") for each in self.robot.findall(tag)]
+            for index, element in enumerate(self.robot.findall(tag)):
+                if not names[index] or names[index] in names[:index]:
+                    yield self._problem(element, f"{tag} {names[index]!r} twice", f"a name of its own for each {tag}")
+        for name, link in self.links().items():
+            lacks = [
+                tag
+                for tag in ("mass", "inertia")
+                if link.find("inertial") is not None and link.find(f"inertial/{tag}") is None
+            ]
+            if lacks:
+                yield self._problem(
+                    link, f"link {name!r} with an <inertial> without {' and '.join(lacks)}", "both, or none"
+                )
+
+    def _iter_joints(self) -> Iterator[Problem]:
+        links, joints, children = self.links(), self.joints(), set[str]()
+        for name, joint in joints.items():
+            for tag in ("parent", "child"):
+                if (link := _get(joint, tag, "link")) not in links:
+                    found = f"{link!r}, the {tag} of joint {name!r}"
+                    yield Problem.unknown("link", self.locate(joint), link, links, found)
+            child, kind = _get(joint, "child", "link"), joint.get("type", "")
+            if child in children:
+                yield self._problem(joint, f"joint {name!r} holds link {child!r}, which another holds", "one parent")
+            children.add(child)
+            if kind not in {*_MOVES, "fixed"}:
+                expected = f'type="fixed", or {", ".join(_MOVES)}; a base that moves is the group `base` of a profile'
+                yield self._problem(joint, f"joint {name!r} of the type {kind!r}", expected)
+            elif kind in _MOVES:
+                yield from self._iter_motion(name, joint)
+        reached = links.keys() - children
+        while (
+            fresh := {
+                _get(each, "child", "link") for each in joints.values() if _get(each, "parent", "link") in reached
+            }
+            - reached
+        ):
+            reached |= fresh
+        for name in links.keys() - reached:
+            yield self._problem(links[name], f"link {name!r} in a ring of joints", "one link that is no joint's child")
+
+    def _iter_motion(self, name: str, joint: ElementTree.Element) -> Iterator[Problem]:
+        limit, mimic = joint.find("limit"), joint.find("mimic")
+        if limit is not None and joint.get("type") != "continuous":
+            low, high = float(limit.get("lower", 0.0)), float(limit.get("upper", 0.0))
+            if low > high:
+                found = f"joint {name!r} with lower {low:g} above upper {high:g}"
+                yield self._problem(limit, found, "the lesser one as lower")
+        if mimic is not None:
+            others = [each for each, found in self.joints().items() if found.get("type") in _MOVES and each != name]
+            if (leader := mimic.get("joint", "")) == name:
+                yield self._problem(mimic, f"joint {name!r} that mimics itself", "the joint that it follows")
+            elif leader not in others:
+                found = f"{leader!r}, which joint {name!r} should mimic"
+                yield Problem.unknown("joint", self.locate(mimic), leader, others, found)
+
+    def settle_shapes(self, meshdir: str, replaced: Collection[str]) -> Iterator[str]:
+        """Find every mesh; leave out what is empty, and pictures that cannot be read."""
+        problems, pictures, empty = list[Problem](), list[str](), list[str]()
+        folders, named = [self.path.parent, self.path.parent / meshdir], set[str | None]()
+        for name, link in self.links().items():
+            for shown in [*link.findall("visual"), *link.findall("collision")]:
+                if shown.get("name") in named:  # MuJoCo would leave it without one, and say so
+                    shown.attrib.pop("name", None)
+                named.add(shown.get("name"))
+                shape = next(iter(shown.findall("geometry/*")), None)
+                if shape is None or (shape.tag in _SIZES and self._is_flat(shape)):
+                    empty.append(f"a {shown.tag} of link {name!r} without size")
+                    link.remove(shown)
+                elif shape.tag == "mesh":
+                    file = shape.get("filename", "")
+                    found = find_mesh(file, f"{self.locate(shape)}: link {name!r}", folders)
+                    if isinstance(found, Path):
+                        shape.set("filename", os.fspath(found))
+                    elif shown.tag == "visual" or name in replaced:
+                        pictures.append(Path(file).name)
+                        link.remove(shown)
+                    else:
+                        problems.append(found)
+        if problems:
+            raise DefinitionError(problems)
+        yield from empty
+        if pictures:
+            yield describe_left_out(pictures)
+
+    @staticmethod
+    def _is_flat(shape: ElementTree.Element) -> bool:
+        return any(not all(_read(shape, name, (0.0,))) for name in _SIZES[shape.tag])
+
+    def give_mass(self) -> Iterator[str]:
+        """Mend inertias; a link that a joint moves weighs a gram where it, and all that is fixed to it, are frames."""
+        for name, link in self.links().items():
+            for inertia in link.iter("inertia"):
+                inertia.attrib.update(_PRODUCTS | inertia.attrib)
+                if self._has_false_products(inertia):
+                    inertia.attrib.update(_PRODUCTS)
+                    yield f"link {name!r} has products of inertia as great as its moments: they are left out here"
+        moving = {_get(each, "child", "link") for each in self.joints().values() if each.get("type") in _MOVES}
+        for name, link in self.links().items():
+            if name in moving and not self._has_matter(name):
+                inertial = ElementTree.SubElement(link, "inertial")
+                ElementTree.SubElement(inertial, "mass", value="0.001")
+                ElementTree.SubElement(inertial, "inertia", dict.fromkeys(("ixx", "iyy", "izz"), "1e-6") | _PRODUCTS)
+                yield f"link {name!r} is a frame that a joint moves: it weighs a gram here"
+
+    @staticmethod
+    def _has_false_products(inertia: ElementTree.Element) -> bool:
+        xx, yy, zz, xy, xz, yz = (float(inertia.get(f"i{axes}", 0.0)) for axes in _AXES)
+        least = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0]
+        return bool(least <= 0.0 < min(xx, yy, zz))
+
+    def _has_matter(self, name: str) -> bool:
+        fixed = [each for each in self.joints().values() if each.get("type") == "fixed"]
+        held = [_get(each, "child", "link") for each in fixed if _get(each, "parent", "link") == name]
+        return any(self.links()[name].find(tag) is not None for tag in _MATTER) or any(map(self._has_matter, held))
+
+    def release(self) -> Iterator[str]:
+        """Let joints turn without end whose limits are equal or not there."""
+        for name, joint in self.joints().items():
+            limit = joint.find("limit")
+            low, high = (limit.get("lower", "0"), limit.get("upper", "0")) if limit is not None else ("0", "0")
+            if joint.get("type") == "revolute" and float(low) == float(high):
+                joint.set("type", "continuous")
+                yield f"joint {name!r} has no range: it turns without end, unless `ranges` of the profile gives one"
 
 
-def _find_mesh(name: str, path: Path) -> Path | None:
-    """A mesh by its path, or by that in a package, which is searched from the file's folder upwards."""
-    if not name.startswith(_PACKAGE):
-        return found if (found := (path.parent / name)).is_file() else None
-    package, _, rest = name.removeprefix(_PACKAGE).partition("/")
-    for folder in path.resolve().parents[:_UP]:
-        for base in (folder / package, folder):
-            if (base / rest).is_file():
-                return base / rest
-    return None
+def describe_left_out(files: Collection[str]) -> str:
+    """What is missing in pictures of the robot, in a line."""
+    names = sorted(set(files))
+    shown = f"{', '.join(names[:6])}{' ...' if len(names) > 6 else ''}"
+    return f"left out of pictures: {shown}, which is absent or of no kind that is read"
+
+
+def _get(element: ElementTree.Element, tag: str, name: str) -> str:
+    found = element.find(tag)
+    return found.get(name, "") if found is not None else ""
+
+
+def _read(element: ElementTree.Element, name: str, default: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(map(float, element.attrib[name].split())) if name in element.attrib else default
+
+
+def _is_finite(text: str) -> bool:
+    try:
+        return bool(np.isfinite(float(text)))
+    except ValueError:
+        return False

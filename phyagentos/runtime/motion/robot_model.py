@@ -15,9 +15,10 @@ from phyagentos.geometry import compute_quaternion, compute_rotation
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.models.allowed_collisions import exclude_pairs, sample_collision_matrix
 from phyagentos.runtime.models.base import find_gear
+from phyagentos.runtime.models.compiling import compile_model
 from phyagentos.runtime.models.hand import measure_hand
-from phyagentos.runtime.models.robot import build_robot, read_base, read_robot
-from phyagentos.runtime.models.sources import find_model
+from phyagentos.runtime.models.robot import compile_robot, read_base, read_robot
+from phyagentos.runtime.models.sources import find_model, find_models
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.tool_bounds import ANYWHERE, ToolBounds
 
@@ -121,7 +122,7 @@ def build_robot_model(profile: TargetProfile, folder: Path, bounds: ToolBounds =
     fingers = _replace_fingers(spec, profile, turning) if turning else _freeze_fingers(spec, profile)
     for geom in spec.geoms:
         geom.contype, geom.conaffinity, geom.condim = ROBOT_BIT, ROBOT_BIT | WORLD_BIT, 1
-    model = spec.compile()
+    model = compile_model(spec, *find_models(profile, folder))
     joints = [model.joint(name) for name in profile.arm.joints]
     if [int(joint.qposadr[0]) for joint in joints] != list(range(model.nq)):
         found = f"joints {format_names(joint.name for joint in spec.joints)}"
@@ -190,7 +191,7 @@ def _freeze_fingers(spec: mujoco.MjSpec, profile: TargetProfile) -> dict[str, Tr
 
 def _track_fingers(profile: TargetProfile, folder: Path) -> dict[str, Track]:
     """Every solid body that the hand's joints move, in the frame of the tool's body, over the opening."""
-    hand, model = measure_hand(profile, folder), build_robot(profile, folder).compile()
+    hand, model = measure_hand(profile, folder), compile_robot(profile, folder)
     data, tool = mujoco.MjData(model), int(model.site_bodyid[model.site(profile.tcp).id])
     joints = [model.joint(name) for name in hand.joints]
     moved = {int(joint.bodyid[0]) for joint in joints}

@@ -11,7 +11,7 @@ import numpy as np
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.world.environment import ShapeKind, TargetState
 from phyagentos.runtime.models.hand import measure_hand
-from phyagentos.runtime.models.robot import build_robot
+from phyagentos.runtime.models.robot import compile_robot
 from phyagentos.runtime.models.scene import GEOM_TYPES
 from phyagentos.runtime.perception.solids import Array, Solids
 
@@ -25,7 +25,7 @@ class RobotMask:
 
     def __init__(self, profile: TargetProfile, folder: Path) -> None:
         self.reach_m = profile.gripper.grasp_reach_m
-        self._model = build_robot(profile, folder).compile()
+        self._model = compile_robot(profile, folder)
         self._data = mujoco.MjData(self._model)
         self._arm = [int(self._model.joint(name).qposadr[0]) for name in profile.arm.joints]
         self._hand = measure_hand(profile, folder)

@@ -15,7 +15,7 @@ import msgspec
 import pydantic
 from typing_extensions import override
 
-from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.errors import DefectError, DefinitionError, ExecutionError
 from phyagentos.network.deadline import Deadline
 from phyagentos.protocol.capabilities.policy_descriptors import MODEL_SCHEME, POLICY_WIRES, PolicyDescriptor, Stream
 from phyagentos.runtime.policies import wire
@@ -78,6 +78,12 @@ class PolicyClient:
     def is_waiting(self) -> bool:
         """Whether a request is out."""
         return self._pending is not None
+
+    @property
+    def metadata(self) -> Mapping[str, object]:
+        """What the server says of itself, where its wire has that."""
+        found = getattr(self._service, "metadata", {})
+        return {key: each for key, each in found.items() if not isinstance(each, dict)}  # a descriptor is compared
 
     def ask(self, request: wire.Infer, start: wire.Start | None = None) -> None:
         """Send a request; `start` goes before the first one of a session."""
@@ -158,7 +164,12 @@ def _exchange(
 ) -> Expected:
     reply = service.exchange(request, timeout_s, silence_s)
     if isinstance(reply, wire.Fault):
-        raise ExecutionError("POLICY_FAULT", reply.message[: wire.FAULT_MAX])
+        message = reply.message[: wire.FAULT_MAX]
+        raise (
+            DefectError("POLICY_FAULT", message, reply.place)
+            if reply.place
+            else ExecutionError("POLICY_FAULT", message)
+        )
     if not isinstance(reply, kind):
         raise ExecutionError("POLICY_FAULT", f"{type(request).__name__} was answered by {type(reply).__name__}")
     return reply

@@ -77,9 +77,10 @@ class KeepAlive(msgspec.Struct, frozen=True, tag="Beat"):
 
 
 class Fault(msgspec.Struct, frozen=True, tag=True):
-    """The policy cannot answer."""
+    """The policy cannot answer; `place` is where its own code raised an error: `file:line`, or empty."""
 
     message: str
+    place: str = ""
 
 
 Request = Introduce | Start | Infer

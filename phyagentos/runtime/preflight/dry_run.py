@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, blaming
 from phyagentos.geometry import to_parent
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, read_tree
@@ -352,7 +352,10 @@ def _find_in(
                 return False
             continue
         leaf = registry.find(child.type) if child.kind is NodeKind.LEAF else None
-        foreseen = leaf.foresee(wired, where) if leaf is not None else Foreseen(onward=Onward.OPEN)
+        foreseen = Foreseen(onward=Onward.OPEN)
+        if leaf is not None:
+            with blaming(leaf, "foresee"):
+                foreseen = leaf.foresee(wired, where)
         if foreseen.motion is not None:
             yield foreseen.motion
         if foreseen.onward is not Onward.SURE:

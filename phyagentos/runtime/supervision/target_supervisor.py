@@ -32,7 +32,7 @@ from phyagentos.runtime.supervision.limits import Due, HeartbeatMonitor, Measure
 from phyagentos.runtime.supervision.queues import Queues
 from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry, make_rejection
 from phyagentos.runtime.supervision.target_phase import FAILURES, LOST_FAILURES, Phase, PhaseLog, fire_phase
-from phyagentos.runtime.supervision.workers import Worker, explain_failure, read_end
+from phyagentos.runtime.supervision.workers import Worker, explain_failure, explain_loss, read_end
 from phyagentos.runtime.worker.orders import Check, Checked, Finished, FromWorker, Ready, Reconcile, Renew, Run, Stop
 from phyagentos.store.journal import Entry
 from phyagentos.store.ledger import Ledger
@@ -238,16 +238,20 @@ class TargetSupervisor:
             self._fire("start")
 
     def _on_finished(self, session: Session, answer: Finished) -> None:
+        execution = answer.execution
         if answer.is_target_lost:
+            if self.worker.has_lost_world():
+                message = explain_loss(self._shared.logs, self.target, execution.message)
+                execution = msgspec.structs.replace(execution, message=message)
             self.worker.kill(with_world=True)  # before it is recorded: its last command must not be obeyed later
             self._lost_targets += 1
             if self._lost_targets < STARTS:
-                self._lose(answer.execution.message, Ended.TARGET_LOST, answer.execution.code)
+                self._lose(execution.message, Ended.TARGET_LOST, execution.code)
                 return
         self._lost_targets = 0
-        self.note_end(session, answer.execution)
+        self.note_end(session, execution)
         id, state = session.id, self._journal.get_state(session.id)
-        body = {"execution": msgspec.to_builtins(answer.execution)}
+        body = {"execution": msgspec.to_builtins(execution)}
         if state is SessionState.CANCELLING:
             self._journal.record(Entry(id, "confirm_cancel", body, self.epoch))
         elif state is SessionState.OUTCOME_UNKNOWN:
@@ -257,7 +261,7 @@ class TargetSupervisor:
             self._journal.record(*halt, Entry(id, "finish", body, self.epoch), durable=False)
         if answer.is_target_lost:  # each session of it would be lost alike
             self._queues.forsake(self.target)
-            self.session, self.lost, self._given_up = None, None, answer.execution.message
+            self.session, self.lost, self._given_up = None, None, execution.message
             self._fire("give_up")
         else:
             self._free()

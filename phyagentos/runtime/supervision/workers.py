@@ -47,6 +47,13 @@ def explain_failure(logs: Path, target: str, failures: int) -> str:
     return f"{failures} workers in a row did not start; {shown}. Mend that, then start `paos watch` again"
 
 
+def explain_loss(logs: Path, target: str, reason: str) -> str:
+    """Why a target was lost, with the last line of the log of its world, whose process has ended."""
+    log = _find_logs(logs, target)[0]
+    words = read_end(log)
+    return f"{reason}; logs/{log.name} ends with {words!r}" if words else reason
+
+
 def _find_logs(logs: Path, target: str) -> list[Path]:
     """Those of a target's world and worker; a world that it shares has a name of its own."""
     own = logs / f"world-{target}.log"

@@ -13,14 +13,13 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from multiprocessing.connection import Client
 from pathlib import Path
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 from phyagentos.fork_server import PythonProcess, start_python
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, find_sole, is_held
-from phyagentos.runtime.channel import Link
+from phyagentos.runtime.channel import Link, connect
 from phyagentos.runtime.targets.handshake import grant
 
 ORPHAN_S = 60.0  # how long a world without a watchdog waits for the next one
@@ -96,7 +95,7 @@ class WorldProcess:
                 self._process.stdin.write(f"{target} {key.hex()} {commander}\n".encode())
                 self._process.stdin.flush()
             else:
-                with contextlib.closing(Link(Client(str(socket), "AF_UNIX"), spin_s=0.0)) as link:
+                with contextlib.closing(Link(connect(socket), spin_s=0.0)) as link:
                     grant(link, key, commander)
 
     def is_alive(self) -> bool:

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import msgspec
 
+from phyagentos.runtime.channel import shorten
+
 _DECODER = msgspec.json.Decoder(dict[str, str] | None)
 _BYTES_MAX = 65536
 
@@ -29,7 +31,8 @@ class AgreementSender:
         One that is starting or gone does not.
         """
         try:
-            self._socket.sendto(msgspec.json.encode(running), str(self._path))
+            with shorten(self._path) as name:
+                self._socket.sendto(msgspec.json.encode(running), name)
         except OSError:
             return False
         return True
@@ -45,7 +48,8 @@ class AgreementReceiver:
     def __init__(self, path: Path) -> None:
         path.unlink(missing_ok=True)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
-        self._socket.bind(str(path))
+        with shorten(path) as name:
+            self._socket.bind(name)
         self._latest: dict[str, str] | None = None
 
     def read(self) -> dict[str, str] | None:

@@ -8,15 +8,16 @@ control period is due, and without one in time the target halts and holds. Stop 
 
 import contextlib
 import math
+import socket
 from collections import deque
 from collections.abc import Callable
-from multiprocessing.connection import Listener, wait
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Protocol
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
-from phyagentos.runtime.channel import SPIN_S, Link, PeerChannel
+from phyagentos.runtime.channel import SPIN_S, Link, PeerChannel, shorten
 from phyagentos.runtime.targets.handshake import GREETING_S, Tokens
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.wire import REPLIES, REQUESTS, Command, Halt, Refused, Reply, Request, Settle, Shutdown
@@ -42,24 +43,44 @@ class Door(Protocol):
 
 
 class UnixDoor:
-    """A UNIX socket, private where its folder is; replaces one that another process left there."""
+    """A UNIX socket, private where its folder is; replaces what another process left there, made again where it goes.
+
+    Raises OSError, with its path, where it cannot be made.
+    """
 
     def __init__(self, path: str, spin_s: float = SPIN_S) -> None:
-        Path(path).unlink(missing_ok=True)
-        self._listener, self._spin_s = Listener(path, "AF_UNIX"), spin_s
-        self._socket = self._listener._listener._socket  # type: ignore[attr-defined]  # the only way to poll it
+        self._path, self._spin_s = Path(path), spin_s
+        self._listen()
 
     def poll(self, timeout_s: float = 0.0, /) -> bool:
         """Whether a client waits, within `timeout_s` [s]."""
-        return bool(wait([self._socket], timeout_s))
+        found = bool(wait([self._socket], timeout_s))
+        if not found and not self._path.exists():  # a cleaner of old files took it
+            self.close()
+            self._listen()
+        return found
 
     def accept(self) -> Link:
         """Wait for the next client."""
-        return Link(self._listener.accept(), spin_s=self._spin_s)
+        while not self.poll(LOOK_S):
+            pass
+        return Link(Connection(self._socket.accept()[0].detach()), spin_s=self._spin_s)
 
     def close(self) -> None:
         """Admit no further client."""
-        self._listener.close()
+        self._path.unlink(missing_ok=True)
+        self._socket.close()
+
+    def _listen(self) -> None:
+        self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._path.unlink(missing_ok=True)
+        self._socket = socket.socket(socket.AF_UNIX)
+        try:
+            with shorten(self._path) as name:
+                self._socket.bind(name)
+        except OSError as error:  # a file system without sockets
+            raise OSError(error.errno, error.strerror, str(self._path)) from error
+        self._socket.listen()
 
 
 def serve(target: ServedTarget, door: Door, tokens: Tokens, should_end: Callable[[], bool] = lambda: False) -> None:

@@ -254,7 +254,11 @@ class SessionRunner:
         """Nothing was commanded: the tree is unsound, or there is no target."""
         if isinstance(error, DefinitionError):
             try:
-                outcome = Outcome(ended=Ended.SKILL_FAILED, code="BROKEN_TREE", message=str(error))
+                defect = next((each.address for each in error.problems if each.code == "BROKEN_PYTHON"), "")
+                message = str(error)
+                outcome = Outcome(
+                    ended=Ended.SKILL_FAILED, code="BROKEN_TREE", message=message, is_final=True, defect=defect
+                )
                 return self._close_unmoved(session, outcome, recorder, evidence)
             except ExecutionError as lost:
                 error = lost

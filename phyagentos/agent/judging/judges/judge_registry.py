@@ -12,7 +12,7 @@ from msgspec import UNSET, UnsetType
 
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, find_place, is_defect
 from phyagentos.plugins import Plugins
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.verdicts import Criterion
@@ -91,11 +91,14 @@ class ForeignJudge:
         """Criteria of the wrapped judge; an unknown one where it failed."""
         try:
             criteria: tuple[object, ...] = tuple(self.other.judge(bundle))
-        except Exception as error:  # foreign code; the session must be judged
-            return [self._fail(f"the judge raised {type(error).__name__}: {error}")]
+        except (Exception, SystemExit) as error:  # foreign code; the session must be judged
+            raised = f"the judge raised {type(error).__name__}: {error}"
+            if not is_defect(error):
+                return [self._fail(raised, Cause.JUDGE_FAILED)]
+            return [self._fail(f"{raised} ({find_place(error, type(self.other))})", Cause.BROKEN_PYTHON)]
         if strangers := sorted({type(each).__name__ for each in criteria if not isinstance(each, Criterion)}):
-            return [self._fail(f"the judge answered with {', '.join(strangers)}")]
+            return [self._fail(f"the judge answered with {', '.join(strangers)}", Cause.BROKEN_PYTHON)]
         return [each for each in criteria if isinstance(each, Criterion)]
 
-    def _fail(self, because: str) -> Criterion:
-        return make_unknown(self.kind, self.kind, "", because, failure=Cause.JUDGE_FAILED)
+    def _fail(self, because: str, failure: Cause) -> Criterion:
+        return make_unknown(self.kind, self.kind, "", because, failure=failure)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from msgspec import UNSET
 
+from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.judges.judge_registry import FORESEEN, make_unknown
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.predicates.predicate import View, has_metric, parse_predicate
@@ -91,6 +92,7 @@ def evaluate_on(text: str, kind: str, view: View, evidence: str) -> Criterion:
         at_s=view.now.time_s,
         because=evaluation.because,
         alternatives=evaluation.alternatives or UNSET,
+        failure=Cause.BROKEN_PYTHON if evaluation.defect else UNSET,
     )
 
 

@@ -22,7 +22,9 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import Authored
 from phyagentos.protocol.world.environment import Pose, TargetState
 from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
+from phyagentos.runtime.models.compiling import compile_model
 from phyagentos.runtime.models.robot import read_robot
+from phyagentos.runtime.models.sources import find_models
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver
 from phyagentos.runtime.targets.driver_registry import DriverSite
@@ -116,7 +118,8 @@ class ToolCentre:
     """
 
     def __init__(self, profile: TargetProfile, folder: Path) -> None:
-        place, found = f"{profile.target}/target.yaml", read_robot(profile, folder).compile() if profile.model else None
+        place, files = f"{profile.target}/target.yaml", find_models(profile, folder)
+        found = compile_model(read_robot(profile, folder), *files) if files else None
         kinematics = read_kinematics(found, profile) if found is not None else None
         if found is None or kinematics is None:
             hint = "Copy the robot's model beside its profile; docs/targets.md says where from."

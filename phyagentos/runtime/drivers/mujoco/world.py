@@ -35,7 +35,7 @@ from phyagentos.runtime.drivers.mujoco.local_limits import END_MARGIN_RAD
 from phyagentos.runtime.drivers.mujoco.physics import Physics, advance
 from phyagentos.runtime.drivers.mujoco.rendering import render_png
 from phyagentos.runtime.drivers.mujoco.simulation import BROKEN_OFF, ReadAgreement, Simulation
-from phyagentos.runtime.models.robot import build_robot, count_steps
+from phyagentos.runtime.models.robot import compile_robot, count_steps
 from phyagentos.runtime.models.world import CompiledScene, compile_scene, name_prefix
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import TargetDriver
@@ -204,7 +204,9 @@ class MujocoDriver(TargetDriver):
     def describe(self) -> wire.Description:
         profile, present = self.profile, self._present
         scene = present.physics.model if present is not None else None
-        model = scene if scene is not None and profile.base is None else build_robot(profile, self.folder).compile()
+        model = scene
+        if model is None or profile.base is not None:
+            model = compile_robot(profile, self.folder)
         prefix = self.prefix if model is scene else ""  # alone, a base has joints for its pose
         seen = scene if scene is not None else model
         cameras = tuple(seen.camera(index).name for index in range(seen.ncam))
