@@ -144,6 +144,8 @@ def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], timeline: Manipul
         return Diagnosis(Cause.NO_CRITERIA, "the contract has no criterion, so nothing can be accepted")
     if execution.defect:
         return Diagnosis(Cause.BROKEN_PYTHON, _describe_end(bundle))
+    if bundle.after is None and execution.ended is Ended.TARGET_LOST:  # which is why
+        return Diagnosis(Cause.TARGET_LOST, _describe_end(bundle))
     if bundle.after is None:
         return Diagnosis(Cause.EVIDENCE_MISSING, "the world was not observed after the session")
     if (fault := _find_judging_fault(criteria)) is not None:
