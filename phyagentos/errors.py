@@ -5,13 +5,17 @@
 """
 
 import difflib
+import errno
 import inspect
+import shutil
 import traceback
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
+
+ROOM_BYTES = 1 << 20  # with less room than that no process can keep its records
 
 
 class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -107,14 +111,14 @@ class ExecutionError(PhyAgentOSError):
 class DefectError(ExecutionError):
     """What failed is a person's own code, at `place`: `file:line`, or the server that has it. To repeat it is vain."""
 
-    def __init__(self, code: str, message: str, place: str) -> None:
+    def __init__(self, code: str, report: str, place: str) -> None:
         self.place = place
-        super().__init__(code, f"{message} ({place})")
+        super().__init__(code, report if place in report else f"{report} ({place})")
 
 
 def is_defect(error: BaseException) -> bool:
     """Whether an exception of a person's code, such as a KeyError, is a defect that every repetition meets again."""
-    return not isinstance(error, PhyAgentOSError | OSError | MemoryError)
+    return isinstance(error, DefectError) or not isinstance(error, PhyAgentOSError | OSError | MemoryError)
 
 
 def find_place(error: BaseException, own: object) -> str:
@@ -124,6 +128,28 @@ def find_place(error: BaseException, own: object) -> str:
     calls = traceback.extract_tb(error.__traceback__)
     inner = next((call for call in reversed(calls) if call.filename in files), calls[-1])
     return f"{inner.filename}:{inner.lineno}"
+
+
+def has_room(path: Path) -> bool:
+    """Whether the disk of a path, or of the folder where it would be, can still take what a process records."""
+    there = next(each for each in (path.absolute(), *path.absolute().parents) if each.exists())
+    return shutil.disk_usage(there).free >= ROOM_BYTES
+
+
+def find_full_disk(error: BaseException) -> str:
+    """What a write found no room for, by the error or by the calls that led there; empty for any other error."""
+    if isinstance(error, shutil.Error) and f"[Errno {errno.ENOSPC}]" in str(error):  # of the files of a folder
+        return str(error.args[0][0][1])
+    if not isinstance(error, OSError) or error.errno not in {errno.ENOSPC, errno.EDQUOT}:
+        return ""
+    if error.filename is not None:
+        return str(error.filename2 or error.filename)
+    known: list[object] = []
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        here = [*frame.f_locals.values(), *getattr(frame.f_locals.get("self"), "__dict__", {}).values()]
+        known = [*here, *known]  # the innermost first
+    paths = [each for each in known if isinstance(each, Path)]
+    return str(next((each for each in paths if not has_room(each)), paths[0] if paths else "a file"))
 
 
 @contextmanager

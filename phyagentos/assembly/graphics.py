@@ -5,11 +5,9 @@ cannot be imported with graphics that are not here, be it to simulate alone. Rej
 run, which takes a second.
 """
 
-import ctypes
 import os
 import subprocess
 import sys
-from collections.abc import MutableMapping
 
 from phyagentos.errors import DefinitionError
 
@@ -32,38 +30,35 @@ with mujoco.Renderer(model, 32, 32) as renderer:
 
 
 def find_named() -> str:
-    """What a person has named; empty for nothing."""
-    return os.environ.get(NAME, "").strip().lower()
+    """What a person has named; EGL where that is nothing."""
+    return os.environ.get(NAME, "").strip().lower() or ORDINARY
 
 
 def choose_graphics() -> None:
     """Before this process imports MuJoCo: what a person has named, else EGL, or none where that is not here."""
-    if find_named():
-        return
-    _name_ordinary(os.environ)
-    try:
-        import mujoco  # noqa: F401
-    except Exception:  # the bindings of EGL raise what they like
-        os.environ[NAME] = "disable"
+    if find_named() == ORDINARY:
+        os.environ |= make_environment()
+        try:
+            import mujoco  # noqa: F401
+        except Exception:  # the bindings of EGL raise what they like
+            os.environ[NAME] = "disable"
 
 
 def require_graphics() -> None:
     """Refuse what a person has named and cannot draw here, in a second: DefinitionError `INVALID_VALUE`."""
-    named = find_named()
-    is_ordinary = named == ORDINARY and os.environ.get(PLATFORM, ORDINARY) == ORDINARY and _has_egl()
-    if not named or named in NONE or is_ordinary or can_draw():
-        return
-    raise DefinitionError.of(
-        "INVALID_VALUE", NAME, explain_unfit(), "egl, or nothing", f"Unset it: {ORDINARY} is used."
-    )
+    if find_named() not in NONE | {ORDINARY} and not can_draw():
+        hint = f"Unset it: {ORDINARY} is used."
+        raise DefinitionError.of("INVALID_VALUE", NAME, explain_unfit(), f"{ORDINARY}, or nothing", hint)
+
+
+def make_environment() -> dict[str, str]:
+    """What a process that draws has in its environment beside that of this one; EGL's bindings take no other name."""
+    return {NAME: ORDINARY, PLATFORM: ORDINARY} if find_named() == ORDINARY else {}
 
 
 def can_draw() -> bool:
     """Whether a process with the environment of a run draws a picture, tried in one."""
-    environment = dict(os.environ)
-    if not find_named():
-        _name_ordinary(environment)
-    command = [sys.executable, "-c", _TRIAL]
+    command, environment = [sys.executable, "-c", _TRIAL], os.environ | make_environment()
     try:
         return not subprocess.run(
             command, env=environment, capture_output=True, timeout=TRIAL_S, check=False
@@ -74,22 +69,9 @@ def can_draw() -> bool:
 
 def explain_unfit() -> str:
     """Which graphics cannot draw here, what they need, and the variables that decide it."""
-    named = find_named() or ORDINARY
+    named = find_named()
     if named not in NEEDS:
         return f"{NAME}={named}, which names no graphics"
-    given = [f"{name}={os.environ[name]}" for name in DECIDE if os.environ.get(name)]
+    given = [f"{name}={os.environ[name]}" for name in DECIDE if os.environ.get(name, named) != named]
     where = f"here with {', '.join(given)}" if given else "here"
     return f"{NAME}={named}, which needs {NEEDS[named]} and draws nothing {where}"
-
-
-def _name_ordinary(environment: MutableMapping[str, str]) -> None:
-    environment[NAME] = ORDINARY
-    environment.pop(PLATFORM, None)
-
-
-def _has_egl() -> bool:
-    try:
-        ctypes.CDLL("libEGL.so.1")
-    except OSError:
-        return False
-    return True

@@ -15,7 +15,7 @@ from phyagentos.assembly.drivers import DRIVERS, open_shared_world
 from phyagentos.assembly.graphics import choose_graphics
 from phyagentos.assembly.process_tuning import ask_for_precedence, collect_rarely
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError, find_full_disk
 from phyagentos.protocol.settings.perception import Sensing, read_perception
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.channel import SPIN_S
@@ -205,6 +205,11 @@ def main(argv: Sequence[str] | None = None) -> None:
             )
     except (DefinitionError, ExecutionError) as error:
         sys.stderr.write(f"{error}\n")  # now: the frames above hold connections, at whose end the supervisor kills
+        sys.exit(1)
+    except OSError as error:
+        if not (place := find_full_disk(error)):
+            raise
+        sys.stderr.write(f"{place}: no room is left on its disk\n")
         sys.exit(1)
 
 

@@ -275,6 +275,7 @@ def start_world(workspace: Workspace, target: str, sockets: Path, *, outlives: b
 @contextlib.contextmanager
 def open_worker(workspace: Workspace, target: str) -> Iterator[Worker]:
     """The worker of one target that is ready for orders, with a world and sockets of its own, while the block runs."""
+    require_graphics()
     with tempfile.TemporaryDirectory(prefix="paos-") as folder:
         sockets = Path(folder)
         world = start_world(workspace, target, sockets)

@@ -18,7 +18,7 @@ import traceback
 from collections.abc import Callable, Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import msgspec
 import yaml
@@ -35,6 +35,7 @@ from phyagentos.bench.scoring import Taxon, record_sessions, score
 from phyagentos.bench.suite import open_bench
 from phyagentos.bench.suite_file import MemoryUse, Variant
 from phyagentos.clock import Clock, SystemClock
+from phyagentos.errors import ExecutionError, find_full_disk, has_room
 from phyagentos.fork_server import start_python
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.markdown import publish
@@ -49,6 +50,7 @@ from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 
 ORDER, RECORD, LOG, WORKSPACE, PROJECT = "order.json", "record.json", "episode.log", "workspace", "project"
+FULL = "full"  # how an episode has ended that found no room on a disk; its record is no result
 POLL_S = 0.5  # a run that ends is noticed within this
 START_S = 120.0  # beside the episode's own wall time: a cold machine compiles once
 _USES = {
@@ -97,9 +99,14 @@ def carry_out(job: Job, is_ended: Callable[[], bool] = lambda: False) -> Episode
     process.kill()
     process.wait()
     if (folder / RECORD).is_file():
-        return msgspec.json.decode((folder / RECORD).read_bytes(), type=EpisodeRecord)
+        record = msgspec.json.decode((folder / RECORD).read_bytes(), type=EpisodeRecord)
+        if record.ended == FULL or not (record.is_met or has_room(folder)):
+            _refuse(folder, job)
+        return record
     if is_ended():
         return None
+    if not has_room(folder):
+        _refuse(folder, job)
     ended, error = ("hung", f"no end within {limit_s:g} s") if code is None else ("crashed", f"exit code {code}")
     tail = (folder / LOG).read_text(encoding="utf-8", errors="replace")[-2000:].strip()
     return _fail(job, folder, ended, f"{error}: {tail}" if tail else error, at, clock.now_s() - begin_s)
@@ -226,6 +233,13 @@ def _identify(job: Job, folder: Path) -> Fields:
     return {name: getattr(job.order, name) for name in (*Axes.__struct_fields__, "memory")} | where
 
 
+def _refuse(folder: Path, job: Job) -> NoReturn:
+    message = (
+        f"{folder}: no room is left on its disk, so {job.order.id} is no result. Make room, then: paos bench resume"
+    )
+    raise ExecutionError("JOURNAL_WRITE_FAILED", f"{message} {job.run}")
+
+
 def _fail(job: Job, folder: Path, ended: str, error: str, at: str, wall_s: float) -> EpisodeRecord:
     taxon = Taxon.TIMEOUT if ended == "hung" else Taxon.EXECUTION
     facts = {"ended": ended, "error": error, "at": at, "wall_s": round(wall_s, 3)}
@@ -242,8 +256,9 @@ def main() -> None:
     begin_s, at = clock.now_s(), clock.wall_iso()
     try:
         record = run_episode(job, folder, clock)
-    except Exception:  # every one is a finding, and has its record
-        record = _fail(job, folder, "crashed", traceback.format_exc(), at, clock.now_s() - begin_s)
+    except Exception as error:  # every one is a finding, and has its record
+        ended = FULL if find_full_disk(error) else "crashed"
+        record = _fail(job, folder, ended, traceback.format_exc(), at, clock.now_s() - begin_s)
     replace_durably(folder / RECORD, msgspec.json.encode(record))
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import msgspec
 
+from phyagentos.assembly.graphics import require_graphics
 from phyagentos.assembly.paths import choose_folder
 from phyagentos.bench.availability import find_lacks, plan_setup, set_up
 from phyagentos.bench.engines import EngineName, open_engine
@@ -135,6 +136,7 @@ def _sweep(
     on_begun: OnBegun,
     on_episode: Callable[[EpisodeRecord], object],
 ) -> Summary:
+    require_graphics()
     on_begun(folder, manifest, len({record.id for record in read_records(folder)}))
     for record in run_sweep(folder, manifest, open_engine(engine, jobs), policies, SystemClock()):
         on_episode(record)

@@ -68,7 +68,10 @@ def run_shown(request: RunRequest, *, quiet: bool = False, as_json: bool = False
         except PlaneEnded as error:
             if error.exit_code in {ExitCode.INVALID_INPUT, ExitCode.REJECTED}:
                 raise Exit(ExitCode(error.exit_code), "\n".join(error.printed)) from error
-            raise Exit(ExitCode.INTERNAL_ERROR, error.message) from error
+            again = f"paos run {request.graph} --seed {request.seed} -w {error.workspace}"
+            raise Exit(
+                ExitCode.INTERNAL_ERROR, f"{error.message}\nThe goal is not over. Continue it: {again}"
+            ) from error
     print_report(report, console.rows, CleanConsole(stderr=as_json, highlight=False))
     return report
 

@@ -14,7 +14,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import IO
 
-from phyagentos.errors import DefinitionError, PhyAgentOSError, Problem
+from phyagentos.errors import DefinitionError, PhyAgentOSError, Problem, find_full_disk
 from phyagentos.protocol.documents.plain_text import clean
 
 
@@ -111,6 +111,15 @@ def print_problems(problems: Iterable[Problem]) -> int:
 
 def report_exception(error: BaseException) -> ExitCode:
     """Print what a person needs of an exception and choose the exit code; tracebacks only where they were asked for."""
+    if isinstance(
+        error, AttributeError | ImportError | RuntimeError
+    ):  # as MuJoCo raises with graphics that are not here
+        from phyagentos.assembly.graphics import require_graphics
+
+        try:
+            require_graphics()
+        except DefinitionError as refused:
+            error = refused
     debug = "--debug" in sys.argv or os.environ.get("PAOS_DEBUG") == "1"  # which both planes inherit
     if isinstance(error, KeyboardInterrupt):
         return ExitCode.INTERRUPTED
@@ -124,6 +133,9 @@ def report_exception(error: BaseException) -> ExitCode:
         count = print_problems(error.problems)
         print_note(f"{count} problem{'s' if count != 1 else ''}")
         return ExitCode.INVALID_INPUT
+    if place := find_full_disk(error):
+        print_note(f"{place}: no room is left on its disk. Make room, then do it again.")
+        return ExitCode.INTERNAL_ERROR
     if isinstance(error, OSError) and error.filename is not None:
         print_note(f"{error.filename}: {error.strerror}; name a place that can be read and written")
         return ExitCode.INVALID_INPUT

@@ -12,10 +12,11 @@ from phyagentos.cli.reply import Reply
 from phyagentos.errors import DefinitionError
 from phyagentos.operations import robots
 from phyagentos.operations.export import Written
-from phyagentos.operations.robots import DraftedProfile, KnownRobot, ProfileCheck, RobotDescription
+from phyagentos.operations.robots import DraftedProfile, KnownRobot, ProfileCheck, RobotDescription, RobotTrial
 from phyagentos.protocol.documents.markdown import render_table
 from phyagentos.wording import count
 
+FAR_M = 1.0  # how far a robot reaches that needs no smaller scenes
 Name = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a target, as `paos robot list` prints it.")]
 
 
@@ -49,6 +50,23 @@ def render(
     return Reply(robots.render_robot(robot, to), f"wrote {to}")
 
 
+def try_(
+    robot: Name,
+    to: Annotated[Path, typer.Option("--to", metavar="FILE.png", help="Where the map goes.")] = Path("reach.png"),
+) -> Reply[RobotTrial]:
+    """Try a robot alone in simulation: reach of grasps, opening, lag, returns, hold; exit code 1 if one is not well."""
+    found = robots.try_robot(robot, to)
+    rows = [(each.what, each.measured, "well" if each.well else "not well") for each in found.findings]
+    notes = [f"wrote {to}"]
+    if found.band_m is not None:
+        near_m, far_m = found.band_m
+        placing = f" and placement: {{scale: {max(far_m / FAR_M, 0.5):.2f}}}" if far_m < FAR_M else ""
+        notes.append(f"write into its profile: grasp_band_m: [{near_m:.2f}, {far_m:.2f}]{placing}")
+        notes.append(f"next: paos run tidy_table --set targets.arm={robot}")
+    code = ExitCode.GOAL_MET if all(each.well for each in found.findings) else ExitCode.GOAL_NOT_MET
+    return Reply(found, render_table(("", "measured", ""), rows), notes, code)
+
+
 def new(
     model: Annotated[str, typer.Argument(metavar="MODEL", help="MJCF or URDF file, or SOURCE:PATH.")],
     name: Annotated[str, typer.Option("--name", help="Of the target; from the file's name by default.")] = "",
@@ -57,13 +75,20 @@ def new(
         list[str] | None,
         typer.Option("--arg", metavar="NAME=VALUE", help="An argument of a xacro file; may be given again."),
     ] = None,
+    hand: Annotated[str, typer.Option("--hand", help="Model that its end carries, as SOURCE:PATH.")] = "",
+    joint: Annotated[
+        str, typer.Option("--joint", help="A joint of the arm to draft, where the model has several.")
+    ] = "",
 ) -> Reply[DraftedProfile]:
     """Draft a profile from a model: joints, limits, tool and fingers as it has them, or guessed and marked so."""
     pairs = [text.partition("=") for text in arguments or ()]
     if wrong := [key for key, given, _ in pairs if not key or not given]:
         raise DefinitionError.of("INVALID_VALUE", "--arg", repr(wrong[0]), "NAME=VALUE")
-    found = robots.draft_robot(model, folder, name, {key: value for key, _, value in pairs})
+    found = robots.draft_robot(model, folder, name, {key: value for key, _, value in pairs}, joint, hand)
     notes = [*found.remarks]
     notes += [f"its model is {found.model}: set PHYAGENTOS_MODELS to {found.models}"] if found.models else []
-    notes.append(f"next: edit it, then paos robot check {found.robot} && paos robot render {found.robot}")
-    return Reply(found, f"wrote {found.file}, {found.guessed} lines say check", notes)
+    notes.append(
+        f"next: paos robot check {found.robot} && paos robot render {found.robot} && paos robot try {found.robot}"
+    )
+    written = f"wrote {found.file} and {found.safety.name}; check {count(len(found.asks), 'line')}:"
+    return Reply(found, "\n  ".join((written, *found.asks)), notes)

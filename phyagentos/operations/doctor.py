@@ -20,7 +20,6 @@ from phyagentos.assembly import graphics
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.runtime.channel import shorten
 from phyagentos.store.shared_file import exchange
 from phyagentos.store.sync_times import measure_sync
 from phyagentos.store.watch import Watch
@@ -71,13 +70,13 @@ def iter_findings(folder: Path, clock: Clock) -> Iterator[MachineFinding]:
     yield check_python()
     yield check_packages()
     yield check_graphics()
-    of_disk = (check_space, check_file_system, check_syncs, check_locks)
-    for check in (*of_disk, check_sockets, check_exchange, check_events, check_clock):
+    checks = (check_space, check_file_system, check_syncs, check_locks, check_exchange, check_events, check_clock)
+    for check in checks:
         try:
             yield check(folder, clock)
         except OSError as error:
             subject = check.__name__.removeprefix("check_").replace("_", " ")
-            yield MachineFinding(subject, Grade.BROKEN, str(error), f"Make {folder} a folder that you may write to.")
+            yield MachineFinding(subject, Grade.BROKEN, str(error), f"Make {folder} a folder with room to write to.")
     yield check_scheduling()
     yield check_ports()
 
@@ -144,7 +143,7 @@ def check_graphics() -> MachineFinding:
     fix = f"Runs work without pictures. On Debian: apt-get install {PACKAGES_OF_DEBIAN}."
     if not graphics.can_draw():
         return MachineFinding("graphics", Grade.WEAK, graphics.explain_unfit(), fix)
-    return MachineFinding("graphics", Grade.FINE, f"pictures by {named or graphics.ORDINARY}")
+    return MachineFinding("graphics", Grade.FINE, f"pictures by {named}")
 
 
 def check_space(folder: Path, clock: Clock) -> MachineFinding:
@@ -178,17 +177,6 @@ def check_locks(folder: Path, clock: Clock) -> MachineFinding:
         except BlockingIOError:
             return MachineFinding("locks", Grade.FINE, "flock excludes")
     return MachineFinding("locks", Grade.BROKEN, "flock lets two in", "Put workspaces on a local disk.")
-
-
-def check_sockets(folder: Path, clock: Clock) -> MachineFinding:
-    """Whether the folder takes UNIX sockets, by which the processes of a run meet."""
-    with tempfile.TemporaryDirectory(dir=folder) as scratch, socket.socket(socket.AF_UNIX) as made:
-        try:
-            with shorten(Path(scratch) / "socket") as name:
-                made.bind(name)
-        except OSError as error:
-            return MachineFinding("sockets", Grade.BROKEN, str(error.strerror), "Put workspaces on a local disk.")
-    return MachineFinding("sockets", Grade.FINE, "a UNIX socket can be made")
 
 
 def check_exchange(folder: Path, clock: Clock) -> MachineFinding:

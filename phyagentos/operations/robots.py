@@ -3,11 +3,12 @@
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import msgspec
 
 from phyagentos.assembly.project import open_library
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, relocate
 from phyagentos.operations.export import Written
 from phyagentos.protocol.capabilities.targets import is_beside
 from phyagentos.protocol.settings.safety import Safety, read_safety
@@ -44,17 +45,37 @@ class ProfileCheck(msgspec.Struct, frozen=True, kw_only=True):
     remarks: tuple[str, ...] = ()
 
 
+class Measured(msgspec.Struct, frozen=True, kw_only=True):
+    """One thing that a trial measured; `well` where nothing of it would fail a session."""
+
+    what: str
+    measured: str
+    well: bool
+
+
+class RobotTrial(msgspec.Struct, frozen=True, kw_only=True):
+    """What a robot did alone in simulation; `band_m` is where it can take objects in front, none where it cannot."""
+
+    robot: str
+    findings: tuple[Measured, ...]
+    band_m: tuple[float, float] | None
+    picture: Path
+
+
 class DraftedProfile(msgspec.Struct, frozen=True, kw_only=True):
-    """A profile that was drafted: where, how many of its lines are guessed, and the model that it names.
+    """A profile and limits that were drafted: where, what is guessed, and the model that the profile names.
 
     Attributes:
+        safety: Its limits.
+        asks: Lines of both files that are guessed: file, line number and text.
         models: Folder that PHYAGENTOS_MODELS must name for this model; None where it is found without.
         remarks: What was left out of the model, or added to it.
     """
 
     robot: str
     file: Path
-    guessed: int
+    safety: Path
+    asks: tuple[str, ...]
     model: str
     models: Path | None = None
     remarks: tuple[str, ...] = ()
@@ -80,12 +101,15 @@ def list_robots() -> tuple[KnownRobot, ...]:
 
 def describe(robot: str) -> RobotDescription:
     """What a robot's model says; raises DefinitionError `UNKNOWN_NAME`, or of its model."""
-    from phyagentos.runtime.models.robot import read_profile, read_remarks
+    from phyagentos.runtime.models.robot import compile_robot, read_profile, read_remarks
     from phyagentos.runtime.motion.profile_checks import describe_robot
     from phyagentos.runtime.motion.robot_model import build_robot_model
 
     profile, folder = read_profile(open_library().get_target(robot))
-    facts = describe_robot(build_robot_model(profile, folder)) if profile.model else {}
+    facts = {}
+    if profile.model:
+        compile_robot(profile, folder)  # physics needs masses, planning none
+        facts = describe_robot(build_robot_model(profile, folder))
     names = {"robot": profile.target, "description": profile.description, "model": profile.model}
     return RobotDescription(**names, facts=facts, remarks=read_remarks(profile, folder))
 
@@ -117,14 +141,33 @@ def render_robot(robot: str, to: Path) -> Written:
     return Written(file=to)
 
 
-def draft_robot(model: str, folder: Path, name: str = "", arguments: Mapping[str, str] = {}) -> DraftedProfile:
+def try_robot(robot: str, to: Path) -> RobotTrial:
+    """Try a robot alone in simulation, and draw where its grasps reach; raises DefinitionError of profile or model."""
+    from phyagentos.assembly.robot_trial import run_trial
+    from phyagentos.runtime.models.robot import read_profile
+
+    if problems := check_robot(robot).problems:
+        raise DefinitionError(problems)
+    trial = run_trial(*read_profile(open_library().get_target(robot)))
+    to.write_bytes(trial.picture)
+    findings = tuple(Measured(what=each.what, measured=each.measured, well=each.is_well) for each in trial.findings)
+    return RobotTrial(robot=robot, findings=findings, band_m=trial.band_m, picture=to)
+
+
+def draft_robot(
+    model: str, folder: Path, name: str = "", arguments: Mapping[str, str] = {}, joint: str = "", hand: str = ""
+) -> DraftedProfile:
     """Draft a profile from a model, named after its file without a name; what it does not say is guessed and marked.
 
-    `arguments` are values of those of a xacro file. Raises DefinitionError `MODEL_MISSING`, `MODEL_INVALID`,
-    `WOULD_OVERWRITE`, `INVALID_VALUE` for a name that no target can have.
+    `arguments` are values of those of a xacro file; of several arms that with `joint` is drafted;
+    `hand` is the model of one that it carries, as a profile here does.
+
+    Raises DefinitionError `MODEL_MISSING`, `MODEL_INVALID`, `WOULD_OVERWRITE`, `INVALID_VALUE` for a name that no
+    target can have, `IN_COLLISION` where no posture is free.
     """
-    from phyagentos.runtime.models.drafting import draft_profile
-    from phyagentos.runtime.models.sources import find_model, name_in_models
+    from phyagentos.runtime.models.drafting import draft_profile, find_carried
+    from phyagentos.runtime.models.sources import find_model, look_in, name_in_models
+    from phyagentos.runtime.motion.draft_settling import settle_draft
 
     path = find_model(model, Path())
     if not path.is_file():
@@ -136,9 +179,19 @@ def draft_robot(model: str, folder: Path, name: str = "", arguments: Mapping[str
     if place.exists():
         raise DefinitionError.of("WOULD_OVERWRITE", str(place), "a profile", "a new name", "Choose one with --name.")
     named, models = name_in_models(path) if is_beside(model) else (model, None)
-    text, remarks = draft_profile(path, named, target, arguments)
+    draft = draft_profile(path, named, target, arguments, joint, find_carried(hand, open_library()) if hand else None)
+    with TemporaryDirectory() as aside, look_in(models):
+        (trial := Path(aside) / "robots" / target / place.name).parent.mkdir(parents=True)
+        try:
+            draft, limits = settle_draft(draft, trial)
+        except DefinitionError as error:
+            raise DefinitionError(relocate(error.problems, Path(aside))) from error
+    texts, asks = {place: draft.render(), place.with_name("safety.yaml"): limits}, []
     place.parent.mkdir(parents=True, exist_ok=True)
-    place.write_text(text, encoding="utf-8")
+    for file, text in texts.items():
+        file.write_text(text, encoding="utf-8")
+        asks += [f"{file.name}:{k}: {line.strip()}" for k, line in enumerate(text.splitlines(), 1) if "# check" in line]
     return DraftedProfile(
-        robot=target, file=place, guessed=text.count("# check"), model=named, models=models, remarks=remarks
-    )
+        robot=target, file=place, safety=place.with_name("safety.yaml"), asks=tuple(asks), model=named, models=models,
+        remarks=draft.remarks,
+    )  # fmt: skip

@@ -8,7 +8,6 @@ import contextlib
 import math
 import os
 import select
-import shutil
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -30,9 +29,11 @@ from phyagentos.assembly.planted_faults import find_unstruck, iter_misses
 from phyagentos.assembly.project import admit_python, get_file, get_settings, open_library, parse_overrides
 from phyagentos.assembly.skill_checks import check_skill
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError, Problem, has_room
 from phyagentos.operations.lint import FileKind, find_other_kind
 from phyagentos.operations.progress import RunFold
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.targets import SHARING, TargetProfile, find_driver_name, is_beside
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
@@ -48,7 +49,7 @@ from phyagentos.store.admission import GOAL_PREFIX, GoalEvent
 from phyagentos.store.journal import Entry, IllegalEvent, Journal, cancel_unheld
 from phyagentos.store.watch import Watch
 
-FULL_BYTES = 1 << 20  # with less room than that no plane can keep its records
+GRASPING = frozenset({"pick", "pick_and_place", "stack"})  # skills that begin with the grasp of what they bring
 FOLLOW_PERIOD_S = 0.1  # ten pictures a second are enough for people
 CANCEL_PATIENCE_S = 20.0  # then the planes are ended without waiting for their records
 Show = Callable[[RunFold], object]
@@ -91,13 +92,17 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PlaneEnded(ExecutionError):
-    """A plane ended before the verdict; its exit code and the lines that it has printed say why."""
+    """A plane ended before the verdict; its exit code and the lines that it has printed say why.
+
+    The goal is not over: another run in the same `workspace` continues it.
+    """
 
     def __init__(self, plane: Plane) -> None:
+        self.workspace = plane.log.parent.parent
         self.exit_code, self.printed = plane.find_exit_code(), plane.read_printed()
         last = self.printed[-1] if self.printed else "it printed nothing."
-        if not self.printed and (room := shutil.disk_usage(plane.log.parent).free) < FULL_BYTES:
-            last = f"it printed nothing, and its disk is full ({room} bytes are free): make room and run it again."
+        if not self.printed and not has_room(plane.log.parent):
+            last = "it printed nothing, and its disk is full: make room and run it again."
         message = f"the {plane.name} plane ended with code {self.exit_code}: {last} Log: {plane.log}"
         super().__init__("PLANE_ENDED", message)
 
@@ -159,7 +164,7 @@ def run_goal(
     root = request.workspace or choose_folder(Path("workspaces"), f"{graph.stem}-{request.seed}")
     admit_python(root, graph, is_trusted=request.trusts_python, announce=announce)
     require_graphics()
-    compiled = check_request(graph, faults, parse_overrides(request.overrides), request.workspace)
+    compiled = check_request(graph, faults, parse_overrides(request.overrides), request.workspace, request.seed)
     workspace = Workspace.create(root, open_library(graph))
     with serve_alone(workspace, clock), interrupts.counted():
         if request.world_mode is not None:
@@ -176,6 +181,9 @@ def run_goal(
             planes = start_planes(request, goal, graph, faults, workspace)
             try:
                 follow_run(fold, journal, planes, interrupts, clock, show)
+            except PlaneEnded:
+                planes[-1].kill()  # a signal to end would cancel the goal, which can be continued
+                raise
             finally:
                 for plane in reversed(planes):  # the agent first: what it still cancels needs the runtime
                     plane.stop(clock, is_urgent=lambda: interrupts.count > 1)
@@ -205,9 +213,11 @@ def build_report(fold: RunFold, wall_s: float, *, is_interrupted: bool = False) 
 
 
 def check_request(
-    graph: Path, faults: Path | None, overrides: Mapping[str, str], workspace: Path | None = None
+    graph: Path, faults: Path | None, overrides: Mapping[str, str], workspace: Path | None = None, seed: int = 0
 ) -> GoalGraph:
-    """The graph, once it, the scene, skills and models that it names, and the faults are in order; loads no simulator.
+    """The graph, once it, the scene, skills and models that it names, and the faults are in order.
+
+    A simulator is loaded for robots of a project alone: those that ship are known to be sound.
 
     Ports of trees against leaves, and how the scene begins, are left to preflight. Raises DefinitionError with every
     problem.
@@ -228,7 +238,9 @@ def check_request(
         raise DefinitionError([*error.problems, *problems]) from error
     try:
         for name in sorted({choice.target for choice in compiled.choices.values()}):
-            require_models(catalogue.targets[name], library.get_target(name).parent)
+            require_models(profile := catalogue.targets[name], (file := library.get_target(name)).parent)
+            if find_driver_name(profile) == SHARING and file.parents[1] != find_shipped_root() / "robots":
+                problems += _check_own(profile, file, compiled, library, seed)
         bodies = read_scene(library.get_scene(compiled.spec.scene)).bodies
         if faults is not None and not problems:
             targets = {catalogue.targets[choice.target] for choice in compiled.choices.values()}
@@ -242,6 +254,23 @@ def check_request(
     if problems := [*(each for file in files for each in check_skill(file, open_library(file))), *problems]:
         raise DefinitionError(problems)
     return compiled
+
+
+def _check_own(profile: TargetProfile, file: Path, graph: GoalGraph, library: Library, seed: int) -> list[Problem]:
+    """What `paos robot check` finds, and whether objects that are all to be grasped are all out of reach.
+
+    Nothing where the model is brought together with those that ship.
+    """
+    from phyagentos.runtime.motion.profile_checks import check_profile  # the solvers: only where they are needed
+    from phyagentos.runtime.motion.reach_check import find_out_of_reach
+
+    if is_beside(profile.model) and not (file.parent / profile.model).is_file():
+        return []
+    if (problems := check_profile(file)) or not GRASPING.issuperset(each.skill for each in graph.choices.values()):
+        return problems
+    objects = {body for node, (body, _) in graph.brought.items() if graph.choices[node].target == profile.target}
+    scene = read_scene(library.get_scene(graph.spec.scene))
+    return find_out_of_reach(profile, file, scene, objects, seed) if profile.base is None else []
 
 
 def start_planes(

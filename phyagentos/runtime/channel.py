@@ -38,7 +38,7 @@ def shorten(socket_path: Path | str) -> Iterator[str]:
         os.close(folder)
 
 
-def connect(socket_path: Path | str) -> "Connection[Any, Any]":
+def connect(socket_path: Path | str) -> "Connection[bytes, bytes]":
     """A connection to a process that listens there; raises OSError where none does."""
     with shorten(socket_path) as name:
         return Client(name, "AF_UNIX")

@@ -18,7 +18,7 @@ from phyagentos.bench.suite_file import FigureThreshold, Policy, Variant, merge
 from phyagentos.bench.summary import compare, compute_figure
 from phyagentos.bench.sweep import begin_run, run_sweep
 from phyagentos.clock import SystemClock
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.capabilities.environments import EnvironmentSpec
 from tests.bench.suite_of_counter import SUITE, make_project
 
@@ -196,6 +196,19 @@ case $3 in
   *) echo fell over; exit 7;;
 esac
 """
+
+
+@pytest.mark.slow
+def test_an_episode_that_found_no_room_on_its_disk_is_no_result_and_is_carried_out_again(read, tmp_path, monkeypatch):
+    plan = read(seeds=[0, 2], wall_s=5.0)
+    (tmp_path / "moody").write_text(MOODY)
+    (tmp_path / "moody").chmod(0o755)
+    monkeypatch.setattr("phyagentos.bench.episode.sys.executable", str(tmp_path / "moody"))
+    monkeypatch.setattr("phyagentos.bench.episode.has_room", lambda folder: False)
+    manifest = begin_run(tmp_path / "r", tmp_path / "suite.yaml", plan, SystemClock())
+    with pytest.raises(ExecutionError, match=r"no room is left on its disk, .* paos bench resume"):
+        list(run_sweep(tmp_path / "r", manifest, open_engine(EngineName.LOCAL, 1), {}, SystemClock()))
+    assert read_records(tmp_path / "r") == []
 
 
 @pytest.mark.slow

@@ -58,31 +58,27 @@ UNFIT = [
     ({"MUJOCO_GL": "glfw"}, "MUJOCO_GL=glfw, which needs a display"),
     ({"MUJOCO_GL": "glfw", "DISPLAY": ":99"}, "draws nothing here with DISPLAY=:99"),
     ({"MUJOCO_GL": "opengl"}, "MUJOCO_GL=opengl, which names no graphics"),
-    ({"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": "osmesa"}, "draws nothing here with PYOPENGL_PLATFORM=osmesa"),
 ]
 
 
-@pytest.fixture(params=UNFIT, ids=lambda each: ",".join(each[0].values()))
-def unfit(request, monkeypatch):
-    given, said = request.param
-    monkeypatch.delenv("DISPLAY", raising=False)
-    for name, value in given.items():
-        monkeypatch.setenv(name, value)
-    return said
-
-
 @pytest.mark.slow
-def test_graphics_that_are_named_and_cannot_draw_are_refused_by_doctor_and_run_at_once(tmp_path, paos, unfit):
+@pytest.mark.parametrize(("given", "unfit"), UNFIT)
+def test_graphics_that_are_named_and_cannot_draw_are_refused_by_doctor_and_run_at_once(
+    tmp_path, paos, monkeypatch, given, unfit
+):
+    for name, value in ({"DISPLAY": ""} | given).items():
+        monkeypatch.setenv(name, value)
     finding = doctor.check_graphics()
     refused = paos("run", "tidy_table", "-w", tmp_path / "w")
 
     assert (finding.grade, unfit in finding.found) == (Grade.BROKEN, True), finding
     assert_refused(refused, "MUJOCO_GL: INVALID_VALUE", unfit, "Unset it")
     assert not (tmp_path / "w").exists()
+    assert_refused(paos("preflight", "tidy_table"), unfit)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("given", [{"PYOPENGL_PLATFORM": "osmesa"}, {"DISPLAY": ":99"}, {"MUJOCO_GL": ""}])
+@pytest.mark.parametrize("given", [{"PYOPENGL_PLATFORM": "osmesa"}, {"DISPLAY": ":99"}, {"MUJOCO_GL": " EGL"}])
 def test_without_a_name_pictures_are_drawn_by_egl_whatever_else_the_environment_says(monkeypatch, given):
     monkeypatch.delenv("MUJOCO_GL")
     for name, value in given.items():

@@ -1,7 +1,11 @@
 """`paos robot new`: a draft from a model, which the profile names so that it is found again."""
 
+import json
+from pathlib import Path
+
 import pytest
 
+from phyagentos.assembly.robot_trial import find_band
 from phyagentos.cli.outcome import ExitCode
 
 MODEL = """<mujoco model="scara">
@@ -42,3 +46,47 @@ def test_without_that_folder_the_variable_to_set_is_named(paos, model, monkeypat
     drafted = paos("robot", "new", model)
     assert f"set PHYAGENTOS_MODELS to {model.parent}" in drafted.out + drafted.err
     assert "MODEL_MISSING" in paos("robot", "check", "scara").out
+
+
+def test_a_run_refuses_of_a_robot_of_the_project_what_its_check_refuses(paos, model, monkeypatch):
+    monkeypatch.setenv("PHYAGENTOS_MODELS", str(model.parents[1]))
+    assert paos("robot", "new", model, "--name", "arm").code == ExitCode.GOAL_MET
+    assert paos("robot", "check", "arm").code == ExitCode.GOAL_MET
+    text = (profile := Path("robots/arm/target.yaml")).read_text()
+    for offered in ("joint_state", "joint_position"):  # what the goal graph asks of its arm
+        text = text.replace(f"[{offered}", f"[{offered}, gripper_width")
+    profile.write_text(text.replace("home_rad: [", "home_rad: [9, "))
+    model.write_text(MODEL.replace('mass="1"', 'mass="0"'))
+    for command in (("robot", "check", "arm"), ("run", "tidy_table", "--set", "targets.arm=arm")):
+        refused = paos(*command)
+        assert refused.code == ExitCode.INVALID_INPUT
+        assert "target.yaml:9:3: INVALID_VALUE" in refused.out + refused.err
+    profile.write_text(text)
+    for command in (("robot", "check", "arm"), ("robot", "render", "arm"), ("robot", "show", "arm"),
+                    ("run", "tidy_table", "--set", "targets.arm=arm")):  # fmt: skip
+        refused = paos(*command)
+        assert refused.code == ExitCode.INVALID_INPUT
+        assert "scara.xml:4: MODEL_INVALID: found link 'upper'" in refused.out + refused.err
+
+
+@pytest.mark.slow
+@pytest.mark.sim
+def test_a_robot_is_tried_alone_before_it_is_trusted(paos, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    tried = paos("robot", "try", "panda", "--to", "map.png", "--json")
+    found = json.loads(tried.out)
+    assert tried.code == ExitCode.GOAL_MET
+    assert [each["what"] for each in found["findings"] if not each["well"]] == []
+    near_m, far_m = found["band_m"]
+    assert near_m < 0.34  # between these, by its profile, objects are taken from above
+    assert far_m > 0.66
+    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("found", "band_m"),
+    [([1, 2, 3, 4], (0.1, 0.4)), ([2, 3], (0.2, 0.3)), ([1, 3, 4], (0.3, 0.4)), ([2], None), ([], None)],
+)
+def test_the_band_of_grasps_has_no_gap(found, band_m):
+    cells = {(k / 10, 0.0): k in found for k in (1, 2, 3, 4)} | {(-0.5, 0.0): True}
+    assert find_band(cells) == (pytest.approx(band_m) if band_m else None)

@@ -14,6 +14,7 @@ from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.heartbeats import read_heartbeats
+from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, find_sole
 from phyagentos.protocol.workspace.workspace import Workspace
 from tests.following import wait_until
 
@@ -80,6 +81,24 @@ def test_one_interrupt_cancels_every_session_and_leaves_records_though_heartbeat
     assert "lost" not in out + err
     assert find_states(root)["count-0.a"] == "cancelled"
     assert read_ledger(root).goals["count-0"].is_cancelled
+
+
+def test_a_goal_whose_watchdog_was_killed_is_continued_by_the_next_run(begin, tmp_path):
+    here, root = copy_endless_counter(tmp_path / "library"), tmp_path / "w"
+    graph = here / "goal_graphs" / "count.yaml"
+    run = begin("run", graph, "-w", root, "--no-pictures", cwd=here)
+    wait_for(run, "a: running")
+    watch = find_sole(root / WATCHDOG_LOCK)
+    signal.pidfd_send_signal(watch, signal.SIGKILL)
+    os.close(watch)
+    _, err = run.communicate(timeout=LIMIT_S)
+    assert run.returncode == ExitCode.INTERNAL_ERROR, err
+    assert f"The goal is not over. Continue it: paos run {graph} --seed 0 -w {root}" in err
+
+    begin("run", graph, "-w", root, "--no-pictures", cwd=here)
+
+    wait_until(lambda: find_states(root).get("count-0.a.r1") == "running", "another attempt")
+    assert list(read_ledger(root).goals) == ["count-0"]
 
 
 def test_a_second_interrupt_ends_at_once(begin, tmp_path):

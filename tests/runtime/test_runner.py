@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import yaml
 
+from phyagentos.protocol.predicates.library import PredicateDefinition, get_predicate_library
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence import read_bundle
 from phyagentos.protocol.sessions.session import Ended, Limits
@@ -280,26 +281,35 @@ def test_a_leaf_that_raises_ends_the_session_with_its_path_and_the_target_halted
     assert was_halted(bench.target)
 
 
-@pytest.mark.parametrize(("error", "is_defect"), [(KeyError("gap"), True), (ConnectionError("bus"), False)])
-def test_only_an_error_of_the_code_itself_is_its_defect(build_bench, session, plant, registry, error, is_defect):
-    def fail(_):
+@pytest.mark.parametrize(
+    ("method", "error", "code", "is_defect"),
+    [
+        ("on_start", KeyError("gap"), "LEAF_ERROR", True),
+        ("on_start", ConnectionError("bus"), "LEAF_ERROR", False),
+        ("__init__", TypeError("no gripper"), "BROKEN_TREE", True),
+    ],
+)
+def test_only_an_error_of_the_code_itself_is_its_defect(
+    build_bench, session, plant, registry, method, error, code, is_defect
+):
+    def fail(*_):
         raise error
 
-    registry.register("crash", type("Raises", (Boast,), {"on_start": fail}))
+    registry.register("crash", type("Raises", (Boast,), {method: fail}))
     execution = build_bench(library=plant(["crash"])).run(session)
-    assert (execution.code, bool(execution.defect)) == ("LEAF_ERROR", is_defect)
+    place = f"{__file__}:{fail.__code__.co_firstlineno + 1}"
+    assert (execution.code, execution.defect) == (code, place if is_defect else "")
+    assert place in execution.message
 
 
-def test_a_leaf_that_cannot_be_made_is_a_defect_before_anything_moves(build_bench, session, plant, registry):
-    def fail(self, *_):
-        raise TypeError("no gripper")
+def test_a_condition_of_the_tree_whose_predicate_raises_is_its_defect(build_bench, session, plant, monkeypatch):
+    def measure(view):
+        raise KeyError("gap")
 
-    registry.register("crash", type("Raises", (Boast,), {"__init__": fail}))
-    bench = build_bench(library=plant(["crash"]))
-    execution = bench.run(session)
-    assert (execution.code, execution.defect) == ("BROKEN_TREE", f"{__file__}:{fail.__code__.co_firstlineno + 1}")
-    assert "Raises.__init__ raised TypeError: no gripper" in execution.message
-    assert bench.target.commands() == []
+    gap = PredicateDefinition(name="gap", arguments=(), measure=measure)
+    monkeypatch.setitem(get_predicate_library()._definitions, "gap", gap)
+    execution = build_bench(library=plant(["condition: gap()"])).run(session)
+    assert execution.defect == f"{__file__}:{measure.__code__.co_firstlineno + 1}", execution
 
 
 def test_a_leaf_says_that_its_failure_is_not_worth_another_attempt(build_bench, session, plant, registry):

@@ -1,6 +1,7 @@
 """Sockets are in their workspace: no other runtime and no cleaner of TMPDIR ends a run, and paths may be long."""
 
 import shutil
+import socket
 import threading
 
 import pytest
@@ -15,40 +16,36 @@ from phyagentos.runtime.targets.agreement import AgreementReceiver, AgreementSen
 from phyagentos.runtime.targets.server import UnixDoor
 
 
-def test_the_end_of_a_runtime_removes_its_own_sockets_alone(tmp_path):
+def test_the_end_of_a_runtime_removes_its_own_sockets_alone_and_a_copied_folder_becomes_private_again(tmp_path):
     ended, other = (make_socket_folder(tmp_path / name) for name in ("ended", "other"))
-    (ended / "arm.world").touch()
+    other.chmod(0o755)
 
     remove_socket_folders(tmp_path / "ended")
-    remove_socket_folders(tmp_path / "nowhere")
 
-    assert [each.exists() for each in (ended, other)] == [False, True]
-
-
-def test_a_copied_folder_becomes_private_again_and_one_that_leads_elsewhere_is_refused(tmp_path):
-    folder = make_socket_folder(tmp_path / "w")
-    folder.chmod(0o755)
-    assert make_socket_folder(tmp_path / "w").stat().st_mode & 0o077 == 0
-    folder.rmdir()
-    folder.symlink_to(tmp_path)
+    assert not ended.exists()
+    assert make_socket_folder(tmp_path / "other").stat().st_mode & 0o077 == 0
+    other.rmdir()
+    other.symlink_to(tmp_path)
     with pytest.raises(ExecutionError, match="SOCKETS_UNSAFE"):
-        make_socket_folder(tmp_path / "w")
+        make_socket_folder(tmp_path / "other")
 
 
 def test_a_workspace_is_opened_beside_the_sockets_of_its_runtime_and_with_no_other(tmp_path):
     root = Workspace.create(tmp_path / "w", Library(())).root
-    door = UnixDoor(str(make_socket_folder(root) / "arm.world"))
-    assert Workspace.open(root).root == root
-    other = UnixDoor(str(root / ".world" / "arm.world"))
+    for folder in (make_socket_folder(root), root / ".world"):
+        Workspace.open(root)
+        with socket.socket(socket.AF_UNIX) as made:
+            made.bind(str(folder / "arm.world"))
     with pytest.raises(DefinitionError, match="LEADS_OUT: found a socket"):
         Workspace.open(root)
-    for each in (door, other):
-        each.close()
 
 
 def test_a_world_whose_socket_is_taken_away_listens_again_at_a_path_of_any_length(tmp_path, monkeypatch):
     monkeypatch.setattr(server, "LOOK_S", 0.02)
     place = make_socket_folder(tmp_path / ("long" * 30)) / "arm.world"
+    receiver, sender = AgreementReceiver(place.with_name("table.time")), AgreementSender(place.with_name("table.time"))
+    assert sender.send({"arm": "s-1"})
+    assert receiver.read() == {"arm": "s-1"}
     door = UnixDoor(str(place))
     shutil.rmtree(place.parent)
     accepted = []
@@ -60,16 +57,5 @@ def test_a_world_whose_socket_is_taken_away_listens_again_at_a_path_of_any_lengt
     thread.join()
     client.send_bytes(b"here")
     assert accepted[0].recv_bytes() == b"here"
-    for each in (client, *accepted, door):
+    for each in (client, *accepted, door, receiver, sender):
         each.close()
-
-
-def test_what_runs_reaches_a_shared_world_at_a_path_of_any_length(tmp_path):
-    place = make_socket_folder(tmp_path / ("long" * 30)) / "table.time"
-    sender = AgreementSender(place)
-    assert not sender.send({})
-    receiver = AgreementReceiver(place)
-    assert sender.send({"arm": "s-1"})
-    assert receiver.read() == {"arm": "s-1"}
-    sender.close()
-    receiver.close()

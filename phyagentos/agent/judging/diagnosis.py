@@ -42,6 +42,7 @@ _OF_SKILLS = {  # cause -> codes with which skills fail
     Cause.TIMED_OUT: {"OUT_OF_TIME"},
     Cause.RUNNER_LOST: {"PLANNER_LOST"},
     Cause.UNMET: {"UNMET", "COOLING_DOWN"},
+    Cause.POLICY_FAILED: {"GRIPPER_WIDTH"},
     Cause.IMPOSSIBLE: {"NO_SPACE", "OUT_OF_REACH", "TOO_HEAVY", "TOO_SLIPPERY", "TOO_TALL", "TOO_WIDE"},
     Cause.NO_PLAN: {"NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE", "NO_PLAN", "MOTION_CONFLICT"},
 }

@@ -64,6 +64,8 @@ class ActionSpace(Authored):
             `cubic`: a spline (C2) that goes on from the standing set-point at its velocity; it may lead a little
             beyond rows that change abruptly. The gripper's column is on straight lines all the same.
         chunk_length: Most rows of one chunk.
+        batch: Whether a chunk has a first axis of length one, before its rows.
+        padding: Columns behind those that are described, which mean nothing.
         gripper: None without a gripper.
         clamp: What leaves the target's range is projected into it, and recorded; otherwise it is refused.
         minimum: Least values: one per joint, or of x, y, z; empty for no bound. In the space's own units.
@@ -85,6 +87,8 @@ class ActionSpace(Authored):
     rate_hz: float = pydantic.Field(gt=0)
     interpolation: Literal["linear", "cubic"] = "linear"
     chunk_length: int = pydantic.Field(default=1, ge=1)
+    batch: bool = False
+    padding: int = pydantic.Field(default=0, ge=0)
     gripper: GripperRange | None = None
     clamp: bool = False
     minimum: tuple[float, ...] = ()
@@ -100,8 +104,14 @@ class ActionSpace(Authored):
 
     @property
     def width(self) -> int:
-        """Columns of a row."""
+        """Columns of a row, without padding."""
         return self.arm_width + (self.gripper is not None)
+
+    def describe_columns(self) -> str:
+        """`7 joints and a gripper`."""
+        arm = f"{self.arm_width} joints" if self.representation == "joint_position" else f"x, y, z, {self.rotation}"
+        padding = f", then {self.padding} that mean nothing" if self.padding else ""
+        return f"{arm}{' and a gripper' if self.gripper is not None else ', no gripper'}{padding}"
 
 
 def describe_target_space(profile: TargetProfile) -> ActionSpace:

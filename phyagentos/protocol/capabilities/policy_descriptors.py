@@ -110,8 +110,8 @@ class PolicyDescriptor(Authored):
     Attributes:
         policy: Name and version of the policy.
         protocol: Version of the wire.
-        endpoint: Where it listens: `tcp://127.0.0.1:5555`, `http://...`, `openpi://host:port` (`openpis://` with TLS),
-            or `onnx:FILE` beside SKILL.md, which is run in this process.
+        endpoint: Where it listens: `tcp://127.0.0.1:5555`, `http://...`, `openpi://host:port` (`openpis://` with TLS;
+            `?actions=KEY` where chunks have another key), or `onnx:FILE` beside SKILL.md, which is run in this process.
         observations: What it takes, by the names that targets and sensors use.
         inference_s: Longest time from an observation to its chunk [s].
         operations: Operations of the target that it uses besides commands.

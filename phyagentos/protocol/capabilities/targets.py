@@ -281,6 +281,7 @@ class TargetProfile(Authored):
             `debug`.
         arguments: Values of a xacro file's arguments.
         hand: What is mounted on the arm, where the model has none.
+        parked_rad: Where joints of the model stand still that are none of the target's, by name; zero if unnamed.
         ranges: Of joints that turn without end in the model, and not in reality.
         embodiment: What it is (`arm`).
         tcp: Site of the tool centre point; z approaches, y is the closing axis.
@@ -315,6 +316,7 @@ class TargetProfile(Authored):
     model: str = ""
     arguments: XacroArguments = XacroArguments.model_validate({})
     hand: Hand | None = None
+    parked_rad: Posture = Posture.model_validate({})
     ranges: Ranges = Ranges.model_validate({})
     driver: str = ""
     endpoint: str = ""

@@ -51,7 +51,10 @@ class ViolationCode(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """One refused command; `where` is a joint or axis (`joint 4`, `x`); empty, and row -1, for the whole command."""
+    """One refused command; `where` is a joint or axis (`joint 4`, `x`); empty, and row -1, for the whole command.
+
+    `words` say what was found and what is expected, where two numbers do not.
+    """
 
     code: ViolationCode
     where: str
@@ -59,10 +62,13 @@ class Violation:
     limit: float
     unit: str
     row: int = -1
+    words: str = ""
 
     def __str__(self) -> str:
         """One sentence: where, found, limit."""
         place = f"{self.where or 'command'}{f', row {self.row}' if self.row >= 0 else ''}"
+        if self.words:
+            return f"{place}: {self.words}"
         return f"{place}: found {self.found:.6g} {self.unit}, limit {self.limit:.6g} {self.unit}"
 
 

@@ -13,7 +13,7 @@ from py_trees.common import ParallelPolicy, Status
 from py_trees.composites import Parallel, Selector, Sequence
 from py_trees.decorators import Decorator, Inverter, Repeat, Retry
 
-from phyagentos.errors import blaming
+from phyagentos.errors import DefectError, blaming
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, find_references
 from phyagentos.protocol.documents.plain_data import Fields
@@ -135,6 +135,8 @@ class Condition(Leaf):
         evaluation = parse_predicate(text).evaluate(view)
         if evaluation.truth is Truth.TRUE:
             return self.succeed(text)
+        if evaluation.defect:
+            raise DefectError("BROKEN_PYTHON", evaluation.because, evaluation.defect)
         return self.fail(FailureCode.UNMET, f"{text} is {evaluation.truth}: {evaluation.because}")
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.geometry import compute_rotation, multiply
-from phyagentos.protocol.capabilities.targets import BASE_JOINTS, Base, OmniWheels, TargetProfile
+from phyagentos.protocol.capabilities.targets import BASE_JOINTS, HAND, Base, OmniWheels, TargetProfile
 
 FREE_JOINT = "base"
 SOLE = "sole/"  # begins the names of the spheres that legs stand on, in the free form of the model
@@ -110,11 +110,11 @@ def _prepare(
             _add_rim(spec.joint(name), base.wheels)
     driven = {*profile.arm.joints, *profile.gripper.joints, *kept}
     for joint in list(spec.joints):
-        if joint.name not in driven and "/" not in joint.name:  # those of a mounted hand stay
-            _freeze(joint, posture.get(joint.name, 0.0))
+        if joint.name not in driven and not joint.name.startswith(HAND):  # those of a mounted hand stay
+            freeze(joint, posture.get(joint.name, 0.0))
             spec.delete(joint)
     for coupling in [*spec.tendons, *spec.equalities]:
-        if "/" not in coupling.name:
+        if not coupling.name.startswith(HAND):
             spec.delete(coupling)
     body = spec.body(base.body)
     if base.mass_kg is not None:
@@ -123,8 +123,10 @@ def _prepare(
     return body
 
 
-def _freeze(joint: "mujoco.MjsJoint", position: float) -> None:
+def freeze(joint: "mujoco.MjsJoint", position: float) -> None:
     """Let a joint's body stand as at a position of the joint [rad or m]."""
+    if not position:
+        return
     body, axis = joint.parent, np.array(joint.axis) / np.linalg.norm(joint.axis)
     if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
         body.pos = np.array(body.pos) + compute_rotation(body.quat) @ (position * axis)

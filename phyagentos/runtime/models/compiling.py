@@ -10,6 +10,7 @@ from phyagentos.protocol.capabilities.targets import HAND
 
 _ELEMENT = re.compile(r"Element name '([^']*)', id \d+(?:, line (\d+))?")
 _TAG = re.compile(r"Element '([^']*)', line (\d+)")
+_FLAT, _SHELL = re.compile(r"mesh volume is too small: (\S+)"), mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
 _HEAD = re.compile(r"^(XML )?(parse )?error( \d+)?:\s*", re.IGNORECASE)
 # What it says; then what was found, and what to write: {0} is the element, {1} what the pattern's group holds.
 _REFUSALS = (
@@ -39,13 +40,20 @@ _REFUSALS = (
 def compile_model(spec: mujoco.MjSpec, *paths: Path) -> mujoco.MjModel:
     """Compile what was read of `paths`: the arm's file first, then the hand's.
 
+    A mesh that encloses no volume counts as a shell, in `spec` too.
+
     Raises:
         DefinitionError: `MODEL_INVALID`, `MODEL_MISSING`.
     """
-    try:
-        return spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise DefinitionError(explain(str(error), *paths)) from error
+    while True:
+        try:
+            return spec.compile()
+        except (ValueError, mujoco.FatalError) as error:
+            flat = _FLAT.search(str(error))
+            mesh = spec.mesh(flat[1]) if flat else None
+            if mesh is None or mesh.inertia == _SHELL:
+                raise DefinitionError(explain(str(error), *paths)) from error
+            mesh.inertia = _SHELL
 
 
 def explain(text: str, *paths: Path) -> Problem:
@@ -69,7 +77,7 @@ def explain(text: str, *paths: Path) -> Problem:
 def _locate(path: Path, name: str) -> str:
     """A file, with the line that names an element first."""
     try:
-        text = path.read_text(errors="replace") if name else ""
+        text = path.read_text(encoding="utf-8", errors="replace") if name else ""
     except OSError:
         text = ""
     match = re.search(rf"""<(?:link|joint|body|geom|mesh)\b[^>]*\bname\s*=\s*["']{re.escape(name)}["']""", text)

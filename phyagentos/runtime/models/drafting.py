@@ -1,84 +1,258 @@
-"""A first draft of a profile from any MJCF or URDF: what the model says, and guesses that are marked `check`."""
+"""A first draft of a profile from any MJCF, URDF or xacro: what the model says, and guesses that are marked `check`."""
 
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
+import yaml
 
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, Problem, format_names
+from phyagentos.protocol.capabilities.library import Library
 from phyagentos.runtime.models.compiling import compile_model
-from phyagentos.runtime.models.robot import read_model
+from phyagentos.runtime.models.hand_drafting import PAD_M, HandDraft, Placed, draft_hand, find_flange
+from phyagentos.runtime.models.robot import read_model, read_profile
 
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
-_JAW = re.compile("jaw|finger|grip", re.IGNORECASE)
-GUESSED_TORQUE_NM, GUESSED_SPEED_RAD_S = 20.0, 1.0
+_JAW = re.compile("jaw|finger|grip|camera", re.IGNORECASE)
+_PLAIN = re.compile(r"(?!(?:y|n|yes|no|on|off|true|false|null)$)[A-Za-z_][\w.-]*(?:/[\w.-]+)*", re.IGNORECASE)
+_PATH = re.compile(r"[\w:./+@-]+")
+GUESSED_TORQUE_NM, GUESSED_SPEED_RAD_S, GUESSED_LOAD_KG = 20.0, 1.0, 1.0
 STIFFNESS_PER_TORQUE, DAMPING_SHARE = 40.0, 0.1  # of a servo that holds its arm within a few milliradians
+ARM, LEG = 4, 3  # hinges after which what branches is a hand; that make one of several arms
+CLEAR_M = 0.006  # that the fingertips keep from what an object stands on
 
 
-def draft_profile(path: Path, model: str, name: str, arguments: Mapping[str, str] = {}) -> tuple[str, tuple[str, ...]]:
-    """YAML of a profile for a model file, and remarks on that; `model` is how the profile names it.
+@dataclass(frozen=True, slots=True)
+class CarriedHand:
+    """A hand that profiles carry already: its model, their lines for `tool` and `gripper`, and its mass [kg]."""
+
+    model: str
+    tool: str
+    gripper: str
+    mass_kg: float
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileDraft:
+    """What a model says of a robot, and what was guessed.
+
+    Attributes:
+        model: As the profile names it; `compiled` is the same, all its joints there.
+        chain: Joints of the arm in `compiled`.
+        parked: Where the joints of other branches stand still [rad or m].
+        fingers: Likewise those beyond the arm, where it has no hand that is drafted.
+        speeds: That the file gives, by joint [rad/s].
+        home_rad: One for each joint of the chain.
+        band_m: Least and greatest distance from the base at which an object can be taken.
+        width_m: Opening of the hand.
+        carried: A hand of another model, at the end of the last link.
+        remarks: On the model, for people.
+    """
+
+    name: str
+    file: str
+    model: str
+    arguments: Mapping[str, str]
+    compiled: mujoco.MjModel
+    chain: Sequence[int]
+    parked: dict[str, float]
+    fingers: dict[str, float]
+    speeds: Mapping[str, float]
+    hand: HandDraft | None
+    home_rad: Sequence[float]
+    remarks: tuple[str, ...]
+    band_m: tuple[float, float] = (0.3, 0.6)
+    width_m: float = 0.002
+    carried: CarriedHand | None = None
+
+    def render(self) -> str:
+        """YAML of the profile."""
+        model, chain, hand = self.compiled, self.chain, self.hand
+        limits = [float(np.abs(model.jnt_actfrcrange[joint]).max()) for joint in chain]
+        torque = [limit if limit > 0.0 else GUESSED_TORQUE_NM for limit in limits]
+        names = [model.joint(joint).name for joint in chain]
+        speeds = [self.speeds.get(name, 0.0) or GUESSED_SPEED_RAD_S for name in names]
+        is_known = all(self.speeds.get(name) for name in names)
+        endless = {_quote(name): "[-3.14, 3.14]" for name, joint in zip(names, chain, strict=True)
+                   if np.ptp(model.jnt_range[joint]) == 0.0}  # fmt: skip
+        parked = {
+            _quote(name): f"{at:.6g}" for name, at in (self.parked | (self.fingers if hand is None else {})).items()
+        }
+        opens = "" if hand is None else ", gripper_width"
+        at, body = "" if hand is None else f", {_place(hand.tool)}", model.body(int(model.jnt_bodyid[chain[-1]])).name
+        hint = "# check: z approaches, y is the closing axis; see paos robot render"
+        tool, gripper = (
+            [f"tool: {{body: {_quote(body)}{at}}}   {hint}"],
+            _NO_HAND if hand is None else _list_gripper(hand, self.width_m),
+        )
+        load_kg = GUESSED_LOAD_KG
+        if (carried := self.carried) is not None:
+            load_kg += carried.mass_kg
+            opens, flange = ", gripper_width", _place(find_flange(model, chain))
+            gripper = [carried.gripper]
+            tool = [
+                f"hand: {{model: '{carried.model}', at: {{body: {_quote(body)}, {flange}}}}}   # check: its base",
+                carried.tool,
+            ]
+        sheet, found = "# check: its data sheet", "# of the model"
+        lines = [
+            f"# Drafted from {self.file}; check every line that says check, then: paos robot check {self.name}",
+            f"target: {self.name}",
+            f"description: {self.name}, simulated with contact physics.",
+            f"model: {self.model if _PATH.fullmatch(self.model) else json.dumps(self.model)}",
+            f"arguments: {json.dumps(dict(self.arguments))}" if self.arguments else "",
+            *tool,
+            f"grasp_band_m: {_show(self.band_m)}   # check: paos robot try {self.name} measures it",
+            _map("ranges", endless, "the model lets them turn without end"),
+            _map("parked_rad", parked, "joints of the model that this target does not move"),
+            "arm:",
+            f"  joints: [{', '.join(map(_quote, names))}]",
+            f"  home_rad: {_show(self.home_rad)}   # check: a posture in front of its work",
+            f"  velocity_rad_s: {_show(speeds)}   {found if is_known else sheet}",
+            f"  acceleration_rad_s2: {_show([10.0] * len(chain))}   {sheet}",
+            f"  jerk_rad_s3: {_show([5000.0] * len(chain))}",
+            f"  torque_nm: {_show(torque)}   {found if all(limits) else sheet}",
+            f"  stiffness_nm_rad: {_show([STIFFNESS_PER_TORQUE * each for each in torque])}",
+            f"  damping_nms_rad: {_show([STIFFNESS_PER_TORQUE * DAMPING_SHARE * each for each in torque])}",
+            f"  payload_kg: {load_kg:.4g}   {sheet}, the hand included",
+            f"  wrist_joints: {min(3, len(chain))}",
+            *gripper,
+            f"observations: [joint_state{opens}, entity_poses, camera_rgb]",
+            f"actions: [joint_position{opens}]",
+            "capabilities: [manipulation]",
+        ]
+        return "\n".join(filter(None, lines)) + "\n"
+
+
+_NO_HAND = ["end_effector: none   # check: draft it anew with --hand menagerie:robotiq_2f85/2f85.xml"]
+
+
+def _list_gripper(hand: HandDraft, width_m: float) -> list[str]:
+    pads = [
+        f"    - {{name: pad_{index}, body: {_quote(body)}, {_place(pose)}, half_m: {_show(PAD_M)}}}"
+        for index, (body, pose) in enumerate(hand.pads)
+    ]
+    return [
+        "gripper:",
+        f"  joints: [{', '.join(map(_quote, hand.joints))}]",
+        f"  travel: {_show(hand.travel)}   # share of each joint in the drive, metres of opening a unit",
+        "  pads: [pad_0, pad_1]",
+        "  pad_boxes:   # check: where each finger grips",
+        *pads,
+        "  pad_surface: rubber",
+        f"  max_width_m: {width_m:.4g}   # as the pads open in the model",
+        "  stiffness_n_m: 2000.0",
+        "  damping_ns_m: 60.0",
+        "  force_n: 20.0   # check: its data sheet",
+        f"  palm_depth_m: {max(hand.palm_m - CLEAR_M, 0.005):.3g}",
+        f"  palm_height_m: {max(hand.palm_m + hand.tip_m, 0.01):.3g}",
+        f"  fingertip_m: {hand.tip_m + CLEAR_M:.3g}",
+    ]
+
+
+def _map(key: str, values: Mapping[str, str], why: str) -> str:
+    inside = ", ".join(f"{name}: {value}" for name, value in values.items())
+    return f"{key}: {{{inside}}}   # check: {why}" if values else ""
+
+
+def find_carried(model: str, library: Library) -> CarriedHand:
+    """A hand as the first profile that carries it describes it; raises DefinitionError `UNKNOWN_NAME`."""
+    profiles = [read_profile(library.get_target(name))[0] for name in library.names_of_targets()]
+    known = {profile.hand.model: profile for profile in reversed(profiles) if profile.hand is not None}
+    if model not in known:
+        raise DefinitionError.unknown("hand", "--hand", model, known)
+    parts = known[model].model_dump(mode="json", include={"tool", "gripper"}, exclude_defaults=True)
+    tool, gripper = (
+        yaml.safe_dump({key: parts[key]}, default_flow_style=None, sort_keys=False, width=1000).rstrip()
+        for key in ("tool", "gripper")
+    )
+    return CarriedHand(model, tool, gripper, known[model].gripper.mass_kg)
+
+
+def draft_profile(
+    path: Path,
+    model: str,
+    name: str,
+    arguments: Mapping[str, str] = {},
+    joint: str = "",
+    hand: CarriedHand | None = None,
+) -> ProfileDraft:
+    """Draft the profile of a model file, which it names `model`; of several arms that with a `joint`.
+
+    `hand` is one that its end carries.
 
     Raises:
-        DefinitionError: `MODEL_INVALID` where no hinge is found.
+        DefinitionError: `MODEL_INVALID` where no two hinges follow each other, `UNKNOWN_NAME` for the joint; as of
+            `read_model` and `compile_model`.
     """
     source = read_model(path, arguments)
     compiled = compile_model(source.spec, path)
-    chain = _find_chain(compiled)
-    if not chain:
-        raise DefinitionError.of("MODEL_INVALID", str(path), "no hinge", "an arm of hinges")
+    names = [compiled.joint(index).name for index in range(compiled.njnt)]
+    if joint and joint not in names:
+        raise DefinitionError([Problem.unknown("joint", str(path), joint, names)])
+    chain, others = _find_chain(compiled, names.index(joint) if joint else -1)
+    if len(chain) < 2 or (others and len(chain) < LEG):
+        found = f"{len(others) + 1} run(s) of {len(chain)} hinge(s), of the joints {format_names(names)}"
+        hint = "A gripper alone is the `hand` of an arm's profile; docs/robots.md says more of hands and bases."
+        raise DefinitionError.of(
+            "MODEL_INVALID", str(path), found, "an arm: two hinges or more, one after another", hint
+        )
     last = int(compiled.jnt_bodyid[chain[-1]])
-    fingers = [joint for joint in range(compiled.njnt) if joint not in chain and _is_below(compiled, joint, last)]
-    limits = [float(np.abs(compiled.jnt_actfrcrange[joint]).max()) for joint in chain]
-    torque = [limit if limit > 0.0 else GUESSED_TORQUE_NM for limit in limits]
-    home = [float(compiled.jnt_range[joint].mean()) for joint in chain]  # zero where a joint turns without end
-    names = [compiled.joint(joint).name for joint in chain]
-    lines = [
-        f"# Drafted from {path.name}; check every line that says check, then: paos robot check {name}",
-        f"target: {name}",
-        f"description: {name}, simulated with contact physics.",
-        f"model: {model}",
-        *([f"arguments: {json.dumps(dict(arguments))}"] if arguments else []),
-        *_draft_tool(compiled, last, fingers),
-        "grasp_band_m: [0.3, 0.6]   # check: distances from the base between which objects can be taken from above",
-        "arm:",
-        f"  joints: [{', '.join(names)}]",
-        f"  home_rad: {_show(home)}   # check: a posture in front of its work",
-        f"  velocity_rad_s: {_show([GUESSED_SPEED_RAD_S] * len(chain))}   # check: its data sheet",
-        f"  acceleration_rad_s2: {_show([10.0] * len(chain))}",
-        f"  jerk_rad_s3: {_show([5000.0] * len(chain))}",
-        f"  torque_nm: {_show(torque)}",
-        f"  stiffness_nm_rad: {_show([STIFFNESS_PER_TORQUE * each for each in torque])}",
-        f"  damping_nms_rad: {_show([STIFFNESS_PER_TORQUE * DAMPING_SHARE * each for each in torque])}",
-        "  payload_kg: 1.0   # check: its data sheet, the hand included",
-        *_draft_gripper(compiled, fingers),
-        "observations: [joint_state, gripper_width, entity_poses, camera_rgb]",
-        "actions: [joint_position, gripper_width]",
-        "capabilities: [manipulation]",
-    ]
-    return "\n".join(lines) + "\n", source.remarks
+    below = [index for index in range(compiled.njnt) if index not in chain and _is_below(compiled, index, last)]
+    moving = [index for index in range(compiled.njnt) if int(compiled.jnt_type[index]) in {HINGE, SLIDE}]
+    gripper = draft_hand(compiled, last, below) if hand is None else None
+    parked = {names[index]: _find_middle(compiled, index, 0.0) for index in sorted(set(moving) - {*chain, *below})}
+    fingers = {names[index]: _find_middle(compiled, index, 0.0) for index in below}
+    free = [compiled.body(int(compiled.jnt_bodyid[k])).name for k in range(compiled.njnt) if k not in moving]
+    remarks = [*source.remarks, *(f"body {name!r} floats in the model: it stands still here" for name in free)]
+    if others:
+        ends = ", ".join(names[other[-1]] for other in others)
+        remarks.append(f"{len(others) + 1} arms of {len(chain)} hinges: drafted is that of {names[chain[-1]]}; "
+                       f"another with --joint: {ends}")  # fmt: skip
+    home_rad = [_find_middle(compiled, index) for index in chain]
+    return ProfileDraft(
+        name, path.name, model, arguments, compiled, chain, parked, fingers, source.speeds, gripper, home_rad,
+        tuple(remarks), carried=hand,
+    )  # fmt: skip
 
 
-def _find_chain(model: mujoco.MjModel) -> list[int]:
-    """The longest run of joints from a root on, before the tree branches into two that move, or into slides."""
-    joints_of = {body: range(int(model.body_jntadr[body]), int(model.body_jntadr[body] + model.body_jntnum[body]))
-                 for body in range(model.nbody)}  # fmt: skip
+def _find_middle(model: mujoco.MjModel, joint: int, wanted: float | None = None) -> float:
+    low, high = map(float, model.jnt_range[joint])
+    return (low + high) / 2 if wanted is None or low > high else min(max(wanted, low), high)
 
-    def follow(body: int) -> list[int]:
-        own = [joint for joint in joints_of[body] if model.jnt_type[joint] == HINGE]
-        if len(own) < len(joints_of[body]):
-            return []
-        children = [child for child in range(1, model.nbody) if model.body_parentid[child] == body and child != body]
-        ways = [way for child in children if (way := follow(child))]
-        return own + (ways[0] if len(ways) == 1 else [])
+
+def _find_chain(model: mujoco.MjModel, wanted: int) -> tuple[list[int], list[list[int]]]:
+    """The joints of an arm, with `wanted` among them if there is one; and those of arms as long beside it."""
+
+    def follow(body: int, above: int) -> list[list[int]]:
+        """Runs of hinges from a body on, the best first."""
+        joints = range(int(model.body_jntadr[body]), int(model.body_jntadr[body]) + int(model.body_jntnum[body]))
+        own = [joint for joint in joints if model.jnt_type[joint] == HINGE]
+        if above and len(own) < len(joints):
+            return []  # fingers that slide
+        children = [child for child in range(1, model.nbody) if model.body_parentid[child] == body]
+        branches = [runs for child in children if any(runs := follow(child, above + len(own)))]
+        if len(branches) > 1 and above + len(own) >= ARM:
+            return [own]  # a hand of several fingers
+        return [own + run for runs in branches for run in runs] or [own]
+
+    def rank(run: list[int]) -> tuple[bool, int, list[int]]:
+        return wanted not in run, -len(run), run
 
     roots = [body for body in range(1, model.nbody) if model.body_parentid[body] == 0]
-    chain = max(map(follow, roots), key=len, default=[])
-    while chain and _JAW.search(model.joint(chain[-1]).name):
-        chain = chain[:-1]
-    return chain
+    found = [run for body in roots for run in follow(body, 0)]
+    runs = sorted((_drop_jaws(model, run) for run in found), key=rank) or [[]]
+    return runs[0], [run for run in runs[1:] if len(run) == len(runs[0]) and run != runs[0]]
+
+
+def _drop_jaws(model: mujoco.MjModel, run: list[int]) -> list[int]:
+    while run and _JAW.search(model.joint(run[-1]).name):
+        run = run[:-1]
+    return run
 
 
 def _is_below(model: mujoco.MjModel, joint: int, body: int) -> bool:
@@ -88,44 +262,14 @@ def _is_below(model: mujoco.MjModel, joint: int, body: int) -> bool:
     return at == body and body != 0
 
 
-def _draft_tool(model: mujoco.MjModel, body: int, fingers: Sequence[int]) -> list[str]:
-    """Between the ends of the fingers, else at the origin of the last link."""
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    moved = sorted({int(model.jnt_bodyid[joint]) for joint in fingers})
-    place = data.xpos[moved].mean(axis=0) if moved else data.xpos[body]
-    local = data.xmat[body].reshape(3, 3).T @ (place - data.xpos[body])
-    hint = "   # check: z approaches, y is the closing axis; see `paos robot render`"
-    return [f"tool: {{body: {model.body(body).name}, position_m: {_show(local.tolist())}}}{hint}"]
+def _quote(name: str) -> str:
+    """A name as YAML has it."""
+    return name if _PLAIN.fullmatch(name) else json.dumps(name)
 
 
-def _draft_gripper(model: mujoco.MjModel, fingers: Sequence[int]) -> list[str]:
-    if not fingers:
-        return ["end_effector: none   # check: or a hand: {model: menagerie:robotiq_2f85/2f85.xml, at: {body: ...}}"]
-    slides = [joint for joint in fingers if model.jnt_type[joint] == SLIDE]
-    chosen = (slides or list(fingers))[:2]
-    names = [model.joint(joint).name for joint in chosen]
-    bodies = [model.body(int(model.jnt_bodyid[joint])).name for joint in chosen]
-    span = float(sum(np.ptp(model.jnt_range[joint]) for joint in chosen))
-    signs = [1.0 if abs(model.jnt_range[joint][1]) >= abs(model.jnt_range[joint][0]) else -1.0 for joint in chosen]
-    travel = signs if slides else [0.05 * sign for sign in signs]  # metres of opening a radian
-    pads = [
-        f"    - {{name: pad_{index}, body: {body}, half_m: [0.01, 0.004, 0.01]}}" for index, body in enumerate(bodies)
-    ]
-    return [
-        "gripper:",
-        f"  joints: [{', '.join(names)}]",
-        f"  travel: {_show(travel)}   # check: share of each joint in the drive, metres of opening a unit",
-        f"  pads: [{', '.join(f'pad_{index}' for index in range(len(bodies)))}]",
-        "  pad_boxes:   # check: where each finger grips",
-        *pads,
-        "  pad_surface: rubber",
-        f"  max_width_m: {span if slides else 0.08:.4g}   # check: its data sheet; `paos robot check` measures it",
-        "  stiffness_n_m: 2000.0",
-        "  damping_ns_m: 60.0",
-        "  force_n: 20.0   # check: its data sheet",
-    ]
+def _place(placed: Placed) -> str:
+    return f"position_m: {_show(placed[0].tolist())}, quaternion_wxyz: {_show(placed[1])}"
 
 
 def _show(values: Sequence[float]) -> str:
-    return f"[{', '.join(f'{value:.6g}' for value in values)}]"
+    return f"[{', '.join(f'{round(float(value), 6) + 0.0:.6g}' for value in values)}]"

@@ -6,6 +6,7 @@ Alternative rejected: `MjSpec.attach`, which needs a prefix on every name.
 
 import os
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -17,7 +18,7 @@ from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.capabilities.targets import HAND, Frame, TargetProfile, is_beside
 from phyagentos.protocol.documents.enclosure import leads_out
 from phyagentos.protocol.documents.schema import read_yaml, validate
-from phyagentos.runtime.models.base import free_base, put_on_plane
+from phyagentos.runtime.models.base import free_base, freeze, put_on_plane
 from phyagentos.runtime.models.compiling import compile_model, explain
 from phyagentos.runtime.models.meshes import settle_meshes
 from phyagentos.runtime.models.sources import find_model, find_models
@@ -138,10 +139,8 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
         for name in _OPTIONS:  # those of the arm: the scene sets them for all
             setattr(hand.option, name, getattr(spec.option, name))
         spec.attach(hand, prefix=HAND, frame=frame)
-        kept = {*profile.arm.joints, *(base.joints if base is not None else ())}
-        for joint in [each for each in spec.joints if each.name not in kept]:
-            if not joint.name.startswith(HAND):  # such as that of a camera: it stays as it is
-                spec.delete(joint)
+    if base is None or profile.hand is not None:
+        _park_others(spec, profile)
     for pad in profile.gripper.pad_boxes:
         _get_body(spec, pad, path).add_geom(
             name=pad.name, type=mujoco.mjtGeom.mjGEOM_BOX, pos=pad.position_m, quat=pad.quaternion_wxyz, **_PAD
@@ -165,6 +164,26 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
         if joint.range[0] == joint.range[1]:  # it turns without end: one turn to either side is enough
             joint.limited, joint.range = True, (-2 * np.pi, 2 * np.pi)
     return spec
+
+
+def _park_others(spec: mujoco.MjSpec, profile: TargetProfile) -> None:
+    """Let joints stand still that are neither the target's nor of a hand at its end: those of another arm, a camera."""
+    kept = {*profile.arm.joints, *profile.gripper.joints, *(profile.base.joints if profile.base is not None else ())}
+    last, parked = spec.joint(profile.arm.joints[-1]), dict(profile.parked_rad)
+    ends = (
+        set[str]()
+        if last is None or profile.hand is not None
+        else {each.name for each in last.parent.find_all("joint")}
+    )
+    for joint in [each for each in spec.joints if each.name not in kept and not each.name.startswith(HAND)]:
+        if joint.name not in ends or joint.name in parked:
+            freeze(joint, parked.get(joint.name, 0.0))
+            pairs = [each for each in spec.equalities if joint.name in {each.name1, each.name2}]
+            wound = [
+                each for each in spec.tendons if joint.name in {wrap.target.name for wrap in each.path if wrap.target}
+            ]
+            for element in (*pairs, *wound, joint):
+                spec.delete(element)
 
 
 def _add_column(base: "mujoco.MjsBody", height_m: float) -> None:
@@ -201,15 +220,17 @@ def read_model(path: Path, arguments: Mapping[str, str] = {}, replaced: Collecti
         source = read_urdf(path, arguments, replaced)
     else:
         try:
-            source = ModelSource(mujoco.MjSpec.from_file(str(path)), ())
+            source = ModelSource(mujoco.MjSpec.from_file(str(path)))
         except ValueError as error:
             raise DefinitionError(explain(str(error), path)) from error
     spec = source.spec
     folders = list(dict.fromkeys(file.parent for file in iter_files(path)))
     left_out = settle_meshes(spec, path, folders, replaced)
+    for body in spec.bodies:
+        body.mocap = False  # a mark that others move
     for element in [*spec.actuators, *spec.sensors, *spec.keys, *spec.cameras, *spec.lights]:
         spec.delete(element)
-    return ModelSource(spec, (*source.remarks, *([describe_left_out(left_out)] if left_out else [])))
+    return replace(source, remarks=(*source.remarks, *map(describe_left_out, [left_out] if left_out else [])))
 
 
 def read_remarks(profile: TargetProfile, folder: Path) -> tuple[str, ...]:

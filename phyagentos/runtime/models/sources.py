@@ -10,7 +10,8 @@
 
 import importlib.util
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError, format_hint, format_install, format_names
@@ -49,6 +50,20 @@ def name_in_models(path: Path, environ: Mapping[str, str] = os.environ) -> tuple
     if file.is_relative_to(root) and MODELS in environ:
         return f"models:{file.relative_to(root)}", None
     return f"models:{file.name}", file.parent
+
+
+@contextmanager
+def look_in(folder: Path | None) -> Iterator[None]:
+    """Let models be found below a folder, as where `PHYAGENTOS_MODELS` names it; unchanged for None."""
+    before = os.environ.get(MODELS)
+    if folder is not None:
+        os.environ[MODELS] = str(folder)
+    try:
+        yield
+    finally:
+        if folder is not None:
+            os.environ.pop(MODELS)
+            os.environ.update({} if before is None else {MODELS: before})
 
 
 def find_models(profile: TargetProfile, folder: Path) -> list[Path]:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -24,16 +24,23 @@ _COUNTS = {
     **dict.fromkeys(("radius", "length", "multiplier", "offset", "damping", "friction"), 1),
 }  # of numbers in an attribute
 _SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "capsule": ("radius", "length")}
+_AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
 _PRODUCTS = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
 _MATTER = ("inertial", "visual", "collision")
 
 
 @dataclass(frozen=True, slots=True)
 class ModelSource:
-    """A model as its file has it; `remarks` say, for people, what was left out or added."""
+    """A model as its file has it.
+
+    Attributes:
+        remarks: What was left out or added, for people.
+        speeds: Of joints, where a URDF says them [rad/s].
+    """
 
     spec: mujoco.MjSpec
-    remarks: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
+    speeds: Mapping[str, float] = field(default_factory=dict)
 
 
 def read_urdf(path: Path, arguments: Mapping[str, str] = {}, replaced: Collection[str] = ()) -> ModelSource:
@@ -64,7 +71,9 @@ def read_urdf(path: Path, arguments: Mapping[str, str] = {}, replaced: Collectio
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(document.robot, encoding="unicode"))
     except ValueError as error:
         raise DefinitionError(explain(str(error), path)) from error
-    return ModelSource(spec, tuple(remarks))
+    limits = {name: joint.find("limit") for name, joint in document.joints().items()}
+    speeds = {name: float(each.get("velocity", 0.0)) for name, each in limits.items() if each is not None}
+    return ModelSource(spec, tuple(remarks), speeds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,9 +189,12 @@ class _Document:
     def settle_shapes(self, meshdir: str, replaced: Collection[str]) -> Iterator[str]:
         """Find every mesh; leave out what is empty, and pictures that cannot be read."""
         problems, pictures, empty = list[Problem](), list[str](), list[str]()
-        folders = [self.path.parent, self.path.parent / meshdir]
+        folders, named = [self.path.parent, self.path.parent / meshdir], set[str | None]()
         for name, link in self.links().items():
             for shown in [*link.findall("visual"), *link.findall("collision")]:
+                if shown.get("name") in named:  # MuJoCo would leave it without one, and say so
+                    shown.attrib.pop("name", None)
+                named.add(shown.get("name"))
                 shape = next(iter(shown.findall("geometry/*")), None)
                 if shape is None or (shape.tag in _SIZES and self._is_flat(shape)):
                     empty.append(f"a {shown.tag} of link {name!r} without size")
@@ -208,9 +220,13 @@ class _Document:
         return any(not all(_read(shape, name, (0.0,))) for name in _SIZES[shape.tag])
 
     def give_mass(self) -> Iterator[str]:
-        """Let links weigh a gram that a joint moves and that are frames alone, with all that is fixed to them."""
-        for inertia in self.robot.iter("inertia"):
-            inertia.attrib.update(_PRODUCTS | inertia.attrib)
+        """Mend inertias; a link that a joint moves weighs a gram where it, and all that is fixed to it, are frames."""
+        for name, link in self.links().items():
+            for inertia in link.iter("inertia"):
+                inertia.attrib.update(_PRODUCTS | inertia.attrib)
+                if self._has_false_products(inertia):
+                    inertia.attrib.update(_PRODUCTS)
+                    yield f"link {name!r} has products of inertia as great as its moments: they are left out here"
         moving = {_get(each, "child", "link") for each in self.joints().values() if each.get("type") in _MOVES}
         for name, link in self.links().items():
             if name in moving and not self._has_matter(name):
@@ -218,6 +234,12 @@ class _Document:
                 ElementTree.SubElement(inertial, "mass", value="0.001")
                 ElementTree.SubElement(inertial, "inertia", dict.fromkeys(("ixx", "iyy", "izz"), "1e-6") | _PRODUCTS)
                 yield f"link {name!r} is a frame that a joint moves: it weighs a gram here"
+
+    @staticmethod
+    def _has_false_products(inertia: ElementTree.Element) -> bool:
+        xx, yy, zz, xy, xz, yz = (float(inertia.get(f"i{axes}", 0.0)) for axes in _AXES)
+        least = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0]
+        return bool(least <= 0.0 < min(xx, yy, zz))
 
     def _has_matter(self, name: str) -> bool:
         fixed = [each for each in self.joints().values() if each.get("type") == "fixed"]

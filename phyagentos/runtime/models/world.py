@@ -20,9 +20,11 @@ from phyagentos.protocol.world.friction import Surface
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.models.allowed_collisions import compute_collision_matrix, exclude_pairs
 from phyagentos.runtime.models.base import SOLE
+from phyagentos.runtime.models.compiling import compile_model
 from phyagentos.runtime.models.hand import HandMotion, measure_hand
 from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.models.scene import add_scene, draw_bodies, read_regions
+from phyagentos.runtime.models.sources import find_models
 from phyagentos.runtime.models.surfaces import add_pairs, find_idealised
 
 Robot = tuple[TargetProfile, Path]
@@ -78,7 +80,7 @@ def compile_scene(robots: Sequence[Robot], spec: SceneSpec, seed: int) -> Compil
     world.visual.map.znear = 0.01
     add_scene(world, spec, placed)
     add_pairs(world, spec, {item.name: item.grip for item in placed}, _list_pads(robots, world), seed)
-    model = world.compile()
+    model = compile_model(world, *(path for robot in robots for path in find_models(*robot)))
     return CompiledScene(
         spec=world,
         model=model,

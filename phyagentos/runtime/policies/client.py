@@ -79,6 +79,12 @@ class PolicyClient:
         """Whether a request is out."""
         return self._pending is not None
 
+    @property
+    def metadata(self) -> Mapping[str, object]:
+        """What the server says of itself, where its wire has that."""
+        found = getattr(self._service, "metadata", {})
+        return {key: each for key, each in found.items() if not isinstance(each, dict)}  # a descriptor is compared
+
     def ask(self, request: wire.Infer, start: wire.Start | None = None) -> None:
         """Send a request; `start` goes before the first one of a session."""
         if start is not None and self._heartbeat_s is not None:

@@ -10,6 +10,7 @@ import struct
 import time
 from collections.abc import Mapping
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 import msgspec
 import numpy as np
@@ -17,7 +18,7 @@ from typing_extensions import override
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
 from websockets.sync.client import connect
 
-from phyagentos.errors import ExecutionError
+from phyagentos.errors import DefectError, ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import Stream
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.runtime.policies import openpi_codec, wire
@@ -25,32 +26,41 @@ from phyagentos.runtime.policies.model_inputs import arrange
 from phyagentos.runtime.policies.transport import CONNECT_S, REPLY_MAX_BYTES, PolicyService
 
 PINGS = 4  # within the longest silence
+OTHER = "another program listens there"
 _CLOSE_S = 0.2  # for the last words of a server that may have none
 _TIME = struct.Struct("ll")
 
 
 class OpenpiService(PolicyService):
-    """One connection, which is one episode of a policy; raises ExecutionError `POLICY_UNREACHABLE`."""
+    """One connection, which is one episode of a policy, and the server's `metadata`.
+
+    Raises ExecutionError `POLICY_UNREACHABLE`.
+    """
 
     def __init__(self, endpoint: str, streams: Mapping[str, Stream]) -> None:
-        self._streams, self._start = streams, wire.Start("", "", {}, 0)
+        self._streams, self._start, self._endpoint = streams, wire.Start("", "", {}, 0), endpoint
+        self._chunk_key = parse_qs(urlsplit(endpoint).query).get(openpi_codec.ACTIONS, [openpi_codec.ACTIONS])[0]
         limits: Any = {"max_size": REPLY_MAX_BYTES, "open_timeout": CONNECT_S, "close_timeout": _CLOSE_S}
         url = endpoint.replace("openpi", "ws", 1)
         self._opened = contextlib.ExitStack()
         try:
             connecting = connect(url, compression=None, ping_interval=None, proxy=None, **limits)
             self._connection = self._opened.enter_context(connecting)
-            self._metadata = self._read(CONNECT_S, CONNECT_S)
-        except (OSError, EOFError, InvalidHandshake, InvalidURI, ValueError) as error:
+            self.metadata = self._read(CONNECT_S, CONNECT_S)
+        except InvalidHandshake as error:
+            raise ExecutionError("POLICY_UNREACHABLE", f"{endpoint}: {OTHER}: it speaks no WebSocket") from error
+        except (OSError, EOFError, InvalidURI, ValueError) as error:
             raise ExecutionError("POLICY_UNREACHABLE", f"{endpoint}: {type(error).__name__} {error}") from error
         except ExecutionError as error:
             self.close()
-            raise ExecutionError("POLICY_UNREACHABLE", f"{endpoint}: no metadata on connect: {error}") from error
+            raise ExecutionError(
+                "POLICY_UNREACHABLE", f"{endpoint}: no metadata on connect, or {OTHER}: {error.message}"
+            ) from error
 
     @override
     def exchange(self, request: wire.Request, timeout_s: float, silence_s: float) -> wire.Reply:
         if isinstance(request, wire.Introduce):
-            descriptor = self._metadata.get("descriptor")
+            descriptor = self.metadata.get("descriptor")
             return wire.Introduction(descriptor=descriptor if isinstance(descriptor, dict) else {})
         if isinstance(request, wire.Start):
             self._start = request
@@ -58,11 +68,17 @@ class OpenpiService(PolicyService):
         self._refuse_unasked()
         message: Fields = {**arrange(request, self._streams).observations}
         message[openpi_codec.PROMPT] = self._start.instruction
-        if openpi_codec.EXTENSION in self._metadata:
+        if openpi_codec.EXTENSION in self.metadata:
             asked = msgspec.structs.asdict(self._start) | msgspec.structs.asdict(request)
             message[openpi_codec.EXTENSION] = {name: each for name, each in asked.items() if name != "observations"}
         self._send(openpi_codec.encode(message), timeout_s)
-        return _read_chunk(self._read(timeout_s, silence_s), request.sequence)
+        try:
+            return _read_chunk(self._read(timeout_s, silence_s), request.sequence, self._chunk_key)
+        except DefectError as error:
+            shown = {key: np.asarray(each) for key, each in message.items() if not isinstance(each, str | dict)}
+            forms = ", ".join(f"{key} {list(each.shape)} {each.dtype}" for key, each in shown.items())
+            hint = "a stream's `key` in SKILL.md names it for the model"
+            raise DefectError(error.code, f"{error.message}; it was shown {forms}: {hint}", self._endpoint) from error
 
     @override
     def probe(self, silence_s: float) -> None:
@@ -117,21 +133,22 @@ class OpenpiService(PolicyService):
         except ConnectionClosed as error:
             raise _explain_end(error) from error
         if isinstance(frame, str):
-            raise ExecutionError("POLICY_FAULT", f"the policy server reports: {frame[: wire.FAULT_MAX]}")
+            raise DefectError("POLICY_FAULT", f"the policy server reports: {frame[: wire.FAULT_MAX]}", self._endpoint)
         try:
             return openpi_codec.decode(frame)
         except ExecutionError as error:
             raise ExecutionError("POLICY_FAULT", str(error).removeprefix("MALFORMED: ")) from error
 
 
-def _read_chunk(answer: dict[Any, Any], sequence: int) -> wire.Chunk:
+def _read_chunk(answer: dict[Any, Any], sequence: int, key: str) -> wire.Chunk:
     own = answer.get(openpi_codec.EXTENSION)
     own = own if isinstance(own, dict) else {}
     try:
-        rows = np.asarray(answer[openpi_codec.ACTIONS], dtype=np.float64)
+        rows = np.asarray(answer[key], dtype=np.float64)
     except (KeyError, TypeError, ValueError) as error:
-        found = f"no array under {openpi_codec.ACTIONS!r}; its keys are {', '.join(map(str, answer))[:200]}"
-        raise ExecutionError("POLICY_FAULT", f"the policy server answered with {found}") from error
+        found = f"no array under {key!r}; its keys are {', '.join(map(str, answer))[:200]}"
+        hint = f"name the one of the chunk at the end of `endpoint`: ?{openpi_codec.ACTIONS}=KEY"
+        raise ExecutionError("POLICY_FAULT", f"the policy server answered with {found}; {hint}") from error
     told = own.get("sequence", sequence)
     return wire.Chunk(
         sequence=told if isinstance(told, int) else -1,

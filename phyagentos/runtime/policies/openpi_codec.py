@@ -52,10 +52,11 @@ def _unpack(value: Any, depth: int) -> Any:
         return [_unpack(each, depth - 1) for each in value]
     if not isinstance(value, dict):
         return value
-    if b"__ndarray__" in value:
-        return _read_array(value[b"data"], _read_type(value[b"dtype"]), value[b"shape"])
-    if b"__npgeneric__" in value:
-        return _read_type(value[b"dtype"]).type(value[b"data"])
+    named = {key.encode() if isinstance(key, str) else key: each for key, each in value.items()}  # some write text
+    if b"__ndarray__" in named:
+        return _read_array(named[b"data"], _read_type(named[b"dtype"]), named[b"shape"])
+    if b"__npgeneric__" in named:
+        return _read_type(named[b"dtype"]).type(named[b"data"])
     return {key: _unpack(each, depth - 1) for key, each in value.items()}
 
 

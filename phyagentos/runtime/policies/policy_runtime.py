@@ -9,6 +9,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -30,7 +31,7 @@ from phyagentos.runtime.actions.bridges.tool_poses import describe_frames, read_
 from phyagentos.runtime.actions.chunks import TemporalEnsemble, iter_periods, run_up
 from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.actions.set_points import Array, SetPoints
-from phyagentos.runtime.actions.violations import Violation
+from phyagentos.runtime.actions.violations import Violation, ViolationCode
 from phyagentos.runtime.execution.commands import compute_brake
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.criteria import is_met
@@ -41,11 +42,13 @@ from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient
 from phyagentos.runtime.policies.exchanges import ExchangeLog
 from phyagentos.runtime.policies.observations import Observer
+from phyagentos.runtime.policies.readings import Compile, read_rows, suggest_lines
 
 LEAF = "policy"
 OVERLAP = 4  # rows that only shape the end of a spline: so far before it an error of its end velocity is 0.27^4
 EMPTY_MAX = 20  # chunks in a row without a row that could be carried out
 TIME_TOLERANCE_S = 1e-9
+METADATA_MAX = 300  # characters of what a server says of itself
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +57,7 @@ class PolicyParts:
 
     Attributes:
         chain: From the policy's action space to the target's; one row per control period comes out.
+        compile_from: The chain that another action space of the policy would have.
         is_realtime: Whether time goes on while the server infers.
         is_pausing: Whether the session is to rest.
         sought_m: (3,) where the first object of `environment_state` is believed to be [m]; None where there is none.
@@ -63,6 +67,7 @@ class PolicyParts:
     chain: BridgeChain
     observer: Observer
     client: PolicyClient
+    compile_from: Compile = lambda _space: ()
     is_realtime: bool = False
     is_pausing: Callable[[], bool] = lambda: False
     sought_m: tuple[float, ...] | None = None
@@ -292,10 +297,14 @@ class PolicySkillRuntime:
     def _convert(self, rows: Array) -> Array | None:
         """Rows of the target, from the set-point at their request; None when they are refused."""
         chain, (before, velocity) = self._parts.chain, self._asked_from
-        bridged = chain.apply(np.asarray(rows, dtype=np.float64), before[: chain.target.width], velocity)
+        bridged = read_rows(chain, np.asarray(rows, dtype=np.float64), before, velocity)
         if isinstance(bridged, Violation):
-            where = f"{self._parts.descriptor.policy}, chunk {self._chunks}"
-            self._fail(str(bridged.code), f"{where}: {bridged}")
+            where = f"{self._parts.descriptor.policy}, chunk {self._chunks}: {bridged}"
+            metadata = ", ".join(f"{key} {value}" for key, value in self._parts.client.metadata.items())[:METADATA_MAX]
+            hint = suggest_lines(chain.source, self._parts.compile_from, rows, before, velocity)
+            says = f"Metadata of the server: {metadata}." if metadata else ""
+            is_final = bool(hint) or bridged.code is ViolationCode.WRONG_SHAPE  # the next one would be the same
+            self._fail(str(bridged.code), " ".join(filter(None, (f"{where}.", hint, says))), is_final=is_final)
             return None
         for each in bridged.interventions:
             details = {"where": each.where, "row": each.row, "before": each.before, "after": each.after}
@@ -335,9 +344,9 @@ class PolicySkillRuntime:
         chain = self._parts.chain
         return max(1, min(n_rows, math.ceil(horizon * chain.target.rate_hz / chain.source.rate_hz)))
 
-    def _fail(self, code: str, message: str, defect: str = "") -> TickResult:
+    def _fail(self, code: str, message: str, defect: str = "", *, is_final: bool = False) -> TickResult:
         self._drop()
-        self._failure = Failure(LEAF, code, message, defect=defect)
+        self._failure = Failure(LEAF, code, message, is_final, defect)
         self._note(Status.FAILURE.value, code=code, message=message)
         return TickResult(SkillStatus.FAILED, None, LEAF)
 
@@ -383,7 +392,8 @@ class Policies:
         """
         skill = self.skills[session.skill]
         target, arm = describe_target_space(self.profile), read_arm(self.handle.describe(), context.step.target)
-        chain = compile_chain(skill.action_space or target, target, describe_frames(self.profile), arm)
+        compile_from = partial(compile_chain, target=target, frames=describe_frames(self.profile), arm=arm)
+        chain = compile_from(skill.action_space or target)
         if not isinstance(chain, BridgeChain):
             raise DefinitionError(chain)
         policy = skill.policy
@@ -397,6 +407,7 @@ class Policies:
         parts = PolicyParts(
             descriptor=policy,
             chain=chain,
+            compile_from=compile_from,
             observer=Observer(
                 streams=policy.observations,
                 sensors=self.sensors,

@@ -60,7 +60,8 @@ class _Tcp:
             (length,) = _LENGTH.unpack(received)
             if length > REPLY_MAX_BYTES:
                 what = f"an answer of {length} bytes; at most {REPLY_MAX_BYTES} are possible"
-                raise ExecutionError("POLICY_FAULT", what)
+                other = f"; or another program listens there: it begins with {bytes(received)!r}"
+                raise ExecutionError("POLICY_FAULT", what + other)
             self._receive(received, _LENGTH.size + length, deadline)
         except TimeoutError as error:
             raise ExecutionError(

@@ -73,7 +73,7 @@ def iter_served_problems(skill: SkillRuntime, ask: AskPolicy) -> Iterator[Proble
     try:
         served = ask(policy.endpoint)
     except ExecutionError as error:
-        expected, fix = f"a policy server at {policy.endpoint}", "Start the server."
+        expected, fix = f"a policy server at {policy.endpoint}", "Start the server, or mend the endpoint."
         yield make_problem("POLICY_UNREACHABLE", "skill.policy.endpoint", str(error), expected, by, fix)
         return
     for name in PolicyDescriptor.model_fields if served is not None else ():

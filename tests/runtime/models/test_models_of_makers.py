@@ -160,6 +160,7 @@ def test_what_no_robot_can_be_made_of_is_named_with_its_line_and_what_to_write(t
         ('lower="-1" upper="1"', 'lower="0" upper="0"', "joint 'turn' has no range"),
         ("revolute", "continuous", ""),
         ('"arm"', '"the arm, 2"', ""),
+        ('izz="1"', 'izz="1" ixy="1" ixz="1" iyz="1"', "products of inertia"),
     ],
 )
 def test_what_makers_leave_out_is_filled_in_with_a_remark(tmp_path, old, new, remark):
@@ -168,6 +169,17 @@ def test_what_makers_leave_out_is_filled_in_with_a_remark(tmp_path, old, new, re
     assert compile_model(source.spec, path).nv == 1
     assert remark in "".join(source.remarks)
     assert bool(source.remarks) == bool(remark)
+
+
+def test_a_mesh_that_encloses_nothing_counts_as_a_shell(tmp_path):
+    (tmp_path / "assets").mkdir()
+    corners = "\n".join(f"v {x} {y} {z}" for x, y, z in CORNERS)
+    (tmp_path / "assets" / "flat.obj").write_text(f"{corners}\nf 1 3 2\n")
+    (path := tmp_path / "r.urdf").write_text(with_mesh("assets/flat.obj"))
+    spec = read_model(path).spec
+    with pytest.raises(ValueError, match="volume"):
+        spec.compile()
+    assert compile_model(spec, path).nmesh == 1
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 from websockets.sync.server import serve
 
 from phyagentos.clock import SystemClock
-from phyagentos.errors import ExecutionError
+from phyagentos.errors import DefectError, ExecutionError
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.policies import openpi_codec, wire
 from phyagentos.runtime.policies.client import PolicyClient, ask_policy
@@ -253,6 +253,31 @@ def test_a_pickle_is_bytes_that_are_no_message(hostile, tmp_path):
     assert not seen.exists()
     pickle.loads(data)
     assert seen.exists(), "it would have been made"
+
+
+def test_an_array_with_keys_of_text_is_read_as_one_with_keys_of_bytes(hostile):
+    array = {"__ndarray__": True, "data": ROWS.tobytes(), "dtype": "<f8", "shape": ROWS.shape}
+    with open_client(hostile(answer_with(msgspec.msgpack.encode({"actions": array})))) as client:
+        assert ask(client).rows == pytest.approx(ROWS)
+
+
+def test_a_chunk_under_another_key_is_read_where_the_endpoint_names_it(hostile):
+    endpoint = hostile(answer_with(pack(action=ROWS)))
+    with (
+        open_client(endpoint) as client,
+        pytest.raises(ExecutionError, match=r"keys are action; name .* \?actions=KEY"),
+    ):
+        ask(client)
+    with open_client(f"{endpoint}?actions=action") as client:
+        assert ask(client).rows == pytest.approx(ROWS)
+
+
+def test_what_a_model_misses_is_told_beside_what_it_was_shown_and_what_it_says_of_itself(hostile):
+    endpoint = hostile(answer_with("KeyError: observation/wrist"), metadata=openpi_codec.encode({"action_horizon": 10}))
+    with open_client(endpoint) as client, pytest.raises(DefectError, match="observation/wrist") as error:
+        ask(client)
+    assert "it was shown observation/state [3] float64, observation/image [8, 8, 3] uint8" in str(error.value)
+    assert (client.metadata, error.value.place) == ({"action_horizon": 10}, endpoint)
 
 
 def test_a_single_action_is_a_chunk_of_one_row(hostile):

@@ -157,6 +157,30 @@ def test_a_chunk_that_must_not_be_carried_out_is_not(run_policy, profile, spoil,
     assert len(bench.target.commands()) <= 21, "the first chunk was sound, and no command of the second was given"
 
 
+@pytest.mark.parametrize(
+    ("spoil", "found", "lines"),
+    [
+        (lambda rows: rows[None], "found (1, 25, 8); expected (25, 8): 25 rows at most", "`batch: true`"),
+        (lambda rows: np.pad(rows, ((0, 0), (0, 24))), "found (25, 32); expected (25, 8)", "`padding: 24`"),
+        (lambda rows: np.vstack([rows] + [rows[-1:]] * 25), "found (50, 8)", "`chunk_length: 50`"),
+        (lambda rows: rows[:, :7], "expected (25, 8): 25 rows at most, each of 7 joints and a gripper", ""),
+        (lambda rows: rows[:0], "found (0, 8)", ""),
+        (lambda rows: np.hstack((np.degrees(rows[:, :7]), rows[:, 7:])), "joint", "`angle_unit: deg`"),
+        (lambda rows: rows - np.vstack((rows[:1, :7], rows[:-1, :7])) @ np.eye(7, 8), "joint", "`delta: true`"),
+        (lambda rows: rows @ np.diag([*[1] * 7, 12.5]), "closed is 0, open 0.08", "`gripper: {closed: 0, open: 1}`"),
+        (lambda rows: rows @ np.diag([*[1] * 7, -12.5]), "found -1; closed is 0", "`gripper: {closed: -1, open: 1}`"),
+        (lambda rows: rows * [*[1] * 7, np.nan], "gripper, row 0: found nan, which is no finite number", ""),
+    ],
+)  # fmt: skip
+def test_a_chunk_of_another_form_is_told_with_the_lines_of_the_contract_that_mend_it(
+    run_policy, profile, spoil, found, lines
+):
+    _, execution, _ = run_policy(Line(np.asarray(profile.arm.home_rad), spoil=lambda rows, _: spoil(rows)))
+    assert execution.ticks == 0
+    assert found in execution.message, execution
+    assert (f"It would be carried out with {lines} in action_space" in execution.message) is bool(lines), execution
+
+
 def test_an_error_of_the_policys_own_code_is_a_defect_of_its_file_and_line(run_policy, profile):
     look = lambda rows, _: rows["wrist"]  # noqa: E731
     _, execution, _ = run_policy(Line(np.asarray(profile.arm.home_rad), spoil=look))

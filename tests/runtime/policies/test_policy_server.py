@@ -170,6 +170,12 @@ def test_a_server_that_does_not_finish_its_answer_in_time_is_lost(listener, part
     assert CLOCK.now_s() - began_s < 2.0
 
 
+def test_a_port_of_another_program_is_told_before_anything_is_asked(listener):
+    endpoint = serve_bytes(listener, b"SSH-2.0-OpenSSH_9.2\r\n\r\n").replace("tcp", "openpi")
+    with pytest.raises(ExecutionError, match="another program listens there: it speaks no WebSocket"):
+        ask_policy(endpoint)
+
+
 @pytest.mark.parametrize("length", [b"SSH-", b"\xff\xff\xff\xff"], ids=["another protocol", "negative"])
 def test_an_answer_longer_than_any_chunk_is_a_fault_and_not_waited_for(listener, length):
     with pytest.raises(ExecutionError, match=r"an answer of \d+ bytes; at most 1048576") as error:

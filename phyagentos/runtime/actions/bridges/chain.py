@@ -69,13 +69,16 @@ class BridgeChain:
         """Convert one chunk, or refuse it.
 
         Args:
-            rows: (k, width of the source), float64, 1 <= k <= chunk_length.
+            rows: (k, width of the source and its padding), float64, 1 <= k <= chunk_length; with a batch (1, k, ...).
             before: (width of the target,) standing set-point.
             velocity: (arm of the target,) at which it goes on, per second; unknown without it.
         """
+        if self.source.batch and rows.ndim == 3 and len(rows) == 1:
+            rows = rows[0]
         violation = self._check_form(rows)
         if violation is not None:
             return violation
+        rows = rows[:, : self.source.width]
         anchors = [before]
         for link in reversed(self.links):
             anchors.append(link.invert(anchors[-1][None])[0])
@@ -92,20 +95,24 @@ class BridgeChain:
             interventions += link.find_interventions(rows, converted)
             rows = converted
             if not len(rows):
-                return Violation(ViolationCode.WRONG_SHAPE, "chunk", 0.0, 1.0, "rows of the target")
+                words = f"it is shorter than one row of the target, at {self.target.rate_hz:g} Hz"
+                return Violation(ViolationCode.WRONG_SHAPE, "chunk", 0.0, 1.0, "rows of the target", words=words)
         return self._check_jumps(rows, before) or Bridged(rows, tuple(interventions))
 
     def _check_form(self, rows: Array) -> Violation | None:
         source = self.source
-        if rows.ndim != 2 or rows.shape[1] != source.width or not 1 <= len(rows) <= source.chunk_length:
-            most = float(source.chunk_length * source.width)
-            return Violation(ViolationCode.WRONG_SHAPE, "chunk", float(rows.size), most, "numbers")
+        width, most = source.width + source.padding, source.chunk_length
+        if rows.ndim != 2 or rows.shape[1] != width or not 1 <= len(rows) <= most:
+            wanted = f"{(*((1,) if source.batch else ()), most, width)}: {most} rows at most"
+            words = f"found {rows.shape}; expected {wanted}, each of {source.describe_columns()}"
+            return Violation(ViolationCode.WRONG_SHAPE, "chunk", rows.size, most * width, "numbers", words=words)
         if rows.dtype != np.float64:
             return Violation(ViolationCode.WRONG_SHAPE, "chunk", float(rows.dtype.itemsize), 8.0, "bytes a number")
         if not np.isfinite(rows).all():
             row, column = np.argwhere(~np.isfinite(rows))[0]
-            where = name_columns(source)[column]
-            return Violation(ViolationCode.NOT_FINITE, where, float(rows[row, column]), np.inf, "", int(row))
+            where, found = (*name_columns(source), *["padding"] * source.padding)[column], float(rows[row, column])
+            words = f"found {found}, which is no finite number"
+            return Violation(ViolationCode.NOT_FINITE, where, found, np.inf, "", int(row), words)
         if source.representation == "tool_pose":
             columns = rows[:, POSITION_WIDTH : source.arm_width]
             row = find_bad_rotation(columns, source)
@@ -126,9 +133,9 @@ class BridgeChain:
         joints = target.representation == "joint_position"
         where = target.joints[column] if joints else ("position", "rotation")[column]
         unit = target.angle_unit if joints else (target.length_unit, "rad")[column]
-        return Violation(
-            ViolationCode.DISCONTINUOUS, where, float(steps[row, column]), float(limit[column]), unit, int(row)
-        )
+        found, most = float(steps[row, column]), float(limit[column])
+        words = f"jumps by {found:.4g} {unit}; at most {most:.4g} {unit} from row to row"
+        return Violation(ViolationCode.DISCONTINUOUS, where, found, most, unit, int(row), words)
 
     def __str__(self) -> str:
         """`frame base->world . units deg->rad . resample 10->50 Hz`; `identity` when nothing is converted."""

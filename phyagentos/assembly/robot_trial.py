@@ -1,0 +1,203 @@
+"""A robot tried alone in simulation: where its grasps reach, how well it follows, returns and holds."""
+
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
+from phyagentos.protocol.world.scenes import SceneSpec
+from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.motion.draft_settling import measure_reach
+from phyagentos.runtime.motion.planner import MotionPlanner
+from phyagentos.runtime.motion.requests import (
+    Approaches,
+    Array,
+    FindGrasps,
+    Motion,
+    PlanMove,
+    TimeLine,
+    Trajectory,
+    World,
+)
+
+CELLS = 10  # of the map, from the base to the end of the reach
+FRONT_RAD = np.radians(40.0)  # to either side of the x axis, for the band of distances
+HOLD_S, RETURNS, REST_S = 5.0, 5, 1.0
+LAG_MAX_RAD, RETURN_MAX_M, SLIP_MAX_M = 0.05, 0.001, 0.003
+CUBE, SHARE, LARGEST_M = "cube", 0.6, 0.04  # what is grasped: this share of the opening, at most so wide
+FAR_M = 2.5  # where it stands for a robot that takes nothing
+Cells = Mapping[tuple[float, float], bool]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was measured; `is_well` where nothing of it would fail a session."""
+
+    what: str
+    measured: str
+    is_well: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """All that was measured; `band_m` is between which distances objects can be taken in front, None without any."""
+
+    findings: tuple[Finding, ...]
+    band_m: tuple[float, float] | None
+    picture: bytes
+
+
+def run_trial(profile: TargetProfile, folder: Path) -> Trial:
+    """Try a robot; raises DefinitionError of its profile or model."""
+    planner = MotionPlanner(profile, folder)
+    half_m = min(SHARE * profile.gripper.max_width_m, LARGEST_M) / 2
+    cells = _map_grasps(planner, half_m) if half_m else {}
+    band_m = find_band(cells)
+    findings = []
+    if half_m:
+        share = sum(cells.values()) / len(cells)
+        shown = f"{band_m[0]:.2f} to {band_m[1]:.2f} m in front" if band_m else "nowhere in front"
+        findings += [
+            Finding(
+                "grasps of a cube on the level of the base", f"{shown}, {share:.0%} of the map", band_m is not None
+            ),
+            Finding("opening", f"0 to {profile.gripper.max_width_m * 1e3:.0f} mm, as its pads open in the model"),
+        ]
+    middle_m = float(np.mean(band_m)) if band_m else FAR_M
+    reached = [at for at, found in cells.items() if found]
+    place = min(reached, key=lambda at: abs(at[0] - middle_m) + abs(at[1]), default=(FAR_M, FAR_M))
+    physics = Physics.alone(profile, folder, _build_scene(half_m or LARGEST_M, place), seed=0)
+    physics.start(0.3)
+    findings += [*_try_returns(planner, physics), *(_try_hold(planner, physics, half_m, place) if band_m else ())]
+    return Trial(tuple(findings), band_m, _draw(cells, band_m))
+
+
+def _map_grasps(planner: MotionPlanner, half_m: float) -> Cells:
+    """Whether a cube of `half_m` can be taken at places (x, y) [m] around the base, from home."""
+    reach_m, (x0, y0, z0) = measure_reach(planner.robot), planner.robot.profile.mount_position_m
+    line = np.round(np.linspace(-reach_m, reach_m, 2 * CELLS + 1), 3).tolist()
+    places = [(x + x0, y + y0) for x in line for y in line if 0.1 * reach_m < np.hypot(x, y) <= reach_m]
+    height_m = 0.0 if planner.robot.profile.stands_on_column else z0
+    return {at: _find_grasps(planner, half_m, (*at, height_m + half_m)) is not None for at in places}
+
+
+def _find_grasps(planner: MotionPlanner, half_m: float, position_m: tuple[float, float, float]) -> Approaches | None:
+    cube = Entity(name=CUBE, kind=CUBE, pose=Pose(position_m), shapes=(Shape(ShapeKind.BOX, (half_m,) * 3),))
+    answer = planner.answer(
+        FindGrasps(world=World((cube,)), object=CUBE, q_rad=planner.robot.home_rad, seed=0, count=1)
+    )
+    return answer if isinstance(answer, Approaches) else None
+
+
+def find_band(cells: Cells) -> tuple[float, float] | None:
+    """The longest span of distances in front of the base at which every place of the map has a grasp [m]."""
+    front = sorted(
+        (float(np.hypot(*at)), found) for at, found in cells.items() if abs(np.arctan2(at[1], at[0])) < FRONT_RAD
+    )
+    spans, span = [], list[float]()
+    for distance_m, found in [*front, (np.inf, False)]:
+        spans += [] if found or len(span) < 2 else [(span[-1] - span[0], span[0], span[-1])]
+        span = [*span, distance_m] if found else []
+    return max(spans)[1:] if spans else None
+
+
+def _build_scene(half_m: float, at: tuple[float, float]) -> SceneSpec:
+    """A wide floor on the level of the base, and a cube on it."""
+    floor = {"kind": "floor", "fixed": True, "material": "wood", "place": {"position_m": (0.0, 0.0, -0.02)},
+             "shapes": [{"kind": "box", "size_m": (3.0, 3.0, 0.02)}]}  # fmt: skip
+    cube = {"kind": CUBE, "material": "wood", "mass_kg": 0.05, "place": {"position_m": (*at, half_m)},
+            "shapes": [{"kind": "box", "size_m": (half_m,) * 3}]}  # fmt: skip
+    materials = {"wood": {"surface": "wood", "rgba": (0.8, 0.7, 0.5, 1.0)}}
+    bodies = {"floor": floor, CUBE: cube}
+    camera = {"position_m": (1.5, 1.5, 1.0), "target_m": (0.0, 0.0, 0.3)}
+    return SceneSpec.model_validate(
+        {"scene": "trial", "materials": materials, "bodies": bodies, "cameras": {"c": camera}}
+    )
+
+
+def _follow(physics: Physics, rows: Trajectory, width_m: float) -> float:
+    """Carry out a motion; how far a joint lagged behind at most [rad]."""
+    lag_rad = 0.0
+    for q_rad, qd_rad_s in zip(rows.q_rad, rows.qd_rad_s, strict=True):
+        physics.actuation.set_servos(q_rad, qd_rad_s, width_m)
+        physics.step()
+        lag_rad = max(lag_rad, physics.actuation.find_lag(q_rad))
+    physics.step(round(REST_S / rows.step_s))
+    return lag_rad
+
+
+def _move(planner: MotionPlanner, q_rad: Array, goal_rad: Array) -> Trajectory | None:
+    answer = planner.answer(PlanMove(world=World(()), q_rad=q_rad, goals_rad=goal_rad[None], seed=0))
+    return answer.trajectory if isinstance(answer, Motion) else None
+
+
+def _try_returns(planner: MotionPlanner, physics: Physics) -> list[Finding]:
+    """From home to postures around it and back: how far joints lag, and how far apart the returns are."""
+    home, width_m = planner.robot.home_rad, planner.robot.profile.gripper.max_width_m
+    low, high = np.maximum(home - 0.5, planner.robot.q_min_rad), np.minimum(home + 0.5, planner.robot.q_max_rad)
+    lags, tools, rng = [], [], np.random.default_rng(0)
+    for _ in range(RETURNS):
+        goal = rng.uniform(low, high)
+        if (out := _move(planner, home, goal)) is not None and (back := _move(planner, goal, home)) is not None:
+            lags += [_follow(physics, out, width_m), _follow(physics, back, width_m)]
+            tools.append(np.array(physics.data.site(planner.robot.profile.tcp).xpos))
+    if not tools:
+        return [Finding("motions around home", "none was planned", is_well=False)]
+    spread_m = float(np.linalg.norm(np.ptp(tools, axis=0)))
+    return [
+        Finding("joints behind their set-points", f"at most {max(lags) * 1e3:.1f} mrad", max(lags) < LAG_MAX_RAD),
+        Finding(f"{len(tools)} returns to home", f"within {spread_m * 1e3:.2f} mm", spread_m < RETURN_MAX_M),
+    ]
+
+
+def _try_hold(planner: MotionPlanner, physics: Physics, half_m: float, at: tuple[float, float]) -> list[Finding]:
+    """Take the cube, lift it, and hold it."""
+    what, home, gripper = (
+        f"holds a cube of {2e3 * half_m:.0f} mm",
+        planner.robot.home_rad,
+        planner.robot.profile.gripper,
+    )
+    found = _find_grasps(planner, half_m, (*at, half_m))
+    line = found.approaches[0].line_rad if found is not None else home[None]
+    over, down, up = _move(planner, home, line[0]), planner.answer(TimeLine(line)), planner.answer(TimeLine(line[::-1]))
+    if over is None or not isinstance(down, Motion) or not isinstance(up, Motion):
+        return [Finding(what, "no motion to it was planned", is_well=False)]
+    _follow(physics, over, gripper.max_width_m)
+    _follow(physics, down.trajectory, gripper.max_width_m)
+    close_s = gripper.max_width_m / gripper.speed_m_s + gripper.close_time_s
+    for width_m in np.linspace(gripper.max_width_m, 0.0, round(close_s / planner.robot.profile.physics_step_s)):
+        physics.actuation.set_servos(line[-1], 0.0 * line[-1], float(width_m))
+        physics.step()
+    _follow(physics, up.trajectory, 0.0)
+    tool, cube = physics.data.site(planner.robot.profile.tcp), physics.data.body(CUBE)
+    before = np.array(cube.xpos - tool.xpos)
+    lifted_m = float(cube.xpos[2]) - half_m
+    physics.step(round(HOLD_S / planner.robot.profile.physics_step_s))
+    slip_m = float(np.linalg.norm(cube.xpos - tool.xpos - before))
+    if lifted_m < half_m:
+        return [Finding(what, "it was not lifted", is_well=False)]
+    return [
+        Finding(what, f"lifted {lifted_m * 1e2:.0f} cm, {HOLD_S:g} s, slid {slip_m * 1e3:.1f} mm", slip_m < SLIP_MAX_M)
+    ]
+
+
+def _draw(cells: Cells, band_m: tuple[float, float] | None, size: int = 480) -> bytes:
+    """PNG from above, x to the right and y up: green where a grasp was found, red where none was."""
+    image = Image.new("RGB", (size, size), "white")
+    pen, far_m = ImageDraw.Draw(image), 1.1 * max((abs(each) for at in cells for each in at), default=1.0)
+    dot = 0.35 * size / (2 * CELLS + 1)
+    for (x, y), found in cells.items():
+        u, v = size / 2 * (1 + x / far_m), size / 2 * (1 - y / far_m)
+        pen.ellipse((u - dot, v - dot, u + dot, v + dot), "#2a9d4a" if found else "#d9534f")
+    for radius_m in band_m or ():
+        r = radius_m / far_m * size / 2
+        pen.ellipse((size / 2 - r, size / 2 - r, size / 2 + r, size / 2 + r), outline="#333333")
+    pen.text((8, 8), f"grasps from above the level of the base; {2 * far_m:.2f} m across, x to the right", "#333333")
+    (out := io.BytesIO()).name = "reach.png"
+    image.save(out)
+    return out.getvalue()

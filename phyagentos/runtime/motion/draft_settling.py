@@ -1,0 +1,121 @@
+"""A draft of a profile made whole in the model: an opening that its pads have, a home that is free, limits."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.schema import read_yaml
+from phyagentos.protocol.settings.safety import UNITS
+from phyagentos.runtime.models.drafting import ProfileDraft
+from phyagentos.runtime.models.hand import measure_hand
+from phyagentos.runtime.models.robot import read_profile
+from phyagentos.runtime.motion.chain import Chain, build_chain
+from phyagentos.runtime.motion.planning_scene import PlanningScenes
+from phyagentos.runtime.motion.profile_checks import find_model_problems
+from phyagentos.runtime.motion.requests import Array, World
+from phyagentos.runtime.motion.robot_model import RobotModel, build_robot_model
+
+SAMPLES = 300  # postures of which the arm's reach and its home are found
+HOMES = [(x, z) for x in (0.5, 0.4, 0.6, 0.3) for z in (0.3, 0.2, 0.45)]  # of the tool, in shares of the reach
+SHEET = "check: the maker's data sheet"
+
+
+def settle_draft(draft: ProfileDraft, file: Path) -> tuple[ProfileDraft, str]:
+    """Write a draft to `robots/<name>/target.yaml` so that nothing of it is refused; and the text of its limits.
+
+    A gripper that does not close in the model as it was guessed is left out.
+
+    Raises:
+        DefinitionError: What no change of the draft mends: `IN_COLLISION` where no posture is free.
+    """
+    if draft.hand is not None:
+        try:
+            return _settle(draft, file)
+        except DefinitionError:
+            draft = replace(draft, hand=None)
+    return _settle(draft, file)
+
+
+def _settle(draft: ProfileDraft, file: Path) -> tuple[ProfileDraft, str]:
+    profile, folder = _write(draft, file), file.parent
+    if draft.hand is not None:
+        draft = replace(draft, width_m=np.floor(measure_hand(profile, folder).widths_m[-1] * 1e3) / 1e3)
+        profile = _write(draft, file)
+    robot = build_robot_model(profile, folder)
+    reach_m = measure_reach(robot)
+    home_rad = _find_home(robot, reach_m)
+    draft = replace(draft, home_rad=home_rad.tolist(), band_m=(round(0.4 * reach_m, 2), round(0.8 * reach_m, 2)))
+    profile = _write(draft, file)
+    if problems := list(find_model_problems(build_robot_model(profile, folder), read_yaml(file))):
+        raise DefinitionError(problems)
+    return draft, _render_limits(draft, profile, robot, reach_m)
+
+
+def _write(draft: ProfileDraft, file: Path) -> TargetProfile:
+    file.write_text(draft.render(), encoding="utf-8")
+    return read_profile(file)[0]
+
+
+def _draw_postures(chain: Chain) -> Array:
+    """(SAMPLES, n_joints) within the limits of the joints."""
+    low, high = np.maximum(chain.q_min_rad, -np.pi), np.minimum(chain.q_max_rad, np.pi)
+    low = np.minimum(low, high)  # a joint may have less than the margin
+    return np.random.default_rng(0).uniform(low, high, (SAMPLES, len(low)))
+
+
+def measure_reach(robot: RobotModel) -> float:
+    """How far from the base its tool comes [m]."""
+    base, chain = np.array(robot.profile.mount_position_m), build_chain(robot)
+    return max(float(np.linalg.norm(chain.compute_tcp(q_rad)[:3, 3] - base)) for q_rad in _draw_postures(chain))
+
+
+def _find_home(robot: RobotModel, reach_m: float) -> Array:
+    """A posture (n_joints,) that is free: the tool down in front, if there is one."""
+    chain, scene = build_chain(robot), PlanningScenes(robot).get_scene(World(entities=()))
+    seeds, middle = _draw_postures(chain), (robot.q_min_rad + robot.q_max_rad) / 2
+    pose = np.diag((1.0, -1.0, -1.0, 1.0))
+    for x, z in HOMES if robot.profile.end_effector == "opening" else ():
+        pose[:3, 3] = x * reach_m, 0.0, z * reach_m
+        if free := [q_rad for q_rad in chain.solve_all(pose, seeds[:60], 0.1)[0] if scene.is_free(q_rad)]:
+            return min(free, key=lambda q_rad: float(np.linalg.norm(q_rad - middle)))
+    zero = np.clip(0.0 * middle, robot.q_min_rad, robot.q_max_rad)
+    return next((q_rad for q_rad in (robot.home_rad, zero, *seeds) if scene.is_free(q_rad)), robot.home_rad)
+
+
+def _render_limits(draft: ProfileDraft, profile: TargetProfile, robot: RobotModel, reach_m: float) -> str:
+    """The text of safety.yaml: what the model says, and guesses marked `check`."""
+    arm, gripper, r = profile.arm, profile.gripper, round(reach_m, 2)
+    model, site = f"The model {draft.file}", "Site policy"
+    known = all(draft.speeds.get(name) for name in arm.joints)
+    values: dict[str, tuple[ArrayLike, str]] = {
+        "joint_position_min": (robot.q_min_rad, f"{model}, lower joint limits"),
+        "joint_position_max": (robot.q_max_rad, f"{model}, upper joint limits"),
+        "joint_velocity_max": (arm.velocity_rad_s, f"{model}, joint speeds" if known else SHEET),
+        "joint_acceleration_max": (arm.acceleration_rad_s2, f"{SHEET}; planned so"),
+        "joint_jerk_max": (arm.jerk_rad_s3, f"{site}: held against the mean over a control period"),
+        "workspace_box": (((-r, -r, -0.02), (r, r, r)), f"{site}, check: how far the tool reaches; world frame"),
+        "gripper_width_max": (gripper.max_width_m, f"{model}, as its pads open"),
+        "gripper_force_max": (1.5 * gripper.force_n, SHEET),
+        "command_rate_max": (1.0 / profile.control_period_s, f"{site}: one command per control period"),
+        "command_validity_max": (5.0 * profile.control_period_s, f"{site}: five control periods"),
+        "session_duration_max": (600.0, site),
+        "collision_depth_max": (0.004, f"{site}: planning keeps 4 mm from what stands fixed"),
+        "tracking_error_max": (0.25, f"{site}: below one hand's width at the tool"),
+    }
+    lines = [f"# What the guard enforces for {profile.target}; a workspace adds it to its safety.yaml.",
+             "version: 1", "targets:", f"  {profile.target}:"]  # fmt: skip
+    for name, (value, source) in values.items():
+        asks = f"   # {source[source.index('check') :]}" if "check" in source and np.any(value) else ""
+        policy = "site_policy" if source.startswith(site) else "planner_constrained"
+        lines += [
+            f"    {name}:{asks}",
+            f"      value: {np.round(np.asarray(value, dtype=float), 6).tolist()}",
+            f"      unit: {UNITS.get(name, 'm')}",
+            f'      source: "{source}"',
+            f"      provenance: {policy}",
+        ]
+    return "\n".join(lines) + "\n"

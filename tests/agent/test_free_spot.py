@@ -1,0 +1,60 @@
+"""Free room on a support, and what fills it."""
+
+import msgspec
+import pytest
+
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
+from phyagentos.protocol.world.free_spot import compute_distance, find_filling, find_free_spot, find_support
+from tests.agent.test_repair import HEMMED, POST, make_box, make_table_world
+
+
+@pytest.fixture(scope="module")
+def shipped() -> Catalogue:
+    return Catalogue.read(Library.open(find_shipped_root()))
+
+
+def test_what_stands_on_a_thing_fills_it_and_what_stands_beside_it_does_not():
+    slab = Entity(
+        name="slab", kind="slab", pose=Pose((0.5, 0.0, 0.01)), shapes=(Shape(ShapeKind.BOX, (0.05, 0.03, 0.01)),)
+    )
+    cube = (Shape(ShapeKind.BOX, (0.015, 0.015, 0.015)),)
+    at = {"on": (0.52, 0.0, 0.035), "edge": (0.56, 0.0, 0.035), "beside": (0.5, 0.06, 0.015), "high": (0.5, 0.0, 0.09)}
+    things = (Entity(name=name, kind="cube", pose=Pose(place), shapes=cube) for name, place in at.items())
+    assert set(find_filling(make_table_world(slab, *things), "slab")) == {"on", "edge"}
+    assert find_filling(make_table_world(slab), "table") == []  # what is fixed is large
+
+
+def test_a_free_spot_is_on_the_same_table_within_reach_and_away_from_everything(shipped):
+    panda = shipped.targets["panda"]
+    spot = find_free_spot(HEMMED, "post", ((0.5, 0.0, 0.02),), panda.mount_position_m, panda.grasp_band_m)
+    assert spot is not None
+    assert find_support(HEMMED, "post").name == "table"
+    assert compute_distance(HEMMED.entities["red_cube"], spot) > 0.1
+    assert 0.3 < (spot[0] ** 2 + spot[1] ** 2) ** 0.5 < 0.7
+    crowd = [make_box(f"c{i}{j}", (0.1 * i, 0.1 * j, 0.02), 0.045) for i in range(10) for j in range(-6, 7)]
+    assert (
+        find_free_spot(make_table_world(POST, *crowd), "post", (), panda.mount_position_m, panda.grasp_band_m) is None
+    )
+
+
+def test_a_free_spot_lies_in_the_band_that_the_target_declares(shipped):
+    near = shipped.targets["panda"].model_copy(update={"grasp_band_m": (0.34, 0.40)})
+    spot = find_free_spot(HEMMED, "post", ((0.5, 0.0, 0.02),), near.mount_position_m, near.grasp_band_m)
+    assert 0.34 <= (spot[0] ** 2 + spot[1] ** 2) ** 0.5 <= 0.40
+
+
+def test_a_support_whose_solid_lies_in_its_frame_on_another_side_is_as_wide_as_it_lies(shipped):
+    """A mesh becomes the box around its hull along its own axes: the top of such a table was taken for its side."""
+    panda, table = shipped.targets["panda"], HEMMED.entities["table"]
+    (top,) = table.shapes
+    x, y, z = top.size_m
+    on_edge = Shape(
+        kind=ShapeKind.BOX, size_m=(z, y, x), pose=Pose(top.pose.position_m, (0.5**0.5, 0.0, 0.5**0.5, 0.0))
+    )
+    turned = msgspec.structs.replace(
+        HEMMED, entities={**HEMMED.entities, "table": msgspec.structs.replace(table, shapes=(on_edge,))}
+    )
+    given = ("post", ((0.5, 0.0, 0.02),), panda.mount_position_m, panda.grasp_band_m)
+    assert find_free_spot(turned, *given) == pytest.approx(find_free_spot(HEMMED, *given))

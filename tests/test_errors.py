@@ -1,0 +1,37 @@
+"""A full disk is named, whatever raised the error and whoever called."""
+
+import errno
+import shutil
+from pathlib import Path
+
+import pytest
+
+from phyagentos import errors
+from phyagentos.errors import find_full_disk
+
+FULL = OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize(
+    ("error", "found"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device", "/full/a"), "/full/a"),
+        (OSError(errno.ENOSPC, "No space left on device", "/else/a", None, "/full/b"), "/full/b"),
+        (shutil.Error([("/else/a", "/full/c", str(FULL))]), "/full/c"),
+        (PermissionError(errno.EACCES, "Permission denied", "/full/a"), ""),
+        (ValueError("No space left on device"), ""),
+    ],
+)
+def test_the_place_of_a_write_without_room_is_that_of_the_error(error, found):
+    assert find_full_disk(error) == found
+
+
+def test_where_the_system_names_none_it_is_the_path_on_the_full_disk_that_the_calls_knew(monkeypatch):
+    monkeypatch.setattr(errors, "has_room", lambda path: not path.is_relative_to("/full"))
+
+    def write(read, written):
+        raise FULL
+
+    with pytest.raises(OSError, match="No space left") as raised:
+        write(Path("/else"), Path("/full/journal"))
+    assert find_full_disk(raised.value) == "/full/journal"
