@@ -288,7 +288,7 @@ def test_a_foreign_tree_is_refused_with_line_and_column_what_is_possible_and_the
         ("11:7: INVALID_VALUE: found _autoremap='true'", "expected ports"),
         ("12:7: INVALID_VALUE: found a condition with {'name': 'is near'", "no name of its own"),
         ("12:7: SYNTAX:",),
-        ("13:7: INVALID_VALUE: found 'soon'", "type float"),
+        ("13:7: INVALID_VALUE: found 'soon'", "type number"),
     ):
         (line,) = [line for line in result.err.splitlines() if line.startswith(f"{file}:{place}")]
         assert all(part in line for part in parts), line
@@ -386,7 +386,7 @@ def test_a_node_of_others_that_has_an_equal_here_is_imported(nodes, root, paos, 
         ('<Parallel success_count="2"><move_home/><move_home/><move_home/></Parallel>',
          ["2:1: INVALID_VALUE: found <Parallel success_count=\"2\">; expected all or 1 to succeed"]),
         ('<wait seconds="1" _skipIf="x == 1"/>', ["2:1: INVALID_VALUE: found _skipIf='x == 1'"]),
-        ('<wait seconds="NaN"/>', ["2:1: INVALID_VALUE: found nan; expected a finite number"]),
+        ('<wait seconds="NaN"/>', ["2:1: INVALID_VALUE: found .nan; expected a finite number"]),
         ('<wait name="a/b" seconds="1"/>', ["2:1: INVALID_VALUE: found 'a/b'; expected a name of one line"]),
     ],
 )  # fmt: skip
