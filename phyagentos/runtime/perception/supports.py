@@ -2,6 +2,8 @@
 
 Points of a body's colour near its level faces give its height and its tilt, by a plane that outliers do not pull (J. W.
 Tukey's biweight; P. W. Holland, R. E. Welsch, "Robust regression using iteratively reweighted least-squares", 1977).
+A body of several solids has several faces: a point counts for one of them, the nearest to the plane, and never for a
+face that the body itself hides from the camera, such as one on which another of its solids stands.
 Each camera gives a plane of its own: what these differ by shows their calibration. The map stands while the planes do
 not contradict it; then its uncertainty contains what they differ from it.
 """
@@ -27,6 +29,8 @@ SURFACE, SURFACE_HALF_M = "surface", (2.0, 2.0, 1.0)  # of a world without a map
 SURFACE_SPAN_M, SURFACE_STEP_M = (-0.4, 0.4), 0.004  # heights at which it may be, from the robot's base
 EVERY = 3  # of so many rows and columns one is read
 REACH_M, EDGE_M = 0.04, 0.012  # of a face: so far above and below it is looked for, and not so near to its edges
+EDGE_SHARE = 1 / 3  # of half its width: of a narrow face less is left out
+CLEAR_M, MARCHES, MARCH_M = 0.002, 16, 0.004  # of a line of sight: distance to the body, steps along it, and the least
 POINTS_MIN, ROUNDS = 60, 6
 BIWEIGHT, SCALE_MIN_M = 4.7, 0.0005
 PRIOR_M, PRIOR_RAD = 0.02, 0.02  # how wrong a map may be before a face is looked for elsewhere
@@ -59,7 +63,8 @@ def measure_supports(
     found = {}
     for name, nominal in inventory.known.items():
         own = (points[is_among(labels, inventory.map_parts[name].colors)] for points, labels in seen)
-        planes = [plane for points in own if (plane := _fit_plane(nominal, points)) is not None]
+        pairs = zip(own, views, strict=True)
+        planes = [plane for each, view in pairs if (plane := _fit_plane(nominal, each, view.position_m)) is not None]
         was = before.get(name, nominal)
         found[name] = _place(nominal, was, _combine(planes), len(planes)) if planes else was
     return found
@@ -92,50 +97,87 @@ def _take_points(frame: Frame, view: CameraView, labels: NDArray[np.uint8]) -> t
     return measure_points(frame, view, rows, columns), labels[rows, columns]
 
 
-def _fit_plane(nominal: Entity, points: Array) -> Plane | None:
-    """By one camera; None without enough points."""
+def _fit_plane(nominal: Entity, points: Array, eye_m: Array) -> Plane | None:
+    """By one camera at `eye_m`; None without enough points."""
     body = compute_matrix(nominal.pose)
-    parts = [_find_over(body @ compute_matrix(shape.pose), shape, points) for shape in nominal.shapes]
-    if not parts:
-        return None
-    over = np.concatenate(parts)  # (n, 3): x, y from the body's origin, height over the face
+    own = Solids.place(nominal) if len(nominal.shapes) > 1 else None
+    parts = [_find_over(body @ compute_matrix(shape.pose), shape, points, own, eye_m) for shape in nominal.shapes]
+    over = np.concatenate(parts)  # (n, 4): x, y from the body's origin, height over the face, index of the point
     over[:, :2] -= body[:2, 3]
     if len(over) < POINTS_MIN:
         return None
     counts, edges = np.histogram(over[:, 2], bins=40, range=(-REACH_M, REACH_M))
     start = edges[np.convolve(counts, np.ones(5), "same").argmax()] + REACH_M / 40
-    design = np.column_stack((np.ones(len(over)), over[:, :2]))
     plane, prior = np.array([start, 0.0, 0.0]), np.array([PRIOR_M, PRIOR_RAD, PRIOR_RAD]) ** -2.0
     for _ in range(ROUNDS):
-        residual = over[:, 2] - design @ plane
+        near_over = _choose_faces(over, plane, len(points))
+        design = np.column_stack((np.ones(len(near_over)), near_over[:, :2]))
+        residual = near_over[:, 2] - design @ plane
         near = residual[np.abs(residual) < REACH_M / 2]
         scale = max(1.4826 * float(np.median(np.abs(near))) if len(near) else 0.0, SCALE_MIN_M)
         weight = np.maximum(1.0 - (residual / (BIWEIGHT * scale)) ** 2, 0.0) ** 2 / scale**2
         matrix = (design * weight[:, None]).T @ design + np.diag(prior)
-        plane = np.linalg.solve(matrix, design.T @ (weight * over[:, 2]))
+        plane = np.linalg.solve(matrix, design.T @ (weight * near_over[:, 2]))
     if int((weight > 0.0).sum()) < POINTS_MIN:
         return None
     calibration = np.hypot(CALIBRATION, CALIBRATION_SHARE * scale)
     return Plane(plane, np.sqrt(CORRELATED * np.diag(np.linalg.inv(matrix)) + calibration**2))
 
 
-def _find_over(pose: Array, shape: Shape, points: Array) -> Array:
-    """(n, 3) x and y of the points over the upper face of a posed solid, and their heights over it."""
+def _choose_faces(over: Array, plane: Array, count: int) -> Array:
+    """Of the rows of each of so many points, the one nearest to the plane: a point is of one face."""
+    off = np.abs(over[:, 2] - plane[0] - over[:, :2] @ plane[1:])
+    least, index = np.full(count, np.inf), over[:, 3].astype(np.intp)
+    np.minimum.at(least, index, off)
+    chosen: Array = over[off <= least[index]]
+    return chosen
+
+
+def _find_over(pose: Array, shape: Shape, points: Array, own: Solids | None, eye_m: Array) -> Array:
+    """(n, 4) x and y of the points over the upper face of a posed solid, their heights over it, and their indices.
+
+    Only where a camera at `eye_m` would see the face beside the body's `own` solids.
+    """
     if shape.kind not in (ShapeKind.BOX, ShapeKind.CYLINDER):
-        return np.zeros((0, 3))
+        return np.zeros((0, 4))
     upright = int(np.abs(pose[2, :3]).argmax())
     if abs(pose[2, upright]) < LEVEL or (shape.kind is ShapeKind.CYLINDER and upright != 2):
-        return np.zeros((0, 3))
+        return np.zeros((0, 4))
     local = (points - pose[:3, 3]) @ pose[:3, :3]
     if shape.kind is ShapeKind.CYLINDER:
-        half_m, inside = shape.size_m[1], np.hypot(local[:, 0], local[:, 1]) < shape.size_m[0] - EDGE_M
+        half_m, inside = shape.size_m[1], np.hypot(local[:, 0], local[:, 1]) < _inset(shape.size_m[0])
     else:
         half_m = shape.size_m[upright]
         others = [axis for axis in range(3) if axis != upright]
-        inside = np.all(np.abs(local[:, others]) < np.array(shape.size_m)[others] - EDGE_M, axis=1)
+        inside = np.all(np.abs(local[:, others]) < _inset(np.array(shape.size_m)[others]), axis=1)
+    up = pose[:3, upright] * np.sign(pose[2, upright])
     height_m = local[:, upright] * np.sign(pose[2, upright]) - half_m
-    over = inside & (np.abs(height_m) < REACH_M)
-    return np.column_stack((points[over, :2], height_m[over]))
+    over = np.flatnonzero(inside & (np.abs(height_m) < REACH_M))
+    if own is not None and len(over):
+        over = over[_is_shown(own, points[over] - height_m[over, None] * up, up, eye_m)]
+    return np.column_stack((points[over, :2], height_m[over], over))
+
+
+def _inset(half_m: Array | float) -> Array | float:
+    """Half the width of a face without its edges."""
+    return half_m - np.minimum(EDGE_M, EDGE_SHARE * np.asarray(half_m))
+
+
+def _is_shown(own: Solids, feet_m: Array, up: Array, eye_m: Array) -> NDArray[np.bool_]:
+    """Whether the lines of sight from places (n, 3) on a face pass the body's solids, and none of these rises beside.
+
+    By sphere tracing: each step is as long as the distance to the solids.
+    """
+    at = feet_m + EDGE_M * up
+    distance = own.measure(at)
+    shown: NDArray[np.bool_] = distance > EDGE_M - CLEAR_M
+    rays = eye_m - at
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    for _ in range(MARCHES):
+        at = at + rays * np.maximum(distance, MARCH_M)[:, None]
+        distance = own.measure(at)
+        shown &= distance > CLEAR_M
+    return shown
 
 
 def _combine(planes: Sequence[Plane]) -> Plane:

@@ -81,3 +81,47 @@ def test_a_shelf_board_that_is_lower_than_the_map_is_measured_alone(library):
     assert belief.entities["shelf"].source == "rgbd support"
     assert abs(belief.entities["shelf"].pose.position_m[2] + 0.012) < 2 * belief.entities["shelf"].position_std_m
     assert belief.entities["table"].source == "map"
+
+
+def box(half_m, at_m):
+    return f"{{kind: box, size_m: {list(half_m)}, position_m: {list(at_m)}}}"
+
+
+def drum(radius_m, half_m, height_m):
+    return f"{{kind: cylinder, size_m: [{radius_m}, {half_m}], position_m: [0.0, 0.0, {height_m}]}}"
+
+
+FACED = {  # bodies whose solids touch, overlap, or hide each other's faces
+    "bench": [box((0.12, 0.08, 0.008), (0, 0, 0.142)), box((0.12, 0.08, 0.067), (0, 0, 0.067))],
+    "nested": [box((0.1, 0.08, 0.04), (0, 0, 0.04)), box((0.08, 0.06, 0.05), (0, 0, 0.05))],
+    "steps": [box((0.04, 0.1, 0.015 * k + 0.005), (0.08 * k - 0.16, 0, 0.015 * k + 0.005)) for k in (1, 2, 3)],
+    "rack": [box((0.08, 0.1, 0.005), (0, 0, z)) for z in (0.03, 0.065, 0.1)]
+    + [box((0.08, 0.005, 0.06), (0, s * 0.105, 0.06)) for s in (1, -1)],
+    "crate": [box((0.1, 0.015, 0.006), (0, 0.04 * k, 0.05)) for k in (-2, -1, 0, 1, 2)]
+    + [box((0.012, 0.1, 0.022), (s * 0.08, 0, 0.022)) for s in (1, -1)],
+    "drum": [drum(0.09, 0.03, 0.03), drum(0.07, 0.01, 0.07)],
+}
+PLACE = "{position_m: [0.52, -0.1, 0.0], yaw_rad: [0.3, 0.3]}"
+
+
+@pytest.fixture(scope="module")
+def faced(tmp_path_factory):
+    body = "\n  support:\n    kind: shelf\n    fixed: true\n    material: green\n    place: {}\n    shapes: [{}]\n"
+    scenes = (render_table(f"test/{n}", FLOOR + body.format(PLACE, ", ".join(each))) for n, each in FACED.items())
+    return open_library(tmp_path_factory.mktemp("faced"), *scenes)
+
+
+@pytest.mark.parametrize(("name", "seed"), [(name, seed) for name in FACED for seed in (0, 1)])
+def test_solids_of_one_body_do_not_raise_each_other(faced, name, seed):
+    support = Stage(faced, f"test/{name}", seed).look().entities["support"]
+    assert support.source == "map"
+    assert 0.0009 < support.position_std_m < 0.003
+
+
+@pytest.mark.parametrize("name", ["bench", "steps", "rack"])
+def test_a_body_of_several_solids_that_stands_lower_is_measured_there(faced, name):
+    stage = Stage(faced, f"test/{name}")
+    stage.physics.model.body("support").pos[2] -= 0.012
+    support = stage.look().entities["support"]
+    assert support.source == "rgbd support"
+    assert abs(support.pose.position_m[2] + 0.012) < 2 * support.position_std_m < 0.004
