@@ -133,7 +133,7 @@ static: $(STAMP)
 	@$(BIN)/ruff format --check --quiet .
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/mypy --no-error-summary
-	@$(BIN)/mypy --no-error-summary kits/target_server/target_server
+	@$(BIN)/mypy --no-error-summary --python-version 3.10 kits/target_server/target_server
 	@$(BIN)/mypy --no-error-summary --ignore-missing-imports kits/lerobot_bridge
 	@MYPYPATH=kits/learned_forecaster $(BIN)/mypy --no-error-summary kits/learned_forecaster/learned_forecaster
 	@MYPYPATH=kits/rollouts $(BIN)/mypy --no-error-summary kits/rollouts/rollout_forecaster

@@ -223,11 +223,11 @@ class SessionView:
         `qd_measured` (n, j) velocities [rad/s; m/s]; `gripper_commanded_m`, `gripper_measured_m` (n,) [m]; `force_n`
         (n,) greatest contact force [N], where the target feels one. Raises ExecutionError `EVIDENCE_DAMAGED`.
         """
-        from phyagentos.protocol.workspace.array_files import decode_arrays
+        from phyagentos.protocol.workspace.array_files import read_arrays
 
         path = self.evidence / TRAJECTORY
         try:
-            return decode_arrays(path.read_bytes())
+            return read_arrays(path)
         except (OSError, ValueError) as error:
             raise ExecutionError("EVIDENCE_DAMAGED", f"{path}: {error}") from error
 

@@ -227,7 +227,7 @@ NO_GRAPHICS             This machine cannot draw; sensors.yaml may have `backend
 OUT_OF_SEQUENCE         A command's number does not follow the one before.
 PLANE_ENDED             The agent or the runtime ended before the verdict.
 PLANNER_LOST            The planner process died or broke its protocol.
-PROTOCOL_BROKEN         The target sent an answer to no request.
+PROTOCOL_BROKEN         The target sent an answer to no request, or one that cannot be: time that runs backwards.
 RUNNER_LOST             The worker died.
 RUNTIME_LOST            No runtime runs the sessions that the agent waits for.
 STALE_TOKEN             A command came under a claim that is no longer in force.

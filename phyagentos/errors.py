@@ -112,7 +112,7 @@ class DefectError(ExecutionError):
     """What failed is a person's own code, at `place`: `file:line`, or the server that has it. To repeat it is vain."""
 
     def __init__(self, code: str, report: str, place: str) -> None:
-        self.report, self.place = report, place
+        self.place = place
         super().__init__(code, report if place in report else f"{report} ({place})")
 
 
@@ -187,9 +187,9 @@ def find_nearest(name: str, possible: Iterable[str]) -> str | None:
 
 
 def format_hint(name: str, possible: Iterable[str]) -> str:
-    """`Did you mean 'x'?` when a close name exists, else an empty string."""
+    """`Did you mean 'x'?` when a close name exists that is another one, else an empty string."""
     nearest = find_nearest(name, possible)
-    return f"Did you mean {nearest!r}?" if nearest else ""
+    return f"Did you mean {nearest!r}?" if nearest not in (None, name) else ""
 
 
 def format_names(names: Iterable[str]) -> str:

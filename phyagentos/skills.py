@@ -16,8 +16,6 @@
 A leaf that plans derives from `PlanningLeaf`, one that moves the arm from `MovingLeaf`, which state the role for it.
 """
 
-from py_trees.ports import PortInformation as Port
-
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
 from phyagentos.runtime.execution.context import SkillContext
@@ -30,6 +28,7 @@ from phyagentos.runtime.execution.planning import (
     MovingLeaf,
     PlanningLeaf,
 )
+from phyagentos.runtime.execution.ports import Port
 from phyagentos.runtime.motion.requests import Approach, Approaches, Motion, NoPlan, Payload
 
 __all__ = [

@@ -27,7 +27,7 @@ from phyagentos.runtime.motion.requests import (
 
 CELLS = 10  # of the map, from the base to the end of the reach
 FRONT_RAD = np.radians(40.0)  # to either side of the x axis, for the band of distances
-HOLD_S, RETURNS = 5.0, 5
+HOLD_S, RETURNS, REST_S = 5.0, 5, 1.0
 LAG_MAX_RAD, RETURN_MAX_M, SLIP_MAX_M = 0.05, 0.001, 0.003
 CUBE, SHARE, LARGEST_M = "cube", 0.6, 0.04  # what is grasped: this share of the opening, at most so wide
 FAR_M = 2.5  # where it stands for a robot that takes nothing
@@ -127,7 +127,7 @@ def _follow(physics: Physics, rows: Trajectory, width_m: float) -> float:
         physics.actuation.set_servos(q_rad, qd_rad_s, width_m)
         physics.step()
         lag_rad = max(lag_rad, physics.actuation.find_lag(q_rad))
-    physics.step(round(0.3 / rows.step_s))
+    physics.step(round(REST_S / rows.step_s))
     return lag_rad
 
 

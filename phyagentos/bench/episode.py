@@ -50,7 +50,7 @@ from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 
 ORDER, RECORD, LOG, WORKSPACE, PROJECT = "order.json", "record.json", "episode.log", "workspace", "project"
-FULL = "full"  # how an episode has ended that found no room on a disk; its record is not kept
+FULL = "full"  # how an episode has ended that found no room on a disk; its record is no result
 POLL_S = 0.5  # a run that ends is noticed within this
 START_S = 120.0  # beside the episode's own wall time: a cold machine compiles once
 _USES = {

@@ -16,7 +16,7 @@ from phyagentos.operations.robots import DraftedProfile, KnownRobot, ProfileChec
 from phyagentos.protocol.documents.markdown import render_table
 from phyagentos.wording import count
 
-FAR_M = 0.66  # how far from the base the shipped scenes reach
+FAR_M = 1.0  # how far a robot reaches that needs no smaller scenes
 Name = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a target, as `paos robot list` prints it.")]
 
 
@@ -75,6 +75,7 @@ def new(
         list[str] | None,
         typer.Option("--arg", metavar="NAME=VALUE", help="An argument of a xacro file; may be given again."),
     ] = None,
+    hand: Annotated[str, typer.Option("--hand", help="Model that its end carries, as SOURCE:PATH.")] = "",
     joint: Annotated[
         str, typer.Option("--joint", help="A joint of the arm to draft, where the model has several.")
     ] = "",
@@ -83,7 +84,7 @@ def new(
     pairs = [text.partition("=") for text in arguments or ()]
     if wrong := [key for key, given, _ in pairs if not key or not given]:
         raise DefinitionError.of("INVALID_VALUE", "--arg", repr(wrong[0]), "NAME=VALUE")
-    found = robots.draft_robot(model, folder, name, {key: value for key, _, value in pairs}, joint)
+    found = robots.draft_robot(model, folder, name, {key: value for key, _, value in pairs}, joint, hand)
     notes = [*found.remarks]
     notes += [f"its model is {found.model}: set PHYAGENTOS_MODELS to {found.models}"] if found.models else []
     notes.append(

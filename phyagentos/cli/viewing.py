@@ -39,10 +39,11 @@ def view(
     documents = Documents(workspace)
     documents.refresh()
     os.nice(NICE)
-    listening = socket.create_server((host, port))
-    number = listening.getsockname()[1]
+    listening, scenes = socket.create_server((host, port)), socket.create_server((host, 0))
+    number, beside = (each.getsockname()[1] for each in (listening, scenes))
     names = {host, socket.gethostname()} if host not in {"127.0.0.1", "localhost"} else {"127.0.0.1", "localhost"}
-    access = Access(frozenset(f"{name}:{number}" for name in names))
+    name = socket.gethostname() if host in {"0.0.0.0", "::"} else host
+    access = Access(frozenset(f"{each}:{number}" for each in names), frozenset({f"{name}:{beside}"}))
     address = f"http://{host}:{number}/?token={access.token}"
     print_result(address)
     print_note(f"{documents.workspace.root}, {'with actions' if allow_actions else 'read-only'}; Ctrl-C ends")
@@ -57,4 +58,4 @@ def view(
             app.state.watcher.is_over = True  # streams end by themselves
             super().handle_exit(sig, frame)
 
-    Server(config).run(sockets=[listening])
+    Server(config).run(sockets=[listening, scenes])

@@ -6,73 +6,39 @@ line and column of the XML.
 
 import re
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NoReturn
-from xml.parsers import expat
+from typing import Any
 
-from phyagentos.errors import DefinitionError, Problem, format_names
-from phyagentos.export.bt_xml import APART, FORMS, UNWIRED, VERSION, decode
+import msgspec
+
+from phyagentos.errors import Problem, format_names
+from phyagentos.export.bt_xml import FORMS, UNWIRED, VERSION, decode
+from phyagentos.export.bt_xml_elements import EXPLICIT, Element, parse_elements
+from phyagentos.export.bt_xml_equals import EXPLAINED, find_equal
 from phyagentos.protocol.capabilities.trees import NodeKind, Reference
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Address, Located, read_text
-from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, TOO_DEEP
 
 _KINDS = {form.tag: kind for kind, form in FORMS.items()} | {kind.value: kind for kind in FORMS}
-_EXPLICIT = frozenset({"Action", "Condition", "Control", "Decorator"})  # <Action ID="move_to"/> is <move_to/>
-_SILENT = frozenset({"name", "_description", "_uid", "_fullpath"})  # attributes that are no ports
+_SILENT = frozenset({"name", "_description", "_uid", "_fullpath", "_collapsed"})  # attributes that are no ports
 
 
-@dataclass(frozen=True, slots=True)
-class Element:
-    """One element of an XML file, and where it begins: line and column, counted from 1."""
-
-    tag: str
-    id: str = ""
-    attributes: dict[str, str] = field(default_factory=dict)
-    mark: tuple[int, int] = (1, 1)
-    children: list["Element"] = field(default_factory=list)
-    texts: list[str] = field(default_factory=list)
-
-
-def read_trees(path: Path) -> tuple[tuple[Located, ...], tuple[Problem, ...]]:
+def read_trees(path: Path, leaves: Collection[str] = ()) -> tuple[tuple[Located, ...], tuple[Problem, ...]]:
     """Data of the trees of a file, each value at its place in the XML; and what the tree format cannot say.
 
-    Problems are `INVALID_VALUE`; raises DefinitionError `SYNTAX`.
+    An unknown node that holds others, and is none of the `leaves`, is a control or decorator without an equal here; a
+    sequence stands in for it, so that what is below is checked too. Problems are `INVALID_VALUE` and `UNKNOWN_NAME`;
+    raises DefinitionError `SYNTAX`.
     """
-    reader = _Reader(str(path))
-    trees = reader.read(_parse(read_text(path), str(path)))
+    reader = _Reader(str(path), leaves)
+    trees = reader.read(parse_elements(read_text(path), str(path)))
     return trees, tuple(reader.problems)
 
 
-def _parse(text: str, source: str) -> Element:
-    parser = expat.ParserCreate()
-    opened = [Element("")]
-
-    def get_mark() -> tuple[int, int]:
-        return parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
-
-    def refuse(found: str) -> NoReturn:
-        line, column = get_mark()
-        raise DefinitionError.of("SYNTAX", f"{source}:{line}:{column}", found, "well-formed XML without DOCTYPE")
-
-    def begin(tag: str, attributes: dict[str, str]) -> None:
-        if len(opened) > DEPTH_MAX:
-            refuse(TOO_DEEP)
-        id = attributes.pop("ID", "")
-        id = id if tag in _EXPLICIT else id.removesuffix(APART).replace("-", "/")  # of a tree
-        opened.append(Element(tag, id, attributes, get_mark()))
-        opened[-2].children.append(opened[-1])
-
-    parser.StartElementHandler = begin
-    parser.EndElementHandler = lambda _: opened.pop()
-    parser.CharacterDataHandler = lambda text: opened[-1].texts.append(text)  # noqa: PLW0108 - of the one open then
-    parser.StartDoctypeDeclHandler = lambda *_: refuse("a DOCTYPE")
-    try:
-        parser.Parse(text.encode(), True)
-    except expat.ExpatError as error:
-        refuse(expat.ErrorString(error.code))
-    return opened[0].children[0]
+SCRIPTS = frozenset({"_skipIf", "_successIf", "_failureIf", "_while", "_onSuccess", "_onFailure", "_onHalted", "_post"})
+_SCRIPTED = "It would be lost: write a <condition> beside this node, in a Sequence, Fallback or ReactiveSequence."
 
 
 @dataclass(slots=True)
@@ -80,9 +46,11 @@ class _Reader:
     """Makes data of elements, and collects what has no place in it."""
 
     source: str
+    leaves: Collection[str]
     problems: list[Problem] = field(default_factory=list)
     subtrees: dict[str, Element] = field(default_factory=dict)
     marks: dict[Address, tuple[int, int]] = field(default_factory=dict)
+    names: dict[str, str] = field(default_factory=dict)  # of the trees of the file, as they should be
 
     def read(self, root: Element) -> tuple[Located, ...]:
         if root.tag != "root" or root.attributes.get("BTCPP_format") != VERSION:
@@ -92,12 +60,17 @@ class _Reader:
         for each in root.children:
             if each.tag == "TreeNodesModel":
                 self.subtrees |= {model.id: model for model in each.children if model.tag == "SubTree"}
+            elif each.tag == "include":
+                file = each.attributes.get("path", "")
+                hint = f"Put the trees of {file or 'that file'} into this one."
+                self._refuse(each, f'<include path="{file}">', "every tree in one file", hint)
             elif each.tag != "BehaviorTree" or each.id in trees:
                 self._refuse(each, f"<{each.tag} ID={each.id!r}>", "each <BehaviorTree> once, and <TreeNodesModel>")
             else:
                 trees[each.id] = each
         if not trees:
             self._refuse(root, "no tree", "<BehaviorTree>")
+        self.names = {name: _fit_name(name) for name in trees}
         return tuple(map(self._read_tree, trees.values()))
 
     def _read_tree(self, element: Element) -> Located:
@@ -131,6 +104,7 @@ class _Reader:
 
     def _read_node(self, element: Element, address: Address, default: str) -> Any:
         """Data of a node; `default` is the name that it has where none is written."""
+        element = self._translate(element)
         kind, tag = _classify(element)
         key = tag if kind is NodeKind.LEAF else kind.value
         self.marks[address] = self.marks[*address, key] = element.mark
@@ -141,10 +115,30 @@ class _Reader:
                 self._refuse(element, f"a condition with {element.attributes}", "a predicate, and no name of its own")
             return {key: body.get("predicate")}
         if kind is NodeKind.SUBTREE:
-            body = {"tree": tag} | ({"with": body} if body else {})
+            body = {"tree": self.names.get(tag, tag)} | ({"with": body} if body else {})
         body |= {"name": name} if name != default else {}
         body |= self._read_children(element, kind, (*address, key))
         return {key: body} if body or kind is not NodeKind.LEAF else key
+
+    def _translate(self, element: Element) -> Element:
+        """The element as one of ours; a sequence of its children for what has no equal."""
+        name = _classify(element)[1] if element.tag in EXPLICIT else element.tag
+        translated, problem = find_equal(replace(element, tag=name, id="") if element.tag in EXPLICIT else element)
+        if problem:
+            found, _, expected = problem.partition("; expected ")
+            self._refuse(element, f"<{name} {found}>".replace("  ", " "), expected)
+        if translated.tag != name:
+            return translated
+        is_foreign = name in EXPLAINED or (element.children and name not in self.leaves)
+        if not is_foreign or _classify(element)[0] is not NodeKind.LEAF or name in self.leaves:
+            return element
+        holders = sorted(form.tag for form in FORMS.values() if form.holds)
+        unknown = Problem.unknown("control", self._place(element), name, holders, found=f"<{name}>")
+        each = "Write <for_each>, whose list is a port." if name.startswith("ForEach") else unknown.hint
+        hint = EXPLAINED.get(name) or each or "Write it with these, or as a leaf with what is below as ports."
+        self.problems.append(msgspec.structs.replace(unknown, hint=hint))
+        stand_in = element.children or [Element("wait", "", {"seconds": "0"}, element.mark)]
+        return Element("Sequence", "", {}, element.mark, stand_in)
 
     def _read_children(self, element: Element, kind: NodeKind, place: Address) -> Fields:
         holds = FORMS[kind].holds if kind in FORMS else ""
@@ -174,24 +168,28 @@ class _Reader:
                 continue
             value = Reference(name) if text == "{=}" else decode(text)
             if name.startswith("_") or (text.startswith("{") and not isinstance(value, Reference)):
-                self._refuse(element, f"{name}={text!r}", "ports, whose keys are small letters, digits and _ in braces")
+                hint = _SCRIPTED if name in SCRIPTS else ""
+                expected = "ports, whose keys are small letters, digits and _ in braces"
+                self._refuse(element, f"{name}={text!r}", expected, hint)
                 continue
             values[key if name == own else name] = str(value) if isinstance(value, Reference) else value
         return values
 
     def _refuse(self, element: Element, found: str, expected: str, hint: str = "") -> None:
-        place = f"{self.source}:{element.mark[0]}:{element.mark[1]}"
-        self.problems.append(Problem("INVALID_VALUE", place, found, expected, hint))
+        self.problems.append(Problem("INVALID_VALUE", self._place(element), found, expected, hint))
+
+    def _place(self, element: Element) -> str:
+        return f"{self.source}:{element.mark[0]}:{element.mark[1]}"
 
 
 def _fit_name(name: str) -> str:
     """`MainTree` as `main_tree`; what is a name of a tree as it stands."""
-    apart = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
+    apart = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
     return re.sub(r"^[^a-z]+", "", re.sub(r"[^a-z0-9_/]+", "_", apart)) or "tree"
 
 
 def _classify(element: Element) -> tuple[NodeKind, str]:
     """Kind of a node, and the name of the leaf or tree that it stands for; of others the name of the kind."""
-    tag = element.id if element.tag in _EXPLICIT and element.id else element.tag
+    tag = element.id if element.tag in EXPLICIT and element.id else element.tag
     kind = _KINDS.get(tag, NodeKind.LEAF)
     return kind, tag if kind is NodeKind.LEAF else element.id if kind is NodeKind.SUBTREE else kind.value

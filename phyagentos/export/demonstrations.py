@@ -5,7 +5,6 @@ not rest on evidence, are left out.
 """
 
 import io
-import zipfile
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -19,12 +18,14 @@ from PIL import Image
 
 from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.capabilities.registries import get_registered_target
+from phyagentos.protocol.documents.packed_files import check_picture, open_packed
 from phyagentos.protocol.sessions.evidence import BEFORE, TRAJECTORY
 from phyagentos.protocol.sessions.evidence_manifest import check_bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.recording import RECORDING, RecordedPicture, read_recording
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
+from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.store.history import fold_partition
@@ -78,10 +79,11 @@ class Demonstration:
     def iter_pictures(self, camera: str) -> Iterator[NDArray[np.uint8]]:
         """The pictures (height, width, 3) of a camera, one for each step."""
         name, rgb = "", np.zeros(0, np.uint8)
-        with zipfile.ZipFile(self.bundle / RECORDING) as file:
+        with open_packed(self.bundle / RECORDING) as file:
             for picture in self.pictures[camera]:
                 if picture.rgb != name:
-                    name, rgb = picture.rgb, np.asarray(Image.open(io.BytesIO(file.read(picture.rgb))).convert("RGB"))
+                    png = io.BytesIO(check_picture(file.read(picture.rgb)))
+                    name, rgb = picture.rgb, np.asarray(Image.open(png).convert("RGB"))
                 yield rgb
 
 
@@ -159,14 +161,12 @@ def _find_reason(bundle: Path, status: SessionStatus, choice: Choice) -> str:
         return "a later judgement against it"
     if not (bundle / TRAJECTORY).is_file():
         return "no trajectory: thinned, or gone"
-    with np.load(bundle / TRAJECTORY) as recorded:
-        return "" if len(recorded["time_s"]) > 1 else "nothing commanded"
+    return "" if len(read_arrays(bundle / TRAJECTORY)["time_s"]) > 1 else "nothing commanded"
 
 
 def _choose_rate(bundle: Path, fps: int) -> int:
     """The rate [Hz] at which set-points are due on the grid of the control periods."""
-    with np.load(bundle / TRAJECTORY) as recorded:
-        control_hz = 1.0 / float(np.median(np.diff(recorded["time_s"])))
+    control_hz = 1.0 / float(np.median(np.diff(read_arrays(bundle / TRAJECTORY)["time_s"])))
     periods = control_hz / (fps or round(control_hz))
     if periods < 1.0 - _TOLERANCE_S or abs(periods - round(periods)) > 1e-3:
         expected = f"{control_hz:g} divided by a whole number, as a whole number"
@@ -176,10 +176,10 @@ def _choose_rate(bundle: Path, fps: int) -> int:
 
 def _read(bundle: Path, status: SessionStatus, choice: Choice, fps: int, width: int) -> Demonstration:
     """One session on the grid; where time went by without a command the set-point before it stood."""
-    with np.load(bundle / TRAJECTORY) as recorded:
-        time_s = recorded["time_s"]
-        measured = np.column_stack((recorded["q_measured"], recorded["gripper_measured_m"]))
-        commanded = np.column_stack((recorded["q_commanded"], recorded["gripper_commanded_m"]))
+    recorded = read_arrays(bundle / TRAJECTORY)
+    time_s = recorded["time_s"]
+    measured = np.column_stack((recorded["q_measured"], recorded["gripper_measured_m"]))
+    commanded = np.column_stack((recorded["q_commanded"], recorded["gripper_commanded_m"]))
     n_steps = max(1, int((time_s[-1] - time_s[0]) * fps + _TOLERANCE_S))
     grid_s = time_s[0] + np.arange(n_steps + 1) / fps
     rows = np.searchsorted(time_s, grid_s + _TOLERANCE_S, side="right") - 1

@@ -7,7 +7,6 @@ publication of what the journal says: it goes on at the end of the motion, howev
 import base64
 import heapq
 import mimetypes
-import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
 from operator import itemgetter
@@ -20,10 +19,10 @@ from phyagentos.errors import DefinitionError, needs_extra
 from phyagentos.protocol.capabilities.registries import get_registered_target
 from phyagentos.protocol.sessions.evidence import TRAJECTORY, read_bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState
-from phyagentos.protocol.sessions.looks import read_looks, read_stored_look
+from phyagentos.protocol.sessions.looks import read_looks, read_picture, read_stored_look
 from phyagentos.protocol.sessions.recording import RECORDING, read_recording
 from phyagentos.protocol.sessions.session import SessionStatus
-from phyagentos.protocol.workspace.array_files import decode_arrays
+from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import choose_partition
@@ -57,7 +56,7 @@ def write_mcap(workspace: Workspace, status: SessionStatus, to: Path) -> None:
     with Histories(workspace.sessions / choose_partition(workspace.sessions)) as histories:
         records = histories.find(contract.id)
     bundle, pictures = read_bundle(folder, contract, status.execution), find_pictures(folder)
-    course = decode_arrays(path.read_bytes()) if (path := folder / TRAJECTORY).is_file() else {}
+    course = read_arrays(path) if (path := folder / TRAJECTORY).is_file() else {}
     arrays = {name: values for name, values in course.items() if len(values) == len(course["time_s"])}
     joints = get_registered_target(workspace.target_registry, contract.target).arm.joints
     start_s = bundle.trace[0].time_s if bundle.trace else 0.0
@@ -136,8 +135,7 @@ def _read_moment(at: str) -> int:
 
 def _iter_images(pictures: Sequence[Picture], place: Callable[[float], int]) -> Iterator[Message]:
     for shown_s, time_s, camera, path, name in pictures:
-        with zipfile.ZipFile(path) as file:
-            data = base64.b64encode(file.read(name)).decode()
+        data = base64.b64encode(read_picture(path, name)).decode()
         seconds, nanoseconds = divmod(place(time_s), 1_000_000_000)
         at = {"sec": seconds, "nsec": nanoseconds}
         value = {"timestamp": at, "frame_id": camera, "format": "png", "data": data}

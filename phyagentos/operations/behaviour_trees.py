@@ -73,10 +73,11 @@ def import_trees(file: Path, to: Path, *, runs_python: bool = False) -> Imported
     from phyagentos.export.bt_xml_reader import read_trees
 
     library = Library.open(to, Path.cwd())
-    read, problems = read_trees(file)
-    trees, found = _check(read, library, _open_registry(library, runs_python=runs_python))
+    registry = _open_registry(library, runs_python=runs_python)
+    read, problems = read_trees(file, registry.names())
+    trees, found = _check(read, library, registry)
     if problems or found:
-        raise DefinitionError((*problems, *found))
+        raise DefinitionError(_arrange([*problems, *found]))
     known = {name: read_tree(library.get_tree(name)) for name in library.names_of_trees() if name in trees}
     changed = [tree for name, tree in trees.items() if name not in known or not _are_equal(tree, known[name])]
     new = {to / "trees" / f"{tree.header.tree}.yaml": tree.located.data for tree in changed}
@@ -84,6 +85,17 @@ def import_trees(file: Path, to: Path, *, runs_python: bool = False) -> Imported
         raise DefinitionError.of("WOULD_OVERWRITE", str(there[0]), "another tree", "a name that is free")
     _write(new)
     return ImportedTrees(files=tuple(new))
+
+
+def _arrange(problems: list[Problem]) -> list[Problem]:
+    """In the order of the file; what is possible for a kind of name is listed once."""
+    listed: set[str] = set()
+    arranged: list[Problem] = []
+    for each in sorted(problems, key=lambda each: [int(step) for step in each.address.split(":") if step.isdigit()]):
+        is_known = each.code == "UNKNOWN_NAME" and each.expected in listed
+        listed.add(each.expected)
+        arranged.append(msgspec.structs.replace(each, expected=f"a {each.kind} as above") if is_known else each)
+    return arranged
 
 
 def find_tree(argument: str, library: Library) -> str:

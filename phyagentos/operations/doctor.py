@@ -18,7 +18,7 @@ from packaging.requirements import Requirement
 
 from phyagentos.assembly import graphics
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.errors import DefinitionError, find_full_disk
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.store.shared_file import exchange
 from phyagentos.store.sync_times import measure_sync
@@ -76,8 +76,7 @@ def iter_findings(folder: Path, clock: Clock) -> Iterator[MachineFinding]:
             yield check(folder, clock)
         except OSError as error:
             subject = check.__name__.removeprefix("check_").replace("_", " ")
-            fix = f"Make {'room in' if find_full_disk(error) else 'it possible to write to'} {folder}."
-            yield MachineFinding(subject, Grade.BROKEN, str(error), fix)
+            yield MachineFinding(subject, Grade.BROKEN, str(error), f"Make {folder} a folder with room to write to.")
     yield check_scheduling()
     yield check_ports()
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from phyagentos.pictures.scene import Look
 
 FILMS = (".webp", ".gif")
+MOMENT_S = 0.05  # a picture may be asked for that long after the last record
 STATECHART = "statechart"
 
 
@@ -135,6 +136,9 @@ def render_sessions(
         write_film(chain(*(iter_film(each, look, fps=fps, speed=speed) for each in shown)), to, fps)
     else:
         first_s, last_s = shown[-1].time_s[0], shown[-1].time_s[-1]
+        if at_s is not None and not 0.0 <= at_s <= last_s - first_s + MOMENT_S:
+            expected = f"0 to {last_s - first_s:.2f} s, as long as session {sessions[-1]!r} is recorded"
+            raise DefinitionError.of("INVALID_VALUE", "--at", f"{at_s:g} s", expected, "Leave it out for the end.")
         with SceneRenderer(shown[-1], look) as renderer:
             Image.fromarray(renderer.draw(last_s if at_s is None else min(last_s, first_s + at_s))).save(to)
     return Written(file=to)

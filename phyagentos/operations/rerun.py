@@ -145,16 +145,16 @@ def _read(path: Path) -> bytes:
 
 
 def _compare_arrays(name: str, recorded: Path, repeated: Path) -> list[str]:
-    import numpy as np
+    from phyagentos.protocol.workspace.array_files import read_arrays
 
-    with np.load(recorded) as first, np.load(repeated) as second:
-        if first.files != second.files:
-            return [f"{name}: has {second.files}, recorded were {first.files}"]
-        return [
-            f"{name}: {key} differs{_describe(first[key], second[key])}"
-            for key in first.files
-            if first[key].tobytes() != second[key].tobytes()
-        ]
+    first, second = read_arrays(recorded), read_arrays(repeated)
+    if [*first] != [*second]:
+        return [f"{name}: has {[*second]}, recorded were {[*first]}"]
+    return [
+        f"{name}: {key} differs{_describe(first[key], second[key])}"
+        for key in first
+        if first[key].tobytes() != second[key].tobytes()
+    ]
 
 
 def _describe(first: "np.ndarray", second: "np.ndarray") -> str:

@@ -101,12 +101,15 @@ def list_robots() -> tuple[KnownRobot, ...]:
 
 def describe(robot: str) -> RobotDescription:
     """What a robot's model says; raises DefinitionError `UNKNOWN_NAME`, or of its model."""
-    from phyagentos.runtime.models.robot import read_profile, read_remarks
+    from phyagentos.runtime.models.robot import compile_robot, read_profile, read_remarks
     from phyagentos.runtime.motion.profile_checks import describe_robot
     from phyagentos.runtime.motion.robot_model import build_robot_model
 
     profile, folder = read_profile(open_library().get_target(robot))
-    facts = describe_robot(build_robot_model(profile, folder)) if profile.model else {}
+    facts = {}
+    if profile.model:
+        compile_robot(profile, folder)  # physics needs masses, planning none
+        facts = describe_robot(build_robot_model(profile, folder))
     names = {"robot": profile.target, "description": profile.description, "model": profile.model}
     return RobotDescription(**names, facts=facts, remarks=read_remarks(profile, folder))
 
@@ -152,16 +155,17 @@ def try_robot(robot: str, to: Path) -> RobotTrial:
 
 
 def draft_robot(
-    model: str, folder: Path, name: str = "", arguments: Mapping[str, str] = {}, joint: str = ""
+    model: str, folder: Path, name: str = "", arguments: Mapping[str, str] = {}, joint: str = "", hand: str = ""
 ) -> DraftedProfile:
     """Draft a profile from a model, named after its file without a name; what it does not say is guessed and marked.
 
-    `arguments` are values of those of a xacro file; of several arms that with `joint` is drafted.
+    `arguments` are values of those of a xacro file; of several arms that with `joint` is drafted;
+    `hand` is the model of one that it carries, as a profile here does.
 
     Raises DefinitionError `MODEL_MISSING`, `MODEL_INVALID`, `WOULD_OVERWRITE`, `INVALID_VALUE` for a name that no
     target can have, `IN_COLLISION` where no posture is free.
     """
-    from phyagentos.runtime.models.drafting import draft_profile
+    from phyagentos.runtime.models.drafting import draft_profile, find_carried
     from phyagentos.runtime.models.sources import find_model, look_in, name_in_models
     from phyagentos.runtime.motion.draft_settling import settle_draft
 
@@ -175,7 +179,7 @@ def draft_robot(
     if place.exists():
         raise DefinitionError.of("WOULD_OVERWRITE", str(place), "a profile", "a new name", "Choose one with --name.")
     named, models = name_in_models(path) if is_beside(model) else (model, None)
-    draft = draft_profile(path, named, target, arguments, joint)
+    draft = draft_profile(path, named, target, arguments, joint, find_carried(hand, open_library()) if hand else None)
     with TemporaryDirectory() as aside, look_in(models):
         (trial := Path(aside) / "robots" / target / place.name).parent.mkdir(parents=True)
         try:

@@ -29,9 +29,11 @@ from phyagentos.assembly.planted_faults import find_unstruck, iter_misses
 from phyagentos.assembly.project import admit_python, get_file, get_settings, open_library, parse_overrides
 from phyagentos.assembly.skill_checks import check_skill
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, ExecutionError, has_room
+from phyagentos.errors import DefinitionError, ExecutionError, Problem, has_room
 from phyagentos.operations.lint import FileKind, find_other_kind
 from phyagentos.operations.progress import RunFold
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.targets import SHARING, TargetProfile, find_driver_name, is_beside
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
@@ -47,6 +49,7 @@ from phyagentos.store.admission import GOAL_PREFIX, GoalEvent
 from phyagentos.store.journal import Entry, IllegalEvent, Journal, cancel_unheld
 from phyagentos.store.watch import Watch
 
+GRASPING = frozenset({"pick", "pick_and_place", "stack"})  # skills that begin with the grasp of what they bring
 FOLLOW_PERIOD_S = 0.1  # ten pictures a second are enough for people
 CANCEL_PATIENCE_S = 20.0  # then the planes are ended without waiting for their records
 Show = Callable[[RunFold], object]
@@ -161,7 +164,7 @@ def run_goal(
     root = request.workspace or choose_folder(Path("workspaces"), f"{graph.stem}-{request.seed}")
     admit_python(root, graph, is_trusted=request.trusts_python, announce=announce)
     require_graphics()
-    compiled = check_request(graph, faults, parse_overrides(request.overrides), request.workspace)
+    compiled = check_request(graph, faults, parse_overrides(request.overrides), request.workspace, request.seed)
     workspace = Workspace.create(root, open_library(graph))
     with serve_alone(workspace, clock), interrupts.counted():
         if request.world_mode is not None:
@@ -179,7 +182,7 @@ def run_goal(
             try:
                 follow_run(fold, journal, planes, interrupts, clock, show)
             except PlaneEnded:
-                planes[-1].kill()  # asked to end, the agent would cancel the goal, which can be continued
+                planes[-1].kill()  # a signal to end would cancel the goal, which can be continued
                 raise
             finally:
                 for plane in reversed(planes):  # the agent first: what it still cancels needs the runtime
@@ -210,9 +213,11 @@ def build_report(fold: RunFold, wall_s: float, *, is_interrupted: bool = False) 
 
 
 def check_request(
-    graph: Path, faults: Path | None, overrides: Mapping[str, str], workspace: Path | None = None
+    graph: Path, faults: Path | None, overrides: Mapping[str, str], workspace: Path | None = None, seed: int = 0
 ) -> GoalGraph:
-    """The graph, once it, the scene, skills and models that it names, and the faults are in order; loads no simulator.
+    """The graph, once it, the scene, skills and models that it names, and the faults are in order.
+
+    A simulator is loaded for robots of a project alone: those that ship are known to be sound.
 
     Ports of trees against leaves, and how the scene begins, are left to preflight. Raises DefinitionError with every
     problem.
@@ -233,7 +238,9 @@ def check_request(
         raise DefinitionError([*error.problems, *problems]) from error
     try:
         for name in sorted({choice.target for choice in compiled.choices.values()}):
-            require_models(catalogue.targets[name], library.get_target(name).parent)
+            require_models(profile := catalogue.targets[name], (file := library.get_target(name)).parent)
+            if find_driver_name(profile) == SHARING and file.parents[1] != find_shipped_root() / "robots":
+                problems += _check_own(profile, file, compiled, library, seed)
         bodies = read_scene(library.get_scene(compiled.spec.scene)).bodies
         if faults is not None and not problems:
             targets = {catalogue.targets[choice.target] for choice in compiled.choices.values()}
@@ -247,6 +254,23 @@ def check_request(
     if problems := [*(each for file in files for each in check_skill(file, open_library(file))), *problems]:
         raise DefinitionError(problems)
     return compiled
+
+
+def _check_own(profile: TargetProfile, file: Path, graph: GoalGraph, library: Library, seed: int) -> list[Problem]:
+    """What `paos robot check` finds, and whether objects that are all to be grasped are all out of reach.
+
+    Nothing where the model is brought together with those that ship.
+    """
+    from phyagentos.runtime.motion.profile_checks import check_profile  # the solvers: only where they are needed
+    from phyagentos.runtime.motion.reach_check import find_out_of_reach
+
+    if is_beside(profile.model) and not (file.parent / profile.model).is_file():
+        return []
+    if (problems := check_profile(file)) or not GRASPING.issuperset(each.skill for each in graph.choices.values()):
+        return problems
+    objects = {body for node, (body, _) in graph.brought.items() if graph.choices[node].target == profile.target}
+    scene = read_scene(library.get_scene(graph.spec.scene))
+    return find_out_of_reach(profile, file, scene, objects, seed) if profile.base is None else []
 
 
 def start_planes(

@@ -10,7 +10,7 @@ from phyagentos.agent.mission.mission import choose_goal
 from phyagentos.assembly.planes import Plane
 from phyagentos.assembly.project import admit_python
 from phyagentos.clock import Clock
-from phyagentos.operations.approve import as_file, read_proposal, record_approval
+from phyagentos.operations.approve import as_file, record_approval
 from phyagentos.operations.run import PlaneEnded, check_request
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -46,11 +46,13 @@ def submit_graph(root: Path, text: str, clock: Clock, *, seed: int = 0) -> Submi
         return _pursue(workspace, file, goal, seed, clock)
 
 
-def submit_proposal(root: Path, name: str, clock: Clock, *, by: str) -> Submitted:
-    """Approve a proposal, unless it is, and pursue its goal likewise; raises what `read_proposal` raises, too."""
+def submit_proposal(root: Path, name: str, sha256: str, clock: Clock, *, by: str) -> Submitted:
+    """Approve the proposal of these bytes, unless it is, and pursue its goal likewise.
+
+    Raises what `record_approval` raises, too.
+    """
     admit_python(root, is_trusted=False)
-    workspace, shown = Workspace.open(root), read_proposal(root, name)
-    proposed = record_approval(root, name, shown.sha256, by=by)
+    workspace, proposed = Workspace.open(root), record_approval(root, name, sha256, by=by)
     with as_file(yaml.safe_dump(proposed.proposal.graph, sort_keys=False, allow_unicode=True)) as file:
         return _pursue(workspace, file, proposed.name, proposed.proposal.seed, clock)
 

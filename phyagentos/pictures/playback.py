@@ -18,7 +18,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence import Bundle, read_bundle
 from phyagentos.protocol.sessions.session import SessionStatus
-from phyagentos.protocol.workspace.array_files import decode_arrays
+from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
 
@@ -77,11 +77,10 @@ def read_playback(workspace: Workspace, status: SessionStatus) -> Playback:
     try:
         model = mujoco.MjModel.from_binary_path(str(folder / evidence.SCENE_MODEL))
         first, last, course = (
-            decode_arrays((folder / name).read_bytes())
-            for name in (evidence.INITIAL, evidence.TERMINAL, evidence.TRAJECTORY)
+            read_arrays(folder / name) for name in (evidence.INITIAL, evidence.TERMINAL, evidence.TRAJECTORY)
         )
         path = folder / evidence.MOTION
-        moved = decode_arrays(path.read_bytes()) if path.is_file() else {}
+        moved = read_arrays(path) if path.is_file() else {}
     except (OSError, ValueError, mujoco.FatalError) as error:
         raise ExecutionError("EVIDENCE_DAMAGED", f"{folder}: {error}") from error
     if not moved:

@@ -34,5 +34,5 @@ def get_session(text: str, known: Iterable[SessionId]) -> SessionId:
     if len(found) == 1:
         return found[0]
     problem = "several sessions are called that" if found else "no such session"
-    hint = format_hint(text, [*ids, *(id.split(".", 1)[-1] for id in ids)])
+    hint = f"The newest is {found[-1]}." if found else format_hint(text, [*ids, *(id.split(".", 1)[-1] for id in ids)])
     raise DefinitionError.of("UNKNOWN_NAME", text, problem, format_names(found or ids), hint, "session")

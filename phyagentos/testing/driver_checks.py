@@ -89,7 +89,8 @@ class ReachedTarget:
 class DriverSubject:
     """One driver under test, which moves `joint` (an index) by `way` [rad or m]; `open` makes a fresh one each time.
 
-    A target that is served elsewhere is started by `open`, and notified of emergency stops by `set_stop`.
+    A target that is served elsewhere is started by `open`, and notified of emergency stops by `set_stop`; by
+    `count_stops` its body says how many it has heard of, where it can.
 
     Attributes:
         noise: By how much measurements differ while a real robot stands [rad, rad/s, m]; a simulation repeats its own.
@@ -104,6 +105,7 @@ class DriverSubject:
     noise: float = 0.0
     reset: Callable[[], None] = lambda: None
     set_stop: Callable[[bool], None] = lambda _is_stopped: None
+    count_stops: Callable[["DriverClient"], int] | None = None
     _targets: list[ServedTarget | ReachedTarget] = field(default_factory=list)
 
     def serve(self) -> "DriverClient":
@@ -307,11 +309,14 @@ def halts_when_its_client_is_gone(subject: DriverSubject) -> None:
 
 
 def stops_in_an_emergency(subject: DriverSubject) -> None:
-    """A latched emergency stop ends a motion, and no command or session begins under it."""
+    """A latched emergency stop ends a motion, its body hears of it, and no command or session begins under it."""
     client = _be_in_the_middle(subject)
+    count = subject.count_stops or (lambda _client: int(subject.estop))
+    before = count(client)
     subject.estop = True
     _refuse(client.send(client.make()), "ESTOPPED")
     assert not client.target.is_moving, "it goes on under an emergency stop"
+    assert count(client) == before + 1, "its body did not hear of the emergency stop, or more than once"
     assert np.abs(client.ask(wire.Observe()).target.qd_rad_s).max() < STILL_RAD_S, "it still moves"
     _require(client.ask(wire.End(SESSION, EPOCH)), wire.Ended, "End")
     _refuse(client.ask(wire.Begin("next", EPOCH)), "ESTOPPED")

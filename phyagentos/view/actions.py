@@ -114,8 +114,8 @@ ACTIONS = {
     "resume": Action("resume {session}", ("session",), lambda root, form: stop.resume(form["session"], root)),
     "approve": Action(
         "approve {proposal} --yes",
-        ("proposal",),
-        lambda root, form: submit_proposal(root, form["proposal"], SystemClock(), by=getpass.getuser()),
+        ("proposal", "sha256"),
+        lambda root, form: submit_proposal(root, form["proposal"], form["sha256"], SystemClock(), by=getpass.getuser()),
     ),
     "deny": Action(
         "deny {proposal} --reason='{reason}'",

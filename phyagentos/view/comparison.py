@@ -11,7 +11,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.evidence import TRAJECTORY
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
-from phyagentos.protocol.workspace.array_files import decode_arrays
+from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.view.documents import Documents
 
 _MOVED_M = 0.005  # less is not shown
@@ -65,7 +65,7 @@ def _find_criterion(status: SessionStatus, text: str) -> Any:
 
 def _read_course(documents: Documents, status: SessionStatus) -> Fields:
     path = documents.workspace.evidence_of(status.contract.id) / TRAJECTORY
-    return decode_arrays(path.read_bytes()) if path.is_file() else {}
+    return read_arrays(path) if path.is_file() else {}
 
 
 def _measure(course: Mapping[str, Any]) -> dict[str, str]:

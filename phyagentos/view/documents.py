@@ -6,6 +6,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 
+from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.sessions.evidence import TRACE, Bundle, Event, read_bundle
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, read_heartbeats
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
@@ -136,7 +137,7 @@ class Documents:
             bundle = self.read_bundle(status)
             return bundle.after or bundle.before
         path = self.workspace.environment
-        return read_environment(path.read_text(encoding="utf-8"), path.name) if path.is_file() else None
+        return read_environment(read_regular(path).decode(), path.name) if path.is_file() else None
 
 
 def _find_latest(paths: list[Path]) -> int:

@@ -63,7 +63,7 @@ class PanelRenderer:
         head = {"panel": panel, "file": panel.file.format(**names), "command": panel.command.format(**names)}
         try:
             inside = render(panel.name, query=query, **self._extras(), **panel.read(self.documents, query, status))
-        except (DefinitionError, ExecutionError, OSError) as error:
+        except (DefinitionError, ExecutionError, OSError, ValueError, LookupError, TypeError) as error:
             inside = render("unreadable", error=error)
         return render("panel", inside=inside, **head)
 

@@ -1,11 +1,13 @@
 """The panels of the page: for each what it shows, the file that this stands in, and the command that prints it."""
 
+import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlencode
 
+from phyagentos.agent.tools.proposals import Proposals
 from phyagentos.errors import DefinitionError
 from phyagentos.pictures.goals import draw_goal
 from phyagentos.pictures.statechart import draw_statechart
@@ -13,7 +15,7 @@ from phyagentos.pictures.trees import draw_tree, tick
 from phyagentos.protocol.capabilities.trees import read_tree
 from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.documents.plain_data import Fields
-from phyagentos.protocol.documents.regular_files import REQUEST_MAX, read_regular
+from phyagentos.protocol.documents.regular_files import open_regular, read_regular
 from phyagentos.protocol.sessions.estop import read_latch
 from phyagentos.protocol.sessions.evidence import BEFORE
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
@@ -24,6 +26,8 @@ from phyagentos.view.documents import Documents
 from phyagentos.view.frames import read_frames
 
 SESSIONS_SHOWN, LINES_SHOWN, FRAMES_SHOWN = 60, 40, 12
+LINE_SHOWN = 2000  # letters of a line
+END_BYTES, PROPOSALS_BYTES = 1 << 16, 1 << 20  # read of a log; of proposals that are shown with a form
 Session = SessionStatus | None  # that a viewer has chosen, or that runs
 _EVENT = re.compile(r"- \d\d:")  # a line of LOG.md that is no explanation
 
@@ -43,7 +47,7 @@ class Query:
     def link(self, **changed: str) -> str:
         """Address of the page with another choice."""
         chosen = {"goal": self.goal, "session": self.session, "find": self.find} | changed
-        return "/?" + urlencode({name: value for name, value in chosen.items() if value})
+        return "./?" + urlencode({name: value for name, value in chosen.items() if value})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,24 +141,26 @@ def _read_guard(documents: Documents, _: Query, status: Session) -> Fields:
 
 
 def _read_log(documents: Documents, _: Query, __: Session) -> Fields:
-    path = documents.workspace.log
-    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-    events = [line for line in lines if _EVENT.match(line)]
-    logs = {path.stem: _read_end(path) for path in sorted(documents.workspace.logs.glob("*.log"))}
-    return {"events": events[-LINES_SHOWN:], "logs": {name: found for name, found in logs.items() if found}}
+    events = [line for line in _read_end(documents.workspace.log) if _EVENT.match(line)]
+    logs = {path.stem: _read_end(path)[-LINES_SHOWN:] for path in sorted(documents.workspace.logs.glob("*.log"))}
+    return {"events": events[-LINES_SHOWN:], "logs": {name: lines for name, lines in logs.items() if lines}}
 
 
 def _read_end(path: Path) -> list[str]:
-    """The last lines of a log."""
-    with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - 8192))
-        return file.read().decode(errors="replace").splitlines()[-LINES_SHOWN:]
+    """The last lines of a log; none of what is no regular file."""
+    try:
+        fd, found = open_regular(path, follow=False)
+    except OSError:
+        return []
+    with os.fdopen(fd, "rb") as file:
+        file.seek(max(0, found.st_size - END_BYTES))
+        return [line[:LINE_SHOWN] for line in file.read(END_BYTES).decode(errors="replace").splitlines()]
 
 
 def _read_memory(documents: Documents, _: Query, __: Session) -> Fields:
     place = documents.workspace
-    lessons = read_document(place.lessons.read_text(encoding="utf-8"), LESSONS, place.lessons.name).blocks
-    facts = read_document(place.knowledge.read_text(encoding="utf-8"), KNOWLEDGE, place.knowledge.name).blocks
+    lessons = read_document(read_regular(place.lessons).decode(), LESSONS, place.lessons.name).blocks
+    facts = read_document(read_regular(place.knowledge).decode(), KNOWLEDGE, place.knowledge.name).blocks
     return {"entries": [*lessons.values(), *facts.values()]}
 
 
@@ -166,9 +172,24 @@ def _read_runtime(documents: Documents, _: Query, __: Session) -> Fields:
 
 
 def _read_proposals(documents: Documents, _: Query, __: Session) -> Fields:
-    new, decisions = documents.workspace.proposals / "new", documents.workspace.proposals / "decisions"
-    waiting = [path for path in sorted(new.glob("*.yaml")) if not (decisions / path.name).exists()]
-    return {"proposals": {path.stem: read_regular(path, REQUEST_MAX).decode(errors="replace") for path in waiting}}
+    """By their own bytes, as their names stand for them; what cannot be read hides no other."""
+    proposals, shown, left = Proposals(documents.workspace.proposals), [], PROPOSALS_BYTES
+    for name in proposals.list_waiting():
+        try:
+            proposed = proposals.read(name)
+        except DefinitionError as error:
+            shown.append({"name": name, "text": "", "sha256": "", "problem": str(error)[:LINE_SHOWN]})
+            continue
+        left -= len(proposed.data)
+        fits = left >= 0
+        problem = "" if fits else f"{len(proposed.data)} bytes: read it by `paos approve {name}`."
+        text = proposed.data.decode() if fits else ""
+        shown.append({"name": name, "text": text, "sha256": proposed.sha256, "problem": problem})
+    strange = [
+        path.name for path in sorted(documents.workspace.proposals.glob("new/*")) if not proposals.has(path.stem)
+    ]
+    shown += [{"name": name, "text": "", "sha256": "", "problem": "This is no proposal."} for name in strange]
+    return {"proposals": shown}
 
 
 _JOURNAL, _BEATS, _FILES = "journal", "beats", "files"

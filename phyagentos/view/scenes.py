@@ -8,46 +8,68 @@ import asyncio
 import contextlib
 import io
 import math
+import tempfile
 import threading
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import websockets
-from fastapi import FastAPI, WebSocket, WebSocketDisconnect
-from fastapi.responses import FileResponse, PlainTextResponse, Response
+from fastapi import FastAPI, Request, WebSocket, WebSocketDisconnect
+from fastapi.responses import HTMLResponse, PlainTextResponse, Response
 from PIL import Image, ImageDraw
+from websockets.asyncio.client import unix_connect
 
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.pictures.outlines import iter_outlines
 from phyagentos.protocol.capabilities.registries import get_registered_target
+from phyagentos.protocol.documents.packed_files import check_picture
 from phyagentos.protocol.sessions.evidence import INITIAL, SCENE_MODEL, Bundle
 from phyagentos.protocol.sessions.looks import read_picture
 from phyagentos.protocol.sessions.session import SessionId
-from phyagentos.protocol.workspace.array_files import decode_arrays
+from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.protocol.world.environment import Environment, Status
 from phyagentos.view.access import Access
 from phyagentos.view.documents import Documents
 from phyagentos.view.frames import SeenFrame, read_frames
 
+PATH = "/scene/"
 STEP_S = 0.1  # between two updates of a scene
 RETRY_S = 1.0  # before evidence that could not be read is read again
 _MEASURED, _PLANNED, _BELIEVED, _DOUBTED = (26, 90, 217), (242, 140, 13), (190, 26, 217), (217, 26, 26)
 
+_POLICY = (
+    "default-src 'self' 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' data: blob:; "
+    "connect-src 'self' data: blob: {sockets}; "
+    "form-action 'none'; base-uri 'none'; frame-ancestors {pages}"
+)
+_SHIM = "<script>document.hasFocus = () => !document.hidden;</script>"  # it looks for its server only in the focus
+_building = threading.Lock()
+
 
 def add_scenes(app: FastAPI, documents: Documents, access: Access) -> None:
-    """The pages `/scene/SESSION/`, and the sockets over which their scenes come."""
+    """The pages `/scene/SESSION/KEY/`, and the sockets over which their scenes come.
 
-    @app.get("/scene/{session}/")
-    def show_client(session: str) -> Response:
+    The client of viser needs `eval`, and shows texts of documents: it comes from another port, hence from an origin
+    of its own, which reads nothing of the page and knows the key of one session's scene alone.
+    """
+    sockets, pages = (
+        " ".join(f"{scheme}://{name}" for name in sorted(names))
+        for scheme, names in (("ws", access.scene_hosts), ("http", access.hosts))
+    )
+    policy = {"content-security-policy": _POLICY.format(sockets=sockets, pages=pages)}
+
+    @app.get(PATH + "{session}/{key}/")
+    def show_client(request: Request, session: str, key: str) -> Response:
+        if not access.admits_scene(request.headers, session, key):
+            return PlainTextResponse("no such scene\n", 401)
         if SessionId(session) not in documents.ledger.sessions:
             return PlainTextResponse(f"no session {session!r}\n", 404)
-        return FileResponse(_find_client())
+        return HTMLResponse(_read_client(), headers=policy)
 
-    @app.websocket("/scene/{session}")
-    async def connect(socket: WebSocket, session: str) -> None:
-        if not access.admits(socket.headers, socket.cookies) or not access.is_own_origin(socket.headers):
+    @app.websocket(PATH + "{session}/{key}")
+    async def connect(socket: WebSocket, session: str, key: str) -> None:
+        if not access.admits_scene(socket.headers, session, key) or not access.is_scene_origin(socket.headers):
             await socket.close(1008)
             return
         wanted = [each.strip() for each in socket.headers.get("sec-websocket-protocol", "").split(",") if each.strip()]
@@ -58,14 +80,14 @@ def add_scenes(app: FastAPI, documents: Documents, access: Access) -> None:
             await socket.close(1011, str(error)[:100])
             return
         try:
-            await _relay(socket, stage.port, wanted)
+            await _relay(socket, stage.socket, wanted)
         finally:
             await asyncio.to_thread(stage.close)
 
 
-async def _relay(socket: WebSocket, port: int, protocols: list[Any]) -> None:
+async def _relay(socket: WebSocket, path: Path, protocols: list[Any]) -> None:
     """Pass messages on between a viewer and its scene, until either hangs up."""
-    scene = websockets.connect(f"ws://127.0.0.1:{port}", subprotocols=protocols, max_size=None, compression=None)
+    scene = unix_connect(str(path), "ws://localhost/", subprotocols=protocols, max_size=None, compression=None)
     async with scene as behind:
 
         async def pass_in() -> None:
@@ -85,7 +107,7 @@ async def _relay(socket: WebSocket, port: int, protocols: list[Any]) -> None:
 
 
 class Stage:
-    """The scene of one session for one viewer, on a port of its own on loopback.
+    """The scene of one session for one viewer, on a socket that only this user can open.
 
     Raises:
         DefinitionError, ExecutionError, OSError, ValueError: The evidence holds no scene, or a damaged one.
@@ -93,7 +115,6 @@ class Stage:
 
     def __init__(self, documents: Documents, session: SessionId) -> None:
         import mujoco
-        import viser
         from mjviser import ViserMujocoScene
 
         self._documents, self._session = documents, session
@@ -101,11 +122,11 @@ class Stage:
         folder = documents.workspace.evidence_of(session)
         self._model = mujoco.MjModel.from_binary_path(str(folder / SCENE_MODEL))
         self._data = mujoco.MjData(self._model)
-        self._data.qpos[:] = decode_arrays((folder / INITIAL).read_bytes())["qpos"]
+        self._data.qpos[:] = read_arrays(folder / INITIAL)["qpos"]
         self._profile = get_registered_target(documents.workspace.target_registry, status.contract.target)
-        with contextlib.redirect_stdout(io.StringIO()):
-            self._server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-        self.port = int(self._server.get_port())
+        self._folder = tempfile.TemporaryDirectory(prefix="paos-scene-")
+        self.socket = Path(self._folder.name) / "scene"
+        self._server = _start_server(self.socket)
         self._scene = ViserMujocoScene(self._server, self._model, num_envs=1)
         self._scene.camera_tracking_enabled = False
         camera = self._server.initial_camera
@@ -128,6 +149,7 @@ class Stage:
         self._thread.join()
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
+        self._folder.cleanup()
 
     def _run(self) -> None:
         while not self._ended.wait(STEP_S):
@@ -147,7 +169,7 @@ class Stage:
         """Say once what is wrong."""
         if problem != self._told:
             self._told = problem
-            self._server.gui.add_markdown(problem)
+            self._server.gui.add_text("problem", problem, multiline=True, disabled=True)  # never as markup
 
     def _follow(self) -> None:
         """Show what the heartbeat says."""
@@ -219,12 +241,12 @@ class Stage:
                 )
                 for index, each in enumerate(outlines)
             ]
-            for name, entity in {each.entity.name: each.entity for each in outlines}.items():
+            for index, (name, entity) in enumerate({each.entity.name: each.entity for each in outlines}.items()):
                 age_s = max(0.0, time_s - entity.observed_at_s)
                 status = f" {entity.status}" if entity.status is not Status.SEEN else ""
                 text = f"{name}{status} {age_s:.0f} s {100 * entity.confidence:.0f} %"
                 position = np.add(entity.pose.position_m, (0, 0, 0.06))
-                label = scene.add_label(f"/named/{name}", text, position=position, font_screen_scale=0.6)
+                label = scene.add_label(f"/named/{index}", text, position=position, font_screen_scale=0.6)
                 self._outlines.append(label)
 
 
@@ -254,15 +276,15 @@ class Cameras:
         for handle in self._handles:
             handle.remove()
         self._shown, self._handles = latest, []
-        self._handles += [self._add(bundle.folder, each) for each in latest]
+        self._handles += [self._add(bundle.folder, index, each) for index, each in enumerate(latest)]
 
-    def _add(self, folder: Path, shown: SeenFrame) -> Any:
+    def _add(self, folder: Path, index: int, shown: SeenFrame) -> Any:
         frame, pose = shown.frame, shown.frame.world_T_camera
-        image = Image.open(io.BytesIO(read_picture(folder / shown.look.file, frame.rgb))).convert("RGB")
+        image = Image.open(io.BytesIO(check_picture(read_picture(folder / shown.look.file, frame.rgb)))).convert("RGB")
         for left, top, width, height in shown.seen.values():
             ImageDraw.Draw(image).rectangle((left, top, left + width, top + height), outline=_BELIEVED)
         return self._scene.add_camera_frustum(
-            f"/cameras/{frame.camera}",
+            f"/cameras/{index}",
             fov=2.0 * math.atan2(frame.height, 2.0 * frame.fy),
             aspect=image.width / image.height,
             scale=0.12,
@@ -274,9 +296,33 @@ class Cameras:
         )
 
 
+def _start_server(path: Path) -> Any:
+    """A server of viser that listens on a socket of the file system, and on no port, which any user could open."""
+    import viser
+    import websockets.asyncio.server
+
+    server: Any = websockets.asyncio.server
+
+    def serve(handler: Any, _host: str, _port: int, **settings: Any) -> Any:
+        return server_class(handler, unix=True, path=str(path), **settings)
+
+    with _building, contextlib.redirect_stdout(io.StringIO()):
+        server_class = server.serve
+        server.serve = serve  # viser knows of ports only
+        try:
+            made = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+        finally:
+            server.serve = server_class
+    if not path.is_socket():
+        made.stop()
+        raise OSError(f"the server of the scene does not listen on {path}")
+    return made
+
+
 @cache
-def _find_client() -> Path:
+def _read_client() -> str:
     """The client of viser: one file that asks for nothing else."""
     import viser
 
-    return Path(viser.__file__).with_name("client") / "build" / "index.html"
+    client = Path(viser.__file__).with_name("client") / "build" / "index.html"
+    return client.read_text(encoding="utf-8").replace("<head>", f"<head>{_SHIM}", 1)

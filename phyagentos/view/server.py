@@ -4,16 +4,18 @@ import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
+from urllib.parse import parse_qsl, quote
 
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import FileResponse, HTMLResponse, PlainTextResponse, RedirectResponse, StreamingResponse
 from fastapi.staticfiles import StaticFiles
 
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.pictures.layers import STYLE
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.looks import read_picture
 from phyagentos.view import actions, comparison, scenes
-from phyagentos.view.access import COOKIE, Access
+from phyagentos.view.access import Access, hash_source
 from phyagentos.view.documents import Documents, Version
 from phyagentos.view.pages import PanelRenderer, render
 from phyagentos.view.panels import PANELS, Query
@@ -21,15 +23,19 @@ from phyagentos.view.panels import PANELS, Query
 LOOK_PERIOD_S = 0.4  # between two looks at the documents
 SILENCE_S = 10.0  # after so long a stream says that it lives
 _STATIC = Path(__file__).with_name("static")
+FORM_MAX = 1 << 20  # bytes of what a form sends
+_ENTER = (  # where an address lacks the key of the page, its own tab still knows that
+    'const base = sessionStorage.getItem("paos");'
+    "if (base && !location.pathname.startsWith(base))"
+    " location.replace(base + location.pathname.slice(1) + location.search);"
+)
+_REFUSAL = "Open the address that `paos view` has printed: it carries the token."
 _POLICY = (
-    "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; object-src 'none'; "
-    "frame-ancestors 'self'; form-action 'self'; base-uri 'none'"
+    f"default-src 'self'; style-src 'self' {hash_source(STYLE)}; script-src 'self' {hash_source(_ENTER)}; "
+    "img-src 'self' data:; object-src 'none'; frame-ancestors 'self'; form-action 'self'; base-uri 'none'"
 )
 _MEDIA = {".png": "image/png"} | dict.fromkeys(  # of files of evidence; whatever a browser could run is only saved
     (".json", ".jsonl", ".yaml", ".md", ".xml"), "text/plain; charset=utf-8"
-)
-_SCENE_POLICY = (
-    "default-src 'self' 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' data: blob:; frame-ancestors 'self'"
 )
 
 
@@ -92,7 +98,8 @@ def build_app(
 ) -> FastAPI:
     """The application of one workspace; `runs` are folders of suites that may be compared, by name."""
     watcher = Watcher(documents)
-    renderer = PanelRenderer(documents, lambda: {"actions": allows_actions, "live": True})
+    extras: Fields = {"actions": allows_actions, "live": True, "scene_address": access.scene_address}
+    renderer = PanelRenderer(documents, lambda: extras)
 
     @asynccontextmanager
     async def live(_: FastAPI) -> AsyncIterator[None]:
@@ -114,22 +121,35 @@ def build_app(
 
 
 def _guard(access: Access) -> Callable[[Request, Callable[[Request], Awaitable[Response]]], Awaitable[Response]]:
-    """No answer without the token; the address that `paos view` prints becomes a cookie."""
+    """No answer without the token; the address that `paos view` prints becomes a cookie and an address with a key."""
+    policy = f"{_POLICY}; frame-src 'self' " + " ".join(f"http://{host}" for host in sorted(access.scene_hosts))
 
     async def answer(request: Request, go_on: Callable[[Request], Awaitable[Response]]) -> Response:
-        given = request.query_params.get("token", "")
-        if given and access.is_token(given) and request.headers.get("host", "") in access.hosts:
-            entered = RedirectResponse(request.url.path, 303)
-            entered.set_cookie(COOKIE, access.token, httponly=True, samesite="strict")
-            return entered
-        if not access.admits(request.headers, request.cookies):
-            return PlainTextResponse("Open the address that `paos view` has printed: it carries the token.\n", 401)
-        response = await go_on(request)
-        is_scene = request.url.path.startswith("/scene/")
-        response.headers["content-security-policy"] = _SCENE_POLICY if is_scene else _POLICY
+        response = await admit(request, go_on)
+        response.headers.setdefault("content-security-policy", policy)
         response.headers["x-content-type-options"] = "nosniff"
         response.headers["referrer-policy"] = "no-referrer"
+        response.headers["cache-control"] = "no-store"
+        response.headers["cross-origin-resource-policy"] = "same-origin"
         return response
+
+    async def admit(request: Request, go_on: Callable[[Request], Awaitable[Response]]) -> Response:
+        path, given = request.scope["path"], request.query_params.get("token", "")
+        is_host = request.headers.get("host", "") in access.hosts
+        if given and access.is_token(given) and is_host:
+            entered = RedirectResponse(f"/{access.page_key}{quote(path)}", 303)
+            entered.set_cookie(access.cookie, access.cookie_secret, httponly=True, samesite="strict")
+            return entered
+        key, _, rest = path[1:].partition("/")
+        if not path.startswith(scenes.PATH) and not access.admits(request.headers, request.cookies, key):
+            way_back = f"<script>{_ENTER}</script>" if is_host else ""
+            return HTMLResponse(f"<!doctype html><title>phyagentos</title><p>{_REFUSAL}</p>{way_back}", 401)
+        if key == access.page_key:
+            request.scope["path"] = f"/{rest}"
+        try:
+            return await go_on(request)
+        except (DefinitionError, ExecutionError, OSError, ValueError, LookupError, TypeError) as error:
+            return PlainTextResponse(f"this cannot be shown: {error}\n", 404)
 
     return answer
 
@@ -149,7 +169,7 @@ def _add_pages(
             "page",
             sides=[[each for each in shown if each[0].is_right == is_right] for is_right in (False, True)],
             query=query,
-            stream=query.link().replace("/?", "/events?", 1),
+            stream=query.link().replace("./", "events", 1),
             status=status,
             workspace=documents.workspace.root,
             actions=allows_actions,
@@ -167,15 +187,15 @@ def _add_pages(
     @app.get("/events")
     async def follow(request: Request, goal: str = "", session: str = "", find: str = "") -> StreamingResponse:
         stream = _iter_changes(request, feed, watcher, Query(goal=goal, session=session, find=find))
-        return StreamingResponse(stream, media_type="text/event-stream", headers={"cache-control": "no-store"})
+        return StreamingResponse(stream, media_type="text/event-stream")
 
 
 def _add_comparisons(app: FastAPI, documents: Documents, runs: dict[str, Path]) -> None:
-    def answer(template: str, read: Callable[[], Fields]) -> Response:
+    def answer(template: str, read: Callable[[], Fields], up: str = "./") -> Response:
         try:
-            return HTMLResponse(render(template, **read()))
-        except (DefinitionError, ExecutionError, OSError) as error:
-            return HTMLResponse(render("page_problem", error=error), 404)
+            return HTMLResponse(render(template, up=up, **read()))
+        except (DefinitionError, ExecutionError, OSError, ValueError, LookupError, TypeError) as error:
+            return HTMLResponse(render("page_problem", up=up, error=error), 404)
 
     @app.get("/compare")
     def show_sessions(first: str, second: str) -> Response:
@@ -185,7 +205,7 @@ def _add_comparisons(app: FastAPI, documents: Documents, runs: dict[str, Path]) 
     @app.get("/compare/runs")
     def show_runs(first: str = "", second: str = "") -> Response:
         first, second = first or next(iter(runs), ""), second or next(reversed(runs), "")
-        return answer("runs", lambda: comparison.compare_runs(runs, first, second))
+        return answer("runs", lambda: comparison.compare_runs(runs, first, second), "../")
 
 
 async def _iter_changes(request: Request, feed: PanelFeed, watcher: Watcher, query: Query) -> AsyncIterator[str]:
@@ -220,10 +240,12 @@ def _add_files(app: FastAPI, documents: Documents) -> None:
 
 
 def _find_file(evidence: Path, session: str, name: str) -> Path | None:
-    """A file of a bundle; None for whatever leads elsewhere."""
+    """A file of a bundle; None for whatever leads elsewhere, and for what no file is called."""
     path = evidence / session / name
-    is_within = path.parent.parent == evidence and path.resolve().is_relative_to(evidence.resolve())
-    return path if is_within and {session, name}.isdisjoint({"..", "."}) and path.is_file() else None
+    with suppress(OSError, ValueError):
+        is_within = path.parent.parent == evidence and path.resolve().is_relative_to(evidence.resolve())
+        return path if is_within and {session, name}.isdisjoint({"..", "."}) and path.is_file() else None
+    return None
 
 
 def _add_actions(app: FastAPI, documents: Documents, access: Access) -> None:
@@ -231,7 +253,12 @@ def _add_actions(app: FastAPI, documents: Documents, access: Access) -> None:
     async def act(name: str, request: Request) -> Response:
         if not access.permits_action(request.headers):
             return PlainTextResponse("refused: not from a form of this page\n", 403)
-        form: Fields = {key: str(value) for key, value in (await request.form()).items()}
+        data = b""
+        async for part in request.stream():
+            data += part
+            if len(data) > FORM_MAX:
+                return PlainTextResponse(f"refused: a form of more than {FORM_MAX} bytes\n", 413)
+        form: Fields = dict(parse_qsl(data.decode(errors="replace"), keep_blank_values=True))
         try:
             if name == actions.STOP:  # waits for no thread
                 done = actions.perform(documents.workspace, name, form)

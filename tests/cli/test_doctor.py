@@ -61,18 +61,13 @@ UNFIT = [
 ]
 
 
-@pytest.fixture(params=UNFIT, ids=lambda each: ",".join(each[0].values()))
-def unfit(request, monkeypatch):
-    given, said = request.param
-    for name in ("DISPLAY", "PYOPENGL_PLATFORM"):  # the latter is left by MuJoCo where a test before has imported it
-        monkeypatch.delenv(name, raising=False)
-    for name, value in given.items():
-        monkeypatch.setenv(name, value)
-    return said
-
-
 @pytest.mark.slow
-def test_graphics_that_are_named_and_cannot_draw_are_refused_by_doctor_and_run_at_once(tmp_path, paos, unfit):
+@pytest.mark.parametrize(("given", "unfit"), UNFIT)
+def test_graphics_that_are_named_and_cannot_draw_are_refused_by_doctor_and_run_at_once(
+    tmp_path, paos, monkeypatch, given, unfit
+):
+    for name, value in ({"DISPLAY": ""} | given).items():
+        monkeypatch.setenv(name, value)
     finding = doctor.check_graphics()
     refused = paos("run", "tidy_table", "-w", tmp_path / "w")
 

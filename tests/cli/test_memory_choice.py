@@ -1,10 +1,13 @@
 """Which memory a run has: one for the project, kept by the workspace, and none where none is asked for."""
 
+import shutil
+
 import pytest
 
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.assembly.memory_choice import choose_memory, find_memory_project, read_choice
 from phyagentos.clock import SystemClock
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.workspace.workspace import Workspace
 from tests.agent.memory.conftest import make_correction
@@ -74,3 +77,26 @@ def test_paos_memory_of_a_workspace_shows_the_memory_that_it_has(project, worksp
 
 
 BATCHES = 10  # of each writer, before both are killed
+
+
+def copy(workspace, to):
+    shutil.copytree(workspace.root, to, symlinks=True)
+    return Workspace.open(to)
+
+
+def test_a_copy_of_a_workspace_leads_nowhere_outside(workspace, project, tmp_path, monkeypatch):
+    elsewhere = tmp_path / "system"
+    assert choose_memory(workspace, tmp_path / "tidy.yaml", str(elsewhere)).folder == elsewhere
+    (tmp_path / "far").mkdir()
+    monkeypatch.chdir(tmp_path / "far")
+    copied = copy(workspace, tmp_path / "far" / "copy")
+    assert read_choice(copied) is None
+    assert choose_memory(copied, tmp_path / "far" / "tidy.yaml").folder == copied.root
+    assert choose_memory(copied, tmp_path / "far" / "tidy.yaml", str(elsewhere)).folder == elsewhere
+
+
+@pytest.mark.parametrize("said", ["/var/lib", "../../elsewhere", "~/other"])
+def test_a_setting_leads_no_further_than_beside_the_workspace(workspace, tmp_path, said):
+    workspace.runtime_contract.write_text(f"{workspace.runtime_contract.read_text()}memory: {said}\n")
+    with pytest.raises(DefinitionError, match="LEADS_OUT"):
+        choose_memory(workspace, tmp_path / "tidy.yaml")

@@ -1,6 +1,7 @@
 """`paos robot new`: a draft from a model, which the profile names so that it is found again."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -45,6 +46,27 @@ def test_without_that_folder_the_variable_to_set_is_named(paos, model, monkeypat
     drafted = paos("robot", "new", model)
     assert f"set PHYAGENTOS_MODELS to {model.parent}" in drafted.out + drafted.err
     assert "MODEL_MISSING" in paos("robot", "check", "scara").out
+
+
+def test_a_run_refuses_of_a_robot_of_the_project_what_its_check_refuses(paos, model, monkeypatch):
+    monkeypatch.setenv("PHYAGENTOS_MODELS", str(model.parents[1]))
+    assert paos("robot", "new", model, "--name", "arm").code == ExitCode.GOAL_MET
+    assert paos("robot", "check", "arm").code == ExitCode.GOAL_MET
+    text = (profile := Path("robots/arm/target.yaml")).read_text()
+    for offered in ("joint_state", "joint_position"):  # what the goal graph asks of its arm
+        text = text.replace(f"[{offered}", f"[{offered}, gripper_width")
+    profile.write_text(text.replace("home_rad: [", "home_rad: [9, "))
+    model.write_text(MODEL.replace('mass="1"', 'mass="0"'))
+    for command in (("robot", "check", "arm"), ("run", "tidy_table", "--set", "targets.arm=arm")):
+        refused = paos(*command)
+        assert refused.code == ExitCode.INVALID_INPUT
+        assert "target.yaml:9:3: INVALID_VALUE" in refused.out + refused.err
+    profile.write_text(text)
+    for command in (("robot", "check", "arm"), ("robot", "render", "arm"), ("robot", "show", "arm"),
+                    ("run", "tidy_table", "--set", "targets.arm=arm")):  # fmt: skip
+        refused = paos(*command)
+        assert refused.code == ExitCode.INVALID_INPUT
+        assert "scara.xml:4: MODEL_INVALID: found link 'upper'" in refused.out + refused.err
 
 
 @pytest.mark.slow

@@ -4,12 +4,15 @@ With `--kit-python` its process runs in an environment that has `websockets` and
 """
 
 import contextlib
+import importlib
 import json
 import os
 import pickle
+import shutil
 import subprocess
 import sys
 import time
+import tracemalloc
 from pathlib import Path
 
 import msgspec
@@ -77,9 +80,14 @@ def served(request, tmp_path, pytestconfig):
     made.close()
 
 
+def count_stops(client):
+    """How many emergency stops the body has heard of, as it says itself."""
+    return int(client.ask(wire.InvokeTool("emergency_stops")).artefacts["count.txt"].data)
+
+
 @pytest.mark.parametrize("check", DRIVER_CHECKS, ids=lambda check: check.__name__)
 def test_the_kit_does_what_the_port_promises(served, check):
-    subject = DriverSubject(open=served.reach, scene="counter", set_stop=served.set_stop)
+    subject = DriverSubject(open=served.reach, scene="counter", set_stop=served.set_stop, count_stops=count_stops)
     check(subject)
     subject.close()
 
@@ -296,3 +304,66 @@ def test_without_tls_it_listens_on_this_machine_alone(tmp_path):
 
     assert done.returncode == 1
     assert "host 0.0.0.0 without a certificate; only this machine (127.0.0.1) is reached without TLS" in done.stderr
+
+
+@pytest.mark.parametrize("session", ["other", "s"])
+def test_numbers_of_a_command_are_unpacked_for_whom_may_command_and_in_the_expected_shape_alone(monkeypatch, session):
+    monkeypatch.syspath_prepend(str(KIT))
+    monkeypatch.syspath_prepend(str(SLIDE.parent))
+    kit, slide = importlib.import_module("target_server.served"), importlib.import_module("slide")
+    decode = importlib.import_module("target_server.wire").decode
+    key = make_key()
+    served = kit.Served(slide.Slide(), key, kit.ReceiveLog(None))
+    ask = lambda message: served.handle(decode(message), kit.Client())  # noqa: E731
+    ask(wire.REQUESTS.encode(wire.LoadScene("counter", 1, "e")))
+    ask(wire.REQUESTS.encode(wire.Begin("s", 1, mint(key, "s", 1))))
+    long = np.zeros((1, 2**19))
+    message = wire.REQUESTS.encode(wire.Command(session, 1, 1, 9.0, long, long, long[0]))
+
+    tracemalloc.start()
+    refused = ask(message)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+
+    assert refused["code"] == {"other": "NO_AUTHORITY", "s": "MALFORMED"}[session]
+    assert peak < 1.5 * len(message), "the numbers were unpacked"
+
+
+def test_a_greeting_is_short(served):
+    channel = connect_websocket(served.start())
+    channel.send_bytes(msgspec.msgpack.encode({"type": "Hello", "version": 5, "token": bytes(2**20)}))
+    assert b"MALFORMED" in channel.recv_bytes()
+
+
+OLDEST = sorted(Path("~/.pyenv/versions").expanduser().glob("3.10.*/bin/python")) or [shutil.which("python3.10")]
+ON_THE_OLDEST = """
+import sys
+
+from pip._vendor import msgpack
+
+sys.modules["msgpack"] = msgpack
+from slide import Slide
+from target_server import served, wire
+
+target = served.Served(Slide(), bytes(32), served.ReceiveLog(sys.argv[1]))
+for kind, fields in (
+    ("LoadScene", {"scene": "counter", "seed": 1, "episode": "e"}),
+    ("Begin", {"session": "s", "epoch": 1, "token": wire.mint(bytes(32), "s", 1)}),
+    ("Halt", {"session": "s", "epoch": 1, "is_emergency": True}),
+):
+    print(target.handle(wire.decode(wire.encode(kind, **fields)), served.Client()))
+"""
+
+
+@pytest.mark.skipif(OLDEST[-1] is None, reason="no Python 3.10 here")
+def test_it_runs_on_the_oldest_python_that_it_declares(tmp_path):
+    body = SLIDE.read_text().replace("from target_server.server import main\n", "")
+    (tmp_path / "slide.py").write_text(body)
+    environment = {"PATH": os.environ["PATH"], "PYTHONPATH": f"{KIT}{os.pathsep}{tmp_path}"}
+    log = tmp_path / "receive.jsonl"
+    done = subprocess.run(
+        [OLDEST[-1], "-c", ON_THE_OLDEST, log], text=True, capture_output=True, env=environment, timeout=60, check=False
+    )
+
+    assert done.returncode == 0, done.stderr
+    assert [json.loads(line)["kind"] for line in log.read_bytes().splitlines()][-2:] == ["Halt", "EStop"]

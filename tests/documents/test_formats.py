@@ -55,7 +55,7 @@ def test_every_problem_of_every_block_is_told_at_its_place():
         "F.md:23:1: INVALID_VALUE: found 'actve'",
         "F.md:22:1: MISSING_VALUE: found nothing",
     ]
-    assert "expected `float` <= 1.0" in told[0]
+    assert "expected a number <= 1.0" in told[0]
     assert "Did you mean 'supported'?" in told[1]
     assert "expected active, expired, hypothesis, retracted. Did you mean 'active'?" in told[4]
 

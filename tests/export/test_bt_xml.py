@@ -250,7 +250,7 @@ FOREIGN = """<?xml version="1.0"?>
     <Sequence>
       <OpenGripper/>
       <Action ID="MoveTo" goal="{goal}" other="{Goal}"/>
-      <Timeout msec="500"><close_gripper/></Timeout>
+      <Timeout msec="soon"><close_gripper/></Timeout>
       <locate objekt="red_cube"/>
       <Inverter/>
       <close_gripper><home/></close_gripper>
@@ -280,7 +280,7 @@ def test_a_foreign_tree_is_refused_with_line_and_column_what_is_possible_and_the
         ),
         ("6:7: UNKNOWN_NAME (leaf): found 'MoveTo'", "Did you mean 'move_to'?"),
         ("6:7: INVALID_VALUE: found other='{Goal}'", "keys are small letters"),
-        ("7:7: UNKNOWN_NAME (leaf): found 'Timeout'", "Did you mean 'timeout'?"),
+        ("7:7: INVALID_VALUE: found <Timeout msec='soon'>", "expected a number of milliseconds"),
         ("8:7: UNKNOWN_NAME (port): found 'objekt'", "Did you mean 'object'?"),
         ("9:7: INVALID_VALUE: found <Inverter> with 0 nodes in it", "expected one"),
         ("10:7: INVALID_VALUE: found <close_gripper> with 1 nodes in it", "expected none; they are held by Fallback,"),
@@ -298,16 +298,19 @@ def test_a_foreign_tree_is_refused_with_line_and_column_what_is_possible_and_the
     [
         (
             "<root BTCPP_format='4'>\n <a></b></root>",
-            ":2:7: SYNTAX: found mismatched tag; expected well-formed XML",
+            ":2:7: SYNTAX: found an end tag that is not of the element open last; expected well-formed XML",
         ),
         ("<!DOCTYPE a [<!ENTITY x 'y'>]><root/>", ":1:13: SYNTAX: found a DOCTYPE;"),
         ("<a>" * 300, ":1:601: SYNTAX: found more than 200 levels"),
-        ("", ":1:1: SYNTAX: found no element found"),
+        ("", ":1:1: SYNTAX: found an end of the file before every element is closed, or nothing;"),
         (
             "<root><BehaviorTree ID='a'><wait/></BehaviorTree></root>",
             ":1:1: INVALID_VALUE: found <root> of format 3 or",
         ),
-        ("<root BTCPP_format='4'><include path='a.xml'/></root>", ":1:24: INVALID_VALUE: found <include ID=''>"),
+        (
+            "<root BTCPP_format='4'><include path='a.xml'/></root>",
+            ':1:24: INVALID_VALUE: found <include path="a.xml">;',
+        ),
         ("<root BTCPP_format='4'/>", ":1:1: INVALID_VALUE: found no tree; expected <BehaviorTree>"),
         (
             "<root BTCPP_format='4'><BehaviorTree ID='a'/><BehaviorTree ID='a'/></root>",
@@ -334,6 +337,66 @@ def test_what_is_no_tree_is_refused_at_its_place(text, line, paos, tmp_path):
 
     assert result.code == 2
     assert any(each.startswith(f"{file}{line}") for each in result.err.splitlines()), result.err
+
+
+def import_root(paos, tmp_path, nodes):
+    file = tmp_path / "drawn.xml"
+    file.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="drawn">\n{nodes}\n</BehaviorTree></root>')
+    return paos("import", file, "--to", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "root"),
+    [
+        ('<Sleep msec="1500"/>', {"wait": {"seconds": 1.5}}),
+        ('<Timeout msec="5000"><move_home/></Timeout>', {"timeout": {"seconds": 5.0, "child": "move_home"}}),
+        ('<Delay delay_msec="500"><move_home/></Delay>',
+         {"sequence": {"children": [{"wait": {"seconds": 0.5}}, "move_home"]}}),
+        ("<ForceSuccess><move_home/></ForceSuccess>",
+         {"fallback": {"children": ["move_home", {"wait": {"seconds": 0}}]}}),
+        ('<Decorator ID="ForceFailure"><move_home/></Decorator>',
+         {"sequence": {"children": ["move_home", {"fail": {"code": "FORCED"}}]}}),
+        ("<AlwaysSuccess/>", {"wait": {"seconds": 0}}),
+        ('<AlwaysFailure name="no"/>', {"fail": {"code": "FORCED", "name": "no"}}),
+        ('<RetryUntilSuccesful num_attempts="2"><move_home/></RetryUntilSuccesful>',
+         {"retry": {"attempts": 2, "child": "move_home"}}),
+        ('<Parallel success_count="-1"><move_home/></Parallel>',
+         {"parallel": {"policy": "all", "children": ["move_home"]}}),
+        ('<Parallel success_count="1" failure_count="1"><move_home/><open_gripper/></Parallel>',
+         {"parallel": {"policy": "one", "children": ["move_home", "open_gripper"]}}),
+    ],
+)  # fmt: skip
+def test_a_node_of_others_that_has_an_equal_here_is_imported(nodes, root, paos, tmp_path):
+    result = import_root(paos, tmp_path, nodes)
+    assert (result.code, result.err) == (0, "")
+    assert parse_yaml((tmp_path / "trees" / "drawn.yaml").read_text(), "").data["root"] == root
+
+
+@pytest.mark.parametrize(
+    ("nodes", "lines"),
+    [
+        ('<RateController hz="1"><Sequence><ReplanPath/><wait seconds="1" posture="x"/></Sequence></RateController>',
+         ["2:1: UNKNOWN_NAME (control): found <RateController>", "2:34: UNKNOWN_NAME (leaf): found 'ReplanPath'",
+          "2:47: UNKNOWN_NAME (port): found 'posture'"]),
+        ("<Ours><Theirs><wait/></Theirs><wait/></Ours>",
+         ["2:1: UNKNOWN_NAME (control): found <Ours>", "2:7: UNKNOWN_NAME (control): found <Theirs>",
+          "2:15: MISSING_VALUE", "2:31: MISSING_VALUE"]),
+        ('<Script code="x := 1"/>', ["2:1: UNKNOWN_NAME (control): found <Script>; expected"]),
+        ('<Parallel success_count="2"><move_home/><move_home/><move_home/></Parallel>',
+         ["2:1: INVALID_VALUE: found <Parallel success_count=\"2\">; expected all or 1 to succeed"]),
+        ('<wait seconds="1" _skipIf="x == 1"/>', ["2:1: INVALID_VALUE: found _skipIf='x == 1'"]),
+        ('<wait seconds="NaN"/>', ["2:1: INVALID_VALUE: found nan; expected a finite number"]),
+        ('<wait name="a/b" seconds="1"/>', ["2:1: INVALID_VALUE: found 'a/b'; expected a name of one line"]),
+    ],
+)  # fmt: skip
+def test_every_problem_below_a_node_of_others_is_told_in_one_run_in_the_order_of_the_file(nodes, lines, paos, tmp_path):
+    result = import_root(paos, tmp_path, nodes)
+    assert result.code == 2
+    told = [line for line in result.err.splitlines() if line.startswith(f"{tmp_path}/drawn.xml:")]
+    assert len(told) == len(lines), result.err
+    for line, wanted in zip(told, lines, strict=True):
+        assert line.startswith(f"{tmp_path}/drawn.xml:{wanted}"), line
+    assert not list(tmp_path.glob("trees/*"))
 
 
 def test_a_tree_drawn_with_explicit_tags_and_short_keys_becomes_yaml(paos, tmp_path):

@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 import pytest
 
+from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.protocol.sessions.estop import Latch, is_latched, latch
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.truth import Truth
@@ -72,9 +73,8 @@ def hostile(desk):
     desk.submit("a", 1, parent=first)
     place.log.write_text(f"- 07:00:00 {ATTACK}\n")
     (place.logs / "agent.log").write_text(f"{ATTACK}\n")
-    waiting = place.proposals / "new"
-    waiting.mkdir(parents=True)
-    (waiting / "x.yaml").write_text(ATTACK)
+    facts = {"by": ATTACK[:80], "at": "2026-01-01", "reason": ATTACK, "graph": {"objective": ATTACK}}
+    Proposals(place.proposals).put(encode_proposal(Proposal(goal="tidy", seed=1, **facts)))
     latch(place.signals.parent, Latch(by=ATTACK, reason=ATTACK))
     return first
 
@@ -82,11 +82,13 @@ def hostile(desk):
 def test_texts_of_documents_are_shown_and_no_script_of_theirs_runs(hostile, desk, visits):
     with served(desk.workspace.root, "--allow-actions") as server:
         page = visits.open(server, f"/?session={hostile}", with_scene=True)
-        for name in ("runtime", "goal", "verdict", "guard", "proposals", "log", "tree", "world"):
+        for name in ("runtime", "goal", "verdict", "guard", "log", "tree", "world"):
             assert ATTACK in get_panel(page, name).text_content(), name
+        assert "window.hurt=1" in get_panel(page, "proposals").text_content()
         page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true })")
         shoot(page, "hostile")
         assert page.evaluate("window.hurt") is None
+        assert page.evaluate("document.querySelector('#panel-scene iframe').contentDocument === null"), "each apart"
         assert page.evaluate("document.querySelectorAll('main script, main img[src=x], svg[onload]').length") == 0
         for path in (
             f"/?find={quote(ATTACK)}&session={quote(ATTACK)}&goal={quote(ATTACK)}",

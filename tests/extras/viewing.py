@@ -134,7 +134,8 @@ class Visits:
 
     def is_own(self, url):
         parts = urlsplit(url)
-        return parts.scheme in {"data", "blob"} or parts.netloc in self.allowed
+        is_scene = parts.hostname == "127.0.0.1" and parts.path.startswith("/scene/")  # on a port of its own
+        return parts.scheme in {"data", "blob"} or parts.netloc in self.allowed or is_scene
 
 
 def await_true(page, expression, limit_s=PATIENCE_S):

@@ -2,10 +2,13 @@
 
 from datetime import date
 
+import msgspec
 import pytest
+import yaml
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.documents.schema import Authored, Loader, parse_yaml, salvage, validate
+from phyagentos.protocol.documents.schema import Authored, parse_yaml, salvage, validate
+from phyagentos.protocol.documents.yaml_scalars import Loader
 
 
 class Inner(Authored):
@@ -91,8 +94,8 @@ def test_text_that_is_no_mapping_is_told(text, message):
         ("0x" + "f" * 5000, r"'0xf{38}' is no integer of 64 bits"),
         ("18446744073709551616", r"is no integer of 64 bits"),
         ("-9223372036854775809", r"is no integer of 64 bits"),
-        ("{? [p, q] : 1}", r"found unhashable key"),
-        ("{? {p: q} : 1}", r"found unhashable key"),
+        ("{? [p, q] : 1}", r"a list or mapping as a key"),
+        ("{? {p: q} : 1}", r"a list or mapping as a key"),
         ("&x [1, *x]", r"more than 200 levels, or an alias inside of what it stands for"),
         ("&x {a: *x}", r"more than 200 levels"),
         ("[" * 2000 + "]" * 2000, r"more than 200 levels"),
@@ -109,6 +112,72 @@ def test_every_integer_that_a_record_can_hold_is_read():
     text = "[18446744073709551615, -9223372036854775808, yes, 0x10, 1.5, 2001-09-09]"
     values = parse_yaml(text, "f.yaml").data
     assert values == [2**64 - 1, -(2**63), True, 16, 1.5, date(2001, 9, 9)]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "a: 060",
+            "f.yaml:1:4: INVALID_VALUE: found 060, which YAML 1.1 reads as octal; expected decimal digits. Write 60",
+        ),
+        ("a: [1, 1:30]", "f.yaml:1:8: INVALID_VALUE: found 1:30, which YAML 1.1 reads in base 60; .* Write 90"),
+        ("a: {b: 1_000}", "f.yaml:1:8: INVALID_VALUE: found 1_000, which has _ .* Write 1000"),
+        ("a: 0b11", "f.yaml:1:4: INVALID_VALUE: found 0b11, which YAML 1.1 reads as binary"),
+        ("a: 1e400", "f.yaml:1:4: SYNTAX: found '1e400' is no number"),
+        ("a: x\n1: x", "f.yaml:2:1: INVALID_VALUE: found the key 1, a number; expected a text. Write '1' in quotes"),
+        ("true: 1", "f.yaml:1:1: INVALID_VALUE: found the key true, a truth value"),
+        ("~: 1", "f.yaml:1:1: INVALID_VALUE: found the key ~, nothing"),
+        ("a: b: c", "f.yaml:1:5: SYNTAX: found a second ': ' in one line.*Quote a text"),
+        ("a: 1\nb: 'x\nc: 2\n", "f.yaml:2:4: SYNTAX: found a quote that is not closed. Close it"),
+        ("a: {b: 1\n", "SYNTAX: found a list or mapping in brackets that is not closed"),
+        ("a: 1\nb: x\x01", "f.yaml:2:5: SYNTAX: found an invisible control character"),
+        ("a: *x", "f.yaml:1:4: SYNTAX: found an alias"),
+        ("a: \tx\n\tb: 1", "f.yaml:2:1: SYNTAX: found a tab. Indent with blanks"),
+        ("a: !foo x", "f.yaml:1:4: SYNTAX: found a tag"),
+        ("a: 1\n---\nb: 1", "f.yaml:2:1: SYNTAX: found a second document"),
+    ],
+)
+def test_what_is_no_yaml_of_today_is_told_in_words_of_the_file(text, message):
+    with pytest.raises(DefinitionError, match=message):
+        parse_yaml(text, "f.yaml")
+
+
+def test_numbers_are_read_as_in_yaml_1_2_and_written_so_that_texts_stay_texts():
+    values = parse_yaml("[5e-1, 1.0e9, 1E+2, -.5e1, 0x1f, 07.5, '060', 5e, e5]", "f.yaml").data
+    assert values == [0.5, 1e9, 100.0, -5.0, 31, 7.5, "060", "5e", "e5"]
+    texts = {"yes": "5e-1", "060": ["1e5", "1:30", "12e4567"]}
+    for written in (yaml.safe_dump(texts), msgspec.yaml.encode(texts).decode()):
+        assert parse_yaml(written, "f.yaml").data == texts
+
+
+class Numbers(Authored):
+    number: float = 0.0
+    count: int = 0
+    flag: bool = False
+    word: str = ""
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("number: yes", "found True; expected a number. YAML reads yes, no, on and off as true and false"),
+        ("number: '60'", "found '60'; expected a number. Write 60 without quotes"),
+        ("number: .nan", "expected a finite number"),
+        ("number: -.inf", "expected a finite number"),
+        ("count: off", "found False; expected a whole number. YAML reads"),
+        ("count: '3'", "found '3'; expected a whole number. Write 3 without quotes"),
+        ("count: 08", "found '08'; expected a whole number. Write 8 without quotes"),
+        ("count: 3.0", "found 3.0; expected a whole number. Write 3"),
+        ("flag: 'no'", "found 'no'; expected true or false. Write no without quotes"),
+        ("flag: 1", "found 1; expected true or false"),
+        ("word: 5", "found 5; expected a text. Write '5' in quotes"),
+        ("word: no", "found False; expected a text. YAML reads yes, no, on and off as true and false; quote a text"),
+    ],
+)
+def test_a_number_a_truth_value_and_a_text_are_never_taken_for_one_another(text, message):
+    with pytest.raises(DefinitionError, match=message):
+        validate(Numbers, parse_yaml(text, "f.yaml"))
 
 
 def build_bomb(first, name):

@@ -100,7 +100,7 @@ def test_an_approved_proposal_is_pursued_with_its_own_seed(desk, planes):
     proposed = encode_proposal(Proposal(goal="tidy_table", seed=5, graph=yaml.safe_load(TIDY), **facts))
     proposals = Proposals(desk.workspace.proposals)
     proposals.put(proposed)
-    perform(desk.workspace, "approve", {"proposal": proposed.name})
+    perform(desk.workspace, "approve", {"proposal": proposed.name, "sha256": proposed.sha256})
     assert proposals.find_decision(proposed).decision == "approved"
     assert planes["agent"][planes["agent"].index("--seed") + 1] == "5"
 

@@ -4,10 +4,13 @@ import html
 import json
 import re
 
+import numpy as np
 import pytest
 
+from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.protocol.sessions.estop import is_latched
-from phyagentos.view.access import COOKIE, FORM_HEADER, Access
+from phyagentos.protocol.workspace.array_files import encode_arrays
+from phyagentos.view.access import FORM_HEADER, Access
 from phyagentos.view.archive import build_archive
 from phyagentos.view.comparison import compare_sessions
 from phyagentos.view.pages import PanelRenderer
@@ -17,16 +20,22 @@ from tests.view.conftest import HOSTILE
 
 pytest.importorskip("fastapi", reason="the extra `dev` brings it: make setup")
 from fastapi.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
 
 from phyagentos.view.server import build_app
 
 HOST = "127.0.0.1:8000"
 OWN = f"http://{HOST}"
+SCENES = "127.0.0.1:8001"
 
 
 @pytest.fixture
 def access():
-    return Access(frozenset({HOST}))
+    return Access(frozenset({HOST}), frozenset({SCENES}))
+
+
+def carry_token(access):
+    return {"authorization": f"Bearer {access.token}"}
 
 
 @pytest.fixture
@@ -34,7 +43,7 @@ def open_page(told, access):
     clients = []
 
     def start(**options):
-        client = TestClient(build_app(told, access, **options), base_url=OWN, cookies={COOKIE: access.token})
+        client = TestClient(build_app(told, access, **options), base_url=OWN, headers=carry_token(access))
         clients.append(client.__enter__())
         return client
 
@@ -87,7 +96,7 @@ def test_frames_show_where_things_were_seen_in_them(documents, access):
     assert '<rect x="91" y="47" width="9" height="8"><title>red_cube</title></rect>' in top
     assert "top 0.50 s (start) sees red_cube" in see(top)
     assert "<rect" not in left
-    with TestClient(build_app(documents, access), base_url=OWN, cookies={COOKIE: access.token}) as client:
+    with TestClient(build_app(documents, access), base_url=OWN, headers=carry_token(access)) as client:
         assert client.get(re.search(r'src="([^"]+)"', top)[1]).content == b"PNG"
         assert client.get("/frames/tidy-7.a/look-start.zip/other.png").status_code == 404
 
@@ -155,12 +164,12 @@ def test_nothing_is_answered_without_the_token_or_under_another_name(open_page, 
     client = open_page()
     assert client.get("/").status_code == 200
     assert client.get("/", headers={"host": "elsewhere.example:8000"}).status_code == 401
-    client.cookies.clear()
+    del client.headers["authorization"]
     for path in ("/", "/events", "/panels/goal", "/static/page.css", "/evidence/tidy-7.a/trace.jsonl"):
         assert client.get(path).status_code == 401
     assert client.get("/", params={"token": "guessed"}).status_code == 401
     entered = client.get("/", params={"token": access.token}, follow_redirects=False)
-    assert (entered.status_code, entered.headers["location"]) == (303, "/")
+    assert (entered.status_code, entered.headers["location"]) == (303, f"/{access.page_key}/")
     assert "HttpOnly" in entered.headers["set-cookie"]
     assert access.token not in client.get("/", headers={"authorization": f"Bearer {access.token}"}).text
 
@@ -211,8 +220,133 @@ def test_the_stop_waits_for_no_thread_that_other_actions_hold(documents, access,
         raise AssertionError("a thread was asked for")
 
     app = build_app(documents, access, allows_actions=True)
-    client = TestClient(app, base_url=OWN, cookies={COOKIE: access.token})
+    client = TestClient(app, base_url=OWN, headers=carry_token(access))
     monkeypatch.setattr("phyagentos.view.server.asyncio.to_thread", wait_for_ever)
     pressed = client.post("/actions/estop", headers={"origin": OWN, FORM_HEADER: access.form_secret})
     assert pressed.status_code == 200
     assert is_latched(documents.workspace.signals.parent)
+
+
+def enter(client, access):
+    """The way of a browser in by the printed address; its cookies."""
+    del client.headers["authorization"]
+    client.get("/", params={"token": access.token}, follow_redirects=False)
+    return dict(client.cookies)
+
+
+def test_a_cookie_alone_opens_nothing_and_two_servers_do_not_share_its_name(open_page, access, told):
+    client = open_page(allows_actions=True)
+    ((name, value),) = enter(client, access).items()
+    assert (HOST.rpartition(":")[2] in name, access.token in value, access.page_key in value) == (True, False, False)
+    inside = f"/{access.page_key}"
+    assert client.get(f"{inside}/").status_code == client.get(f"{inside}/panels/goal").status_code == 200
+    stolen = {FORM_HEADER: access.form_secret, "origin": OWN}
+    for path in ("/", "/panels/goal", "/events", "/evidence/tidy-7.a/trace.jsonl", f"/{'0' * 32}/"):
+        refused = client.get(path)
+        assert (refused.status_code, access.form_secret in refused.text) == (401, False)
+    assert client.post("/actions/estop", headers=stolen).status_code == 401
+    client.cookies.clear()
+    assert client.get(f"{inside}/").status_code == 401, "nor does the address"
+    assert client.post(f"{inside}/actions/estop", headers=stolen).status_code == 401
+    assert not is_latched(told.workspace.signals.parent)
+
+
+def test_no_answer_lets_a_script_in_or_is_kept_and_the_scene_has_an_origin_of_its_own(open_page, access):
+    client = open_page(allows_actions=True)
+    scene = access.scene_address("tidy-7.a")
+    assert scene.startswith(f"http://{SCENES}/")
+    assert f'src="{scene}"' in client.get("/?session=tidy-7.a").text
+    assert client.get("/", headers={"host": SCENES}).status_code == 401
+    for path in (
+        "/",
+        "/panels/goal",
+        "/compare?first=a&second=b",
+        "/evidence/tidy-7.a/trace.jsonl",
+        "/none",
+        "/static/page.js",
+    ):
+        answer = client.get(path)
+        assert "unsafe" not in answer.headers["content-security-policy"], path
+        assert answer.headers["cache-control"] == "no-store", path
+    for host, session in ((SCENES, "tidy-7.a.r1"), (HOST, "tidy-7.a"), ("elsewhere:8001", "tidy-7.a")):
+        path = f"/scene/tidy-7.a/{access.scene_key(session)}/"
+        assert client.get(path, headers={"host": host}).status_code == 401
+
+
+@pytest.mark.parametrize("origin", ["http://elsewhere.example", "", "null", OWN, f"http://{SCENES}.elsewhere.example"])
+def test_the_socket_of_a_scene_asks_for_origin_host_and_key(open_page, access, origin):
+    client, key = open_page(), access.scene_key("tidy-7.a")
+    for path, headers in (
+        (f"/scene/tidy-7.a/{key}", {"origin": origin, "host": SCENES}),
+        (f"/scene/tidy-7.a/{key[:-1]}", {"origin": f"http://{SCENES}", "host": SCENES}),
+        (f"/scene/tidy-7.a/{key}", {"origin": f"http://{SCENES}", "host": HOST}),
+    ):
+        with pytest.raises(WebSocketDisconnect), client.websocket_connect(path, headers=headers):
+            pass
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/evidence/tidy-7.a/%00", "/evidence/%00/x", f"/evidence/{'a' * 300}/x", "/frames/tidy-7.a/trace.jsonl/x.png",
+        "/frames/tidy-7.a/%00/x", f"/panels/{'a' * 5000}", "/compare?first=%00&second=",
+        "/compare/runs?first=a&second=b",
+        "/static/%00", "/static/..%2Faccess.py", "/scene/x/y/z", "/actions/estop",
+    ],
+)  # fmt: skip
+def test_what_is_not_there_is_not_found(open_page, path):
+    assert open_page().get(path).status_code == 404
+
+
+def test_evidence_that_lacks_its_parts_is_compared_as_far_as_it_goes(documents, access):
+    folder = documents.workspace.evidence_of("tidy-7.a")
+    (folder / "trajectory.npz").write_bytes(encode_arrays({"time_s": np.zeros(3), "q_measured": np.zeros(2)}))
+    client = TestClient(build_app(documents, access), base_url=OWN, headers=carry_token(access))
+    assert client.get("/compare?first=tidy-7.a&second=tidy-7.a.r1").status_code == 404
+
+
+def test_a_form_has_a_bound(open_page, access):
+    sent = {"origin": OWN, FORM_HEADER: access.form_secret}
+    answer = open_page(allows_actions=True).post("/actions/lint", headers=sent, data={"graph": "x" * (1 << 21)})
+    assert answer.status_code == 413
+
+
+def put_proposal(documents, **changed):
+    facts = {"by": "mcp", "at": "2026-01-01T00:00:00Z", "graph": {"goal": "tidy"}} | changed
+    proposed = encode_proposal(Proposal(goal="tidy", seed=5, **facts))
+    Proposals(documents.workspace.proposals).put(proposed)
+    return proposed
+
+
+def test_a_proposal_is_shown_by_its_own_bytes_and_no_other_hides_it(documents, tmp_path):
+    new = documents.workspace.proposals / "new"
+    large = put_proposal(documents, graph={"goal": "tidy", "objective": "y" * 200_000})
+    small = put_proposal(documents, graph={"goal": "tidy", "objective": "zz"})
+    changed = put_proposal(documents, graph={"goal": "tidy", "objective": "before"})
+    (new / f"{changed.name}.yaml").write_bytes(changed.data.replace(b"before", b"after"))
+    (tmp_path / "other.yaml").write_text("objective: of another file\n")
+    (new / f"tidy-{'0' * 16}.yaml").symlink_to(tmp_path / "other.yaml")
+    (new / f"tidy-{'1' * 16}.yaml").write_bytes(b"x" * (1 << 20))
+    renderer = PanelRenderer(documents, lambda: {"actions": True, "live": True})
+    shown = renderer.render(next(each for each in PANELS if each.name == "proposals"), Query())
+    assert re.findall(r'name="sha256" value="(\w+)"', shown) == [large.sha256, small.sha256]
+    assert small.data.decode() in html.unescape(shown)
+    assert "objective: after" not in shown
+    assert "of another file" not in shown
+    assert shown.count("PROPOSAL_CHANGED") + shown.count("UNREADABLE_FILE") == 2
+
+
+def test_a_document_of_400_mb_stops_no_panel_and_a_link_is_not_followed(documents, tmp_path):
+    place = documents.workspace
+    (tmp_path / "secret.txt").write_text("of another folder\n")
+    (place.logs / "linked.log").symlink_to(tmp_path / "secret.txt")
+    for path in (place.log, place.lessons, place.environment, place.evidence_of("tidy-7.a") / "trace.jsonl"):
+        with path.open("ab") as file:
+            file.truncate(400_000_000)
+            file.seek(0, 2)
+            file.write(b"\n- 07:00:00 the last line\n")
+    assert "the last line" in see(read(documents, "log"))
+    assert "of another folder" not in see(read(documents, "log"))
+    for name, code in (("memory", "bytes"), ("tree", "EVIDENCE_DAMAGED")):
+        assert code in see(read(documents, name, session="tidy-7.a"))
+    assert "Tidy." in see(read(documents, "goal"))

@@ -25,7 +25,8 @@ class Slide(Body):
 
     def __init__(self):
         self._steps, self._q, self._qd, self._width_m = 0, 0.0, 0.0, 0.1
-        self.tools = {"modules": self.list_modules}
+        self._emergency_stops = 0
+        self.tools = {"modules": self.list_modules, "emergency_stops": self.count_emergency_stops}
 
     @property
     def time_s(self):
@@ -59,12 +60,20 @@ class Slide(Body):
     def halt(self, category):
         self.stay()
 
+    def emergency_stop(self):
+        self._emergency_stops += 1  # a device presses its own stop here
+        self.halt(1)
+
     def snapshot(self):
         return "application/json", json.dumps((self._steps, self._q, self._width_m)).encode()
 
     def list_modules(self, _arguments):
         """Tool: what this process has loaded."""
         return {"modules.txt": ("text/plain", "\n".join(sys.modules).encode())}
+
+    def count_emergency_stops(self, _arguments):
+        """Tool: how many emergency stops it has heard of."""
+        return {"count.txt": ("text/plain", str(self._emergency_stops).encode())}
 
 
 if __name__ == "__main__":

@@ -204,6 +204,13 @@ class Body(ABC):
     def halt(self, category: int) -> None:
         """Come to rest within the limits, by its own means."""
 
+    def emergency_stop(self) -> None:
+        """The emergency stop is pressed: come to rest, by the device's own stop where it has one.
+
+        A stop of category 1 (IEC 60204-1, 9.2.2) where a body says nothing else: never 2, which keeps the drives on.
+        """
+        self.halt(1)
+
     def snapshot(self) -> tuple[str, bytes] | None:
         """Media type and whole state, from which `load` goes on with the same bits; None where there is no such."""
         return None

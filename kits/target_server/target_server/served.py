@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from target_server.body import Body, State
-from target_server.wire import ARRAYS, VERSION, Refusal, mint
+from target_server.wire import VERSION, Refusal, mint, unpack
 
 SETTLE_MAX_S = 60.0
 BEAT_S = 0.5
@@ -24,6 +24,9 @@ SLACK = 1e-6  # of ranges
 SPEED_SLACK = 1.1  # of speeds between two rows
 _NOTED = ("session", "epoch", "sequence")
 _UNLOGGED = {"Observe", "Describe", "Capture", "Shutdown", "InvokeTool"}
+
+
+Points = tuple[list[list[float]], list[list[float]], list[float]]  # positions and speeds by row, openings
 
 
 class Client:
@@ -48,7 +51,7 @@ class ReceiveLog:
     def stamp(self) -> None:
         """A request arrives now."""
         if self._fd >= 0:
-            now = datetime.datetime.now(datetime.UTC).replace(tzinfo=None)
+            now = datetime.datetime.now(datetime.timezone.utc).replace(tzinfo=None)  # noqa: UP017 - Python 3.10
             self.arrived_at = f"{now.isoformat(timespec='microseconds')}Z"
 
     def note(self, **line: Any) -> None:
@@ -144,8 +147,8 @@ class Served:
             self._log.check()
             self.look_for_stops()
             self._check(request)
-            self._check_command(request)
-            return self._apply(request, client)
+            self._check_turn(request)
+            return self._apply(self._read_points(request), client)
         self._check(request)
         return self._bring_to_rest(kind, request, client)
 
@@ -249,22 +252,22 @@ class Served:
         if request["epoch"] != self._epoch:
             raise Refusal("STALE_TOKEN", f"epoch {request['epoch']}; authority was given for {self._epoch}")
 
-    def _check_command(self, request: dict[str, Any]) -> None:
-        """Whether a command may be carried out now, and could be."""
-        body, joints = self.body, self.body.joints
+    def _check_turn(self, request: dict[str, Any]) -> None:
+        """Whether a command may be carried out now."""
+        body = self.body
         if self._stopped:
             raise Refusal(self._stopped, f"{self.session} was stopped; another session must begin first")
         if request["sequence"] != self._sequence + 1:
             raise Refusal("OUT_OF_SEQUENCE", f"number {request['sequence']} after {self._sequence}")
         if not body.time_s <= request["expires_at_s"]:  # also when the expiry is NaN
             raise Refusal("EXPIRED", f"it is {body.time_s:.3f} s, the command expired at {request['expires_at_s']} s")
-        n, rows, speeds = body.steps_per_command, request["q_rad"], request["qd_rad_s"]
-        for name, matrix in (("q_rad", rows), ("qd_rad_s", speeds)):
-            if len(matrix) != n or any(not isinstance(row, list) or len(row) != len(joints) for row in matrix):
-                raise Refusal("MALFORMED", f"{name}: not {n} rows of {len(joints)} numbers")
-        if len(request["gripper_width_m"]) != n or any(isinstance(each, list) for each in request["gripper_width_m"]):
-            raise Refusal("MALFORMED", f"gripper_width_m: not {n} numbers")
-        if any(not -SLACK <= each <= body.width_max_m + SLACK for each in request["gripper_width_m"]):
+
+    def _read_points(self, request: dict[str, Any]) -> Points:
+        """The set-points of a command that may be carried out now, and could be."""
+        body, joints, n = self.body, self.body.joints, self.body.steps_per_command
+        rows, speeds = (unpack(name, request[name], (n, len(joints))) for name in ("q_rad", "qd_rad_s"))
+        widths = unpack("gripper_width_m", request["gripper_width_m"], (n,))
+        if any(not -SLACK <= each <= body.width_max_m + SLACK for each in widths):
             raise Refusal("TARGET_LIMIT", f"gripper_width_m: outside of 0 to {body.width_max_m:g} m")
         before, step_s = self._last, body.step_s
         for row, speed in zip(rows, speeds, strict=True):
@@ -278,12 +281,13 @@ class Served:
                     found = f"{joint.name} at {max(abs(qd), moved):.4g}/s"
                     raise Refusal("TARGET_LIMIT", f"{found}; its limit is {joint.velocity:g}/s")
             before = row
+        return rows, speeds, widths
 
-    def _apply(self, request: dict[str, Any], client: Client) -> dict[str, Any]:
+    def _apply(self, points: Points, client: Client) -> dict[str, Any]:
         """Row by row; a stop or a client that wants the end breaks the command off and brings the body to rest."""
         self._sequence += 1
         stopped, beat_s = "", time.monotonic()
-        for q, qd, width_m in zip(*(request[name] for name in ARRAYS), strict=True):
+        for q, qd, width_m in zip(*points, strict=True):
             if self.look_for_stops():
                 stopped = "ESTOPPED"
             elif client.wants_end():
@@ -297,15 +301,17 @@ class Served:
             if time.monotonic() - beat_s > BEAT_S:
                 client.beat()
                 beat_s = time.monotonic()
-        self.is_moving = not stopped and any(request["qd_rad_s"][-1])
-        self._last = self.body.read().q if stopped else request["q_rad"][-1]
+        self.is_moving = not stopped and any(points[1][-1])
+        self._last = self.body.read().q if stopped else points[0][-1]
         return self._report(stopped, self._last)
 
     def _bring_to_rest(self, kind: str, request: dict[str, Any], client: Client) -> dict[str, Any]:
         if kind == "End":
             self._end()
             return {"type": "Ended", "time_s": self.body.time_s, "faults": []}
-        if kind == "Halt":
+        if kind == "Halt" and request["is_emergency"]:
+            self._stop("ESTOPPED", "EStop")
+        elif kind == "Halt":
             self.body.halt(request["category"])
             if request["category"] == 1:
                 self._stopped = self._stopped or "DRIVES_OFF"
@@ -323,7 +329,10 @@ class Served:
 
     def _stop(self, code: str, event: str) -> None:
         self._stopped = code
-        self.body.halt(2)
+        if code == "ESTOPPED":
+            self.body.emergency_stop()
+        else:
+            self.body.halt(2)
         self._rest()
         self._events.append(event)
 

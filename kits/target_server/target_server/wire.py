@@ -1,12 +1,14 @@
 """The wire of phyagentos, as a target speaks it: msgpack maps with a `type`, arrays as little-endian doubles.
 
-What comes in is checked against `FIELDS` before anything acts on it. No message is ever evaluated or unpickled.
+What comes in is checked against `FIELDS` before anything acts on it; the numbers of an array are unpacked by who knows
+its shape (`unpack`). No message is ever evaluated or unpickled.
 """
 
 import hmac
 import math
 import struct
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 try:
@@ -17,6 +19,9 @@ except ImportError:  # an environment that has phyagentos has this one, with the
 VERSION = 5
 KEY_BYTES = 32
 MESSAGE_MAX_BYTES = 2**26
+GREETING_MAX_BYTES = 2**12  # of who has shown no token
+ITEMS_MAX = 2**12  # of one list or map: a message is long by its bytes, never by its items
+TEXT_MAX = 2**16
 ARRAYS = ("q_rad", "qd_rad_s", "gripper_width_m")
 
 _SESSION = {"session": str, "epoch": int}
@@ -24,9 +29,9 @@ FIELDS: dict[str, dict[str, type]] = {
     "Describe": {},
     "LoadScene": {"scene": str, "seed": int, "episode": str, "snapshot": bytes, "may_reset": bool},
     "Begin": {**_SESSION, "token": bytes},
-    "Command": {**_SESSION, "sequence": int, "expires_at_s": float, **dict.fromkeys(ARRAYS, list)},
-    "Announce": {**_SESSION, "q_rad": list, "beside": str},
-    "Halt": {**_SESSION, "category": int},
+    "Command": {**_SESSION, "sequence": int, "expires_at_s": float, **dict.fromkeys(ARRAYS, dict)},
+    "Announce": {**_SESSION, "q_rad": dict, "beside": str},
+    "Halt": {**_SESSION, "category": int, "is_emergency": bool},
     "Settle": {**_SESSION, "duration_s": float},
     "End": _SESSION,
     "Observe": {"truth": bool, "snapshot": bool},
@@ -35,7 +40,7 @@ FIELDS: dict[str, dict[str, type]] = {
     "Shutdown": {},
 }
 _DEFAULTS: dict[str, Any] = {
-    "may_reset": True, "token": b"", "category": 2, "truth": False, "cameras": [], "crops": {},
+    "may_reset": True, "token": b"", "category": 2, "is_emergency": False, "truth": False, "cameras": [], "crops": {},
     "every": 1, "arguments": {}, "session": "", "epoch": 0, "beside": "",
 }  # fmt: skip
 _SNAPSHOT = {"Observe": False, "LoadScene": b""}
@@ -66,7 +71,7 @@ def encode(kind: str, **fields: Any) -> bytes:
 
 def decode_greeting(message: bytes) -> tuple[int, bytes]:
     """Version and token of a client's first message; raises `Refusal`."""
-    greeting = _unpack(message)
+    greeting = _unpack(message) if len(message) <= GREETING_MAX_BYTES else {}
     version, token = greeting.get("version"), greeting.get("token")
     if greeting.get("type") != "Hello" or type(version) is not int or not isinstance(token, bytes):
         raise Refusal("MALFORMED", "the first message is no greeting")
@@ -90,9 +95,7 @@ def decode(message: bytes) -> dict[str, Any]:
     found: dict[str, Any] = {"type": kind}
     for name, expected, default in _PLANS[kind]:
         value = request.get(name, default)
-        if expected is list and name in ARRAYS:
-            value = _decode_array(name, value)
-        elif expected is float and type(value) is int:
+        if expected is float and type(value) is int:
             value = float(value)
         if type(value) is not expected:
             raise Refusal("MALFORMED", f"{kind}.{name}: {type(value).__name__}; expected {expected.__name__}")
@@ -102,7 +105,11 @@ def decode(message: bytes) -> dict[str, Any]:
 
 # A packer is kept, for a new one begins with a megabyte of its own.
 _pack: Callable[[Any], bytes] = msgpack.Packer().pack if hasattr(msgpack, "Packer") else msgpack.encode
-_read: Callable[[bytes], Any] = msgpack.unpackb if hasattr(msgpack, "unpackb") else msgpack.decode
+_read: Callable[[bytes], Any] = (
+    partial(msgpack.unpackb, max_array_len=ITEMS_MAX, max_map_len=ITEMS_MAX, max_str_len=TEXT_MAX)
+    if hasattr(msgpack, "unpackb")
+    else msgpack.decode
+)
 _DESCRIBE_BYTES = len(encode("Describe"))
 
 
@@ -116,18 +123,15 @@ def _unpack(message: bytes) -> dict[str, Any]:
     return found
 
 
-def _decode_array(name: str, value: Any) -> Any:
-    """Rows of a matrix, or the numbers of a vector."""
-    shape = value.get("shape") if isinstance(value, dict) else None
-    data = value.get("f8") if isinstance(value, dict) else None
-    if not isinstance(shape, list) or not isinstance(data, bytes) or any(type(n) is not int or n < 0 for n in shape):
-        raise Refusal("MALFORMED", f"{name}: no array of doubles")
-    if len(data) != 8 * math.prod(shape) or len(shape) not in {1, 2}:
-        raise Refusal("MALFORMED", f"{name}: {len(data)} bytes for shape {shape}")
-    numbers = list(struct.unpack(f"<{len(data) // 8}d", data))
+def unpack(name: str, value: dict[str, Any], shape: tuple[int, ...]) -> Any:
+    """Rows of a matrix, or the numbers of a vector, of this shape: another one is refused before it is unpacked."""
+    n, data = math.prod(shape), value.get("f8")
+    if value.get("shape") != list(shape) or not isinstance(data, bytes) or len(data) != 8 * n:
+        raise Refusal("MALFORMED", f"{name}: not {' rows of '.join(map(str, shape))} doubles")
+    numbers = list(struct.unpack(f"<{n}d", data))
     if not all(map(math.isfinite, numbers)):
         raise Refusal("MALFORMED", f"{name}: a set-point is not finite")
     if len(shape) == 1:
         return numbers
     rows, columns = shape
-    return [numbers] if rows == 1 else [numbers[row * columns : (row + 1) * columns] for row in range(rows)]
+    return [numbers[row * columns : (row + 1) * columns] for row in range(rows)]

@@ -10,12 +10,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from phyagentos.bench.scorers.scorer import Scorer
 from phyagentos.errors import Problem
 from phyagentos.protocol.documents.schema import Address, Located
 from phyagentos.protocol.sessions.evidence import SCENE_MODEL, TERMINAL
+from phyagentos.protocol.workspace.array_files import read_arrays
 
 
 def _list_conditions() -> dict[str, Callable[..., bool]]:
@@ -68,8 +67,7 @@ def _score(parts: Mapping[str, Any], workspace: Path, bundle: Path | None) -> di
 
 def _read_time(end: Path) -> float:
     """Simulated time of a recorded end [s]."""
-    with np.load(end) as terminal:
-        return float(terminal["time"])
+    return float(read_arrays(end)["time"])
 
 
 SIMULATOR = Scorer(name="simulator", check=_check, score=_score)

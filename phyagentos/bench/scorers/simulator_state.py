@@ -9,6 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.protocol.workspace.array_files import read_arrays
+
 RIM_MARGIN_M = 0.002
 REST_SPEED_M_S = 0.05
 
@@ -32,8 +34,8 @@ def read_end(folder: Path) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """The model of a bundle and its last state, with all that follows from it."""
     model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
     data = mujoco.MjData(model)
-    with np.load(folder / "terminal.npz") as terminal:
-        data.qpos[:], data.qvel[:] = terminal["qpos"], terminal["qvel"]
+    terminal = read_arrays(folder / "terminal.npz")
+    data.qpos[:], data.qvel[:] = terminal["qpos"], terminal["qvel"]
     mujoco.mj_forward(model, data)
     return model, data
 

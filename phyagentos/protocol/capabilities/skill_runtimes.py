@@ -4,6 +4,7 @@ A skill declares its needs, its guarantees and what carries it out, a tree, a po
 call; it holds no code and no limits.
 """
 
+import math
 from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
@@ -118,6 +119,14 @@ class Parameter(Authored):
     mechanism: Literal["slide", "hinge"] | None = None
     minimum: float | None = None
     maximum: float | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _check_default(self) -> "Parameter":
+        if self.minimum is not None and self.maximum is not None and self.minimum > self.maximum:
+            raise misfit("minimum", f"at most the maximum, {self.maximum:g}")
+        if self.default is not None and (expected := find_mismatch(self, self.default)):
+            raise misfit("default", expected)
+        return self
 
     @property
     def is_needed(self) -> bool:
@@ -316,6 +325,8 @@ def find_mismatch(parameter: Parameter, value: object) -> str:
         return " or ".join(map(repr, parameter.choices))
     if not _is_number(value):
         return ""
+    if not math.isfinite(value):
+        return "a finite number"
     if parameter.minimum is not None and value < parameter.minimum:
         return f"at least {parameter.minimum} {parameter.unit}".rstrip()
     if parameter.maximum is not None and value > parameter.maximum:
@@ -324,7 +335,9 @@ def find_mismatch(parameter: Parameter, value: object) -> str:
 
 
 def _is_point(value: object) -> bool:
-    return isinstance(value, list | tuple) and len(value) == 3 and all(_is_number(item) for item in value)
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        return False
+    return all(_is_number(item) and math.isfinite(item) for item in value)
 
 
 def _is_number(value: object) -> TypeGuard[float]:

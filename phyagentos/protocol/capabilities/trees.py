@@ -5,6 +5,7 @@ Structure is checked here, ports where leaves are known. `${name}` refers to a k
 its name.
 """
 
+import itertools
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -343,8 +344,18 @@ def _build_leaf(
         problems.append(located.problem("INVALID_VALUE", place, repr(body), "a mapping of ports"))
         return None
     wiring = {str(port): _parse_value(value) for port, value in (body or {}).items()}
-    name = wiring.pop("name", None)
-    return Node(kind=NodeKind.LEAF, type=leaf, name=str(name or default_name or leaf), address=place, wiring=wiring)
+    name = _check_name(located, (*place, "name"), wiring.pop("name", ""), problems)
+    return Node(kind=NodeKind.LEAF, type=leaf, name=name or default_name or leaf, address=place, wiring=wiring)
+
+
+def _check_name(located: Located, place: Address, name: Any, problems: list[Problem]) -> str:
+    """The name of a node, as it is where it can be a step of a path: '/' parts the steps, and a path is one line."""
+    if name is None or (isinstance(name, str) and "/" not in name and (name.isprintable() and name == name.strip())):
+        return name or ""
+    fitting = re.sub(r"[^\w.-]+", "_", str(name)).strip("_")
+    hint = f"Write '{fitting}'." if fitting else ""
+    problems.append(located.problem("INVALID_VALUE", place, repr(name), "a name of one line without '/'", hint))
+    return fitting
 
 
 def _build_control(
@@ -362,6 +373,7 @@ def _build_control(
     elif isinstance(form, InvertForm):
         child = _build(located, (*place, "child"), problems)
         children = (child,) if child is not None else ()
+    name = _check_name(located, (*place, "name"), form.name, problems)
     subtree = form.tree if isinstance(form, SubtreeForm) else ""
     wiring = {port: _parse_value(value) for port, value in form.wiring.items()} if subtree else {}
     if isinstance(form, ForEachForm):
@@ -369,7 +381,7 @@ def _build_control(
     return Node(
         kind=kind,
         type=subtree or kind.value,
-        name=form.name or default_name or subtree.rsplit("/", 1)[-1] or kind.value,
+        name=name or default_name or subtree.rsplit("/", 1)[-1] or kind.value,
         address=place,
         children=children,
         wiring=wiring,
@@ -379,12 +391,14 @@ def _build_control(
 
 
 def _name_apart(children: list[Node]) -> tuple[Node, ...]:
-    """Give siblings of the same name a number, so that paths in traces are unique."""
-    seen: Counter[str] = Counter()
+    """Give siblings of the same name a number that none of them bears, so that paths in traces are unique."""
+    taken, seen = {child.name for child in children}, Counter[str]()
     for index, child in enumerate(children):
         seen[child.name] += 1
         if seen[child.name] > 1:
-            children[index] = replace(child, name=f"{child.name}.{seen[child.name]}")
+            names = (f"{child.name}.{number}" for number in itertools.count(seen[child.name]))
+            children[index] = replace(child, name=next(name for name in names if name not in taken))
+            taken.add(children[index].name)
     return tuple(children)
 
 

@@ -5,7 +5,7 @@ are refused and the JSON Schema for editors comes from the same source.
 """
 
 import copy
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -13,24 +13,39 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import pydantic
 import yaml
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
 
 from phyagentos.errors import DefinitionError, Problem, find_nearest, format_hint
 from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, TOO_DEEP, VALUES_MAX, check_bounds, refuse
+from phyagentos.protocol.documents.yaml_scalars import Loader, advise_form, find_key_kind, find_old_number
+from phyagentos.protocol.documents.yaml_syntax import QUOTE_OPEN, explain
 
-Loader: type[yaml.SafeLoader] = type("Loader", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {})
-NUMBER_LETTERS_MAX = 400  # of a number, date or truth value; a million letters would be worked on for hours
 Address = tuple[str | int, ...]
 ModelT = TypeVar("ModelT", bound="Authored")
 SHOWN = 12  # values of a list that a message shows
 SALVAGE_ROUNDS = 4  # dropping a value may make its owner incomplete, and so on up
 
 
+def _refuse_other_forms(schema: Any) -> None:
+    for inner in schema.values() if isinstance(schema, dict) else schema:
+        if isinstance(inner, dict | list | tuple):
+            _refuse_other_forms(inner)
+    if isinstance(schema, dict) and schema.get("type") in ("float", "int", "bool"):
+        schema["strict"] = True
+
+
 class Authored(pydantic.BaseModel):
     """Base of every model that a person writes: frozen, no unknown keys."""
 
     model_config = pydantic.ConfigDict(frozen=True, extra="forbid", populate_by_name=True, allow_inf_nan=False)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: type, handler: pydantic.GetCoreSchemaHandler) -> CoreSchema:
+        """Numbers and truth values are themselves: no quoted text, no truth value for a number."""
+        schema = handler(source)
+        _refuse_other_forms(schema)
+        return schema
 
 
 def iter_nested(value: Any) -> Iterator[Any]:
@@ -120,37 +135,20 @@ def parse_yaml(text: str, source: str, first_line: int = 1, values_max: int = VA
         finally:
             loader.dispose()
     except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
+        detail, hint = explain(error)
+        mark = getattr(error, "context_mark" if QUOTE_OPEN in detail else "problem_mark", None)
+        if isinstance(error, yaml.reader.ReaderError):
+            head = text[: error.position]
+            mark = yaml.Mark("", error.position, head.count("\n"), len(head) - head.rfind("\n") - 1, None, 0)
         place = f"{source}:{mark.line + 1 + offset}:{mark.column + 1}" if mark else source
-        detail = getattr(error, "problem", None) or str(error)
         if isinstance(error, yaml.scanner.ScannerError) and mark:  # newer ones have a limit too, and words of their own
             count = text[: mark.index].count
-            detail = TOO_DEEP if count("[") + count("{") - count("]") - count("}") > DEPTH_MAX else detail
-        raise DefinitionError.of("SYNTAX", place, str(detail)) from error
+            is_deep = count("[") + count("{") - count("]") - count("}") > DEPTH_MAX
+            detail, hint = (TOO_DEEP, "") if is_deep else (detail, hint)
+        raise DefinitionError.of("SYNTAX", place, detail, hint=hint) from error
     if problems:
         raise DefinitionError(problems)
     return Located(data=data, source=source, marks=marks)
-
-
-def _report_failure(construct: Callable[[Any, Any], Any], kind: str) -> Callable[[Any, Any], Any]:
-    """As `construct`; a scalar that fails to parse is reported like any other error, with its place."""
-
-    def construct_or_report(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> Any:
-        try:
-            value = construct(loader, node) if len(node.value) <= NUMBER_LETTERS_MAX else 2**64
-            if not isinstance(value, int) or -(2**63) <= value < 2**64:  # more the journal does not take
-                return value
-        except (ArithmeticError, AttributeError, LookupError, ValueError):
-            pass
-        problem = f"{node.value[:40]!r} is no {kind}; quote it where it is text"
-        raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
-
-    return construct_or_report
-
-
-for _tag, _kind in {"bool": "truth value", "float": "number", "int": "integer of 64 bits", "timestamp": "date"}.items():
-    _construct = yaml.SafeLoader.yaml_constructors[f"tag:yaml.org,2002:{_tag}"]
-    Loader.add_constructor(f"tag:yaml.org,2002:{_tag}", _report_failure(_construct, _kind))
 
 
 def _collect_marks(
@@ -163,8 +161,11 @@ def _collect_marks(
 ) -> None:
     if len(path) > DEPTH_MAX:
         raise refuse(TOO_DEEP, node.start_mark)
-    marks.setdefault(path, (node.start_mark.line + 1 + offset, node.start_mark.column + 1))
-    if isinstance(node, yaml.SequenceNode):
+    line, column = node.start_mark.line + 1 + offset, node.start_mark.column + 1
+    marks.setdefault(path, (line, column))
+    if isinstance(node, yaml.ScalarNode) and (told := find_old_number(node)):
+        problems.append(Problem("INVALID_VALUE", f"{source}:{line}:{column}", *told))
+    elif isinstance(node, yaml.SequenceNode):
         for index, child in enumerate(node.value):
             _collect_marks(child, (*path, index), source, offset, marks, problems)
     elif isinstance(node, yaml.MappingNode):
@@ -176,8 +177,9 @@ def _collect_marks(
             if key.value in seen:
                 problems.append(Problem("DUPLICATE_NAME", f"{source}:{line}:{column}", repr(key.value)))
             seen.add(key.value)
-            if key.value == "on":  # a word, as in YAML 1.2; 1.1 takes it for a truth value
-                key.tag = "tag:yaml.org,2002:str"
+            if kind := find_key_kind(key):
+                found, hint = f"the key {key.value or 'null'}, {kind}", f"Write '{key.value}' in quotes."
+                problems.append(Problem("INVALID_VALUE", f"{source}:{line}:{column}", found, "a text", hint))
             marks[(*path, key.value)] = (line, column)
             _collect_marks(child, (*path, key.value), source, offset, marks, problems)
 
@@ -298,7 +300,8 @@ def _to_problem(model: type[Authored], located: Located, base: Address, item: Er
         path, found, facts = (*path, tag), facts["tag"], {"expected": facts["expected_tags"]}
     expected = str(facts.get("expected") or _phrase(kind, facts))
     names = expected.replace("'", "").replace(" or ", ", ").split(", ")
-    hint = format_hint(found, names) if isinstance(found, str) else ""
+    hint = advise_form(found, _FORMS.get(kind.partition("_")[0], ""))
+    hint = hint or (format_hint(found, names) if isinstance(found, str) else "")
     return located.problem("INVALID_VALUE", path, _show(found), expected, hint or _advise(kind, key, facts))
 
 
@@ -332,6 +335,14 @@ _PHRASES = {  # by pydantic's kind of error; its own sentences are written for p
     "model": "a mapping",
     "value_error": "{error}",
 }
+
+
+_FORMS = {
+    "float": "number",
+    "int": "integer",
+    "bool": "boolean",
+    "string": "string",
+}  # pydantic's names: those of ports
 
 
 def _phrase(kind: str, facts: Mapping[str, Any]) -> str:

@@ -15,6 +15,7 @@ import msgspec
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Address, Authored, Located
+from phyagentos.protocol.documents.yaml_scalars import advise_form
 
 StructT = TypeVar("StructT")
 REFERENCE = "#/$defs/{name}"
@@ -32,7 +33,7 @@ def convert_located(kind: type[StructT], located: Located, path: Address = ()) -
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
-        raise DefinitionError(located.problem("INVALID_VALUE", path, found=str(error))) from error
+        raise DefinitionError(located.problem("INVALID_VALUE", path, expected=_reword(str(error)))) from error
 
 
 def build_struct_schema(kind: Any) -> tuple[Fields, Fields]:
@@ -110,12 +111,34 @@ def _iter_struct_problems(kind: type[msgspec.Struct], value: Any, located: Locat
             yield located.problem("MISSING_VALUE", path, "nothing", f"key {name!r}", f"Add {name!r}.")
 
 
+_FORMS: dict[Any, tuple[str, str]] = {
+    float: ("a number", "number"),
+    int: ("a whole number", "integer"),
+    bool: ("true or false", "boolean"),
+    str: ("a text", "string"),
+    dict: ("a mapping", ""),
+    tuple: ("a list", ""),
+    list: ("a list", ""),
+}
+
+
+def _reword(told: str) -> str:
+    """What was expected, out of a sentence of msgspec: "Expected `float | null` >= 0, got `str` - at `$.x`"."""
+    wanted = re.match(r"Expected `([^`]+)`((?: [<>]=? \S+| matching .*?| of length .*?)?)(?=, got| - at|$)", told)
+    if wanted is None:
+        return "another value"
+    words = {"int": int, "float": float, "bool": bool, "str": str, "object": dict, "array": tuple}
+    parts = [_FORMS[words[each]][0] if each in words else each for each in wanted[1].split(" | ")]
+    return " or ".join("nothing" if each == "null" else each for each in parts) + wanted[2]
+
+
 def _iter_leaf_problems(kind: Any, value: Any, located: Located, path: Address) -> Iterator[Problem]:
     try:
         msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
         shown = repr(value) if isinstance(value, str | int | float | bool | None) else type(value).__name__
-        expected, hint = str(error).removeprefix("Expected "), ""
+        expected, form = _FORMS.get(get_origin(kind) or kind, ("", ""))
+        expected, hint = expected or _reword(str(error)), advise_form(value, form)
         if isinstance(kind, type) and issubclass(kind, Enum):
             names = [str(member.value) for member in kind]
             expected, hint = format_names(names), format_hint(str(value), names)

@@ -195,11 +195,6 @@ class PredicateDefinition:
         return f"{self.name}({', '.join(shown)})"
 
     @property
-    def is_shipped(self) -> bool:
-        """Whether it is of this package."""
-        return str(getattr(self.measure, "__module__", "")).partition(".")[0] == "phyagentos"
-
-    @property
     def parts(self) -> tuple[Part | None, ...]:
         """What each argument is in the statement."""
         if any(argument.part for argument in self.arguments):

@@ -14,6 +14,8 @@ import msgspec
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.documents.plain_data import Fields
+from phyagentos.protocol.documents.regular_files import read_regular
+from phyagentos.protocol.sessions.evidence_manifest import PART_MAX
 from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.session import Execution, Session, SessionStatus
 from phyagentos.protocol.sessions.trace import TraceEvent
@@ -136,5 +138,5 @@ def _decode_lines(data: bytes | None, kind: object) -> Any:
 
 def _find_bytes(path: Path) -> bytes | None:
     with contextlib.suppress(FileNotFoundError):
-        return path.read_bytes()
+        return read_regular(path, PART_MAX)
     return None

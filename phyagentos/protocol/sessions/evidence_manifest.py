@@ -19,6 +19,7 @@ import msgspec
 from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.plain_data import Fields
+from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.sessions.verdicts import Attempt
 
 MANIFEST = "manifest.json"
@@ -26,6 +27,7 @@ OBJECTS = "objects"  # beside the bundles; a session's id holds a dot, so none i
 FORMAT = "evidence/1"
 FileName = Annotated[str, msgspec.Meta(pattern=r"^(?!\.\.?$)[^/]+$")]
 """Of a file in a bundle: it names no other place."""
+PART_MAX = 1 << 26  # bytes of a JSON file of a bundle
 SHARED_BYTES = 64 * 1024  # pictures, models and long traces are larger; what is smaller costs more to link than to keep
 
 _KNOWN_FILES = 64  # a few sessions' worth: what is shared by an episode is used again and again
@@ -145,7 +147,7 @@ def read_manifest(folder: Path) -> Manifest | None:
 def read_part(path: Path, kind: type[_PartT]) -> _PartT | None:
     """A JSON file of a bundle; None without one; raises ExecutionError `EVIDENCE_DAMAGED`."""
     try:
-        return msgspec.json.decode(path.read_bytes(), type=kind)
+        return msgspec.json.decode(read_regular(path, PART_MAX), type=kind)
     except FileNotFoundError:
         return None
     except (msgspec.MsgspecError, OSError) as error:

@@ -53,7 +53,7 @@ def write_heartbeat(folder: Path, beat: Heartbeat) -> None:
 def find_heartbeat(folder: Path, target: str) -> Heartbeat | None:
     """The latest beat of a target's worker, or None."""
     try:
-        return msgspec.json.decode(read_regular(f"{folder}/{target}.json", REQUEST_MAX), type=Heartbeat)
+        return msgspec.json.decode(read_regular(f"{folder}/{target}.json", REQUEST_MAX, follow=False), type=Heartbeat)
     except (OSError, msgspec.MsgspecError):
         return None
 

@@ -5,7 +5,6 @@ and `look.json`, which describes them. `looks.json` names the looks of a session
 """
 
 import hashlib
-import zipfile
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
@@ -16,6 +15,7 @@ import msgspec
 
 from phyagentos.errors import ExecutionError, Problem
 from phyagentos.geometry import Pose
+from phyagentos.protocol.documents.packed_files import open_packed
 from phyagentos.protocol.sessions.evidence_manifest import FileName, read_part
 from phyagentos.protocol.world.environment import Environment
 
@@ -184,11 +184,11 @@ def read_stored_look(path: Path, sha256: str = "") -> StoredLook:
     try:
         if sha256 and hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
             raise ExecutionError("EVIDENCE_DAMAGED", f"{path}: its bytes are not those of sha256 {sha256}")
-        with zipfile.ZipFile(path) as file:
+        with open_packed(path) as file:
             return msgspec.json.decode(file.read(LOOK), type=StoredLook)
     except FileNotFoundError as error:
         raise ExecutionError("EVIDENCE_DAMAGED", f"no file {path}; expected the look of sha256 {sha256}") from error
-    except (zipfile.BadZipFile, KeyError, msgspec.MsgspecError, OSError) as error:
+    except (KeyError, ValueError, msgspec.MsgspecError, OSError) as error:
         raise ExecutionError("EVIDENCE_DAMAGED", f"{path}: {error}") from error
 
 
@@ -213,9 +213,9 @@ def read_pictures(folder: Path, role: LookRole) -> tuple[str, tuple[bytes, ...]]
 def read_picture(look: Path, name: str) -> bytes:
     """A picture of a look's file as PNG; raises ExecutionError `EVIDENCE_DAMAGED`."""
     try:
-        with zipfile.ZipFile(look) as file:
+        with open_packed(look) as file:
             return file.read(name)
-    except (zipfile.BadZipFile, KeyError, OSError) as error:
+    except (KeyError, ValueError, OSError) as error:
         raise ExecutionError("EVIDENCE_DAMAGED", f"{look}: {error}") from error
 
 

@@ -3,12 +3,12 @@
 The file is readable without this package: a PNG for each picture, and `recording.json`, which says what each shows.
 """
 
-import zipfile
 from pathlib import Path
 
 import msgspec
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.documents.packed_files import open_packed
 
 RECORDING = "recording.zip"
 INDEX = "recording.json"  # within that file
@@ -47,9 +47,9 @@ def read_recording(folder: Path) -> Recording | None:
     """
     path = folder / RECORDING
     try:
-        with zipfile.ZipFile(path) as file:
+        with open_packed(path) as file:
             return msgspec.json.decode(file.read(INDEX), type=Recording)
     except FileNotFoundError:
         return None
-    except (zipfile.BadZipFile, KeyError, msgspec.MsgspecError, OSError) as error:
+    except (KeyError, ValueError, msgspec.MsgspecError, OSError) as error:
         raise ExecutionError("EVIDENCE_DAMAGED", f"{path}: {error}") from error

@@ -22,10 +22,10 @@ class When(Authored):
         gripper_near_m: The tool centre point is at most this far from the object [m].
     """
 
-    time_s: float | None = None
+    time_s: float | None = pydantic.Field(default=None, ge=0.0)
     session: str | None = None
-    lifted_m: float | None = None
-    gripper_near_m: float | None = None
+    lifted_m: float | None = pydantic.Field(default=None, ge=0.0)
+    gripper_near_m: float | None = pydantic.Field(default=None, ge=0.0)
 
 
 class Slip(Authored):

@@ -17,6 +17,9 @@ from phyagentos.runtime.targets.driver import VERBS, TargetPort, Trait
 from phyagentos.runtime.targets.handshake import mint
 
 SLOW_REPLY_S = 120.0  # without a sign of life: a scene that compiles, pictures of many cameras
+BEATS = 6  # so many times the longest silence a request takes at most with signs of life, unless time is shared
+ENDING_MAX_S = 3.0  # for the reply once the session is to end: less than a worker has
+STRAYS_MAX = 8  # replies to requests to end that may stand before the one that is awaited
 
 
 class RemoteDriver(TargetPort):
@@ -36,6 +39,7 @@ class RemoteDriver(TargetPort):
         self._is_moving = False
         self._lost: ExecutionError | None = None
         self._n_sent = 0  # requests without a reply
+        self._shares_time = False
 
     @property
     @override
@@ -62,6 +66,7 @@ class RemoteDriver(TargetPort):
         """The reply as it is passed on, after what it says of the target is noted."""
         match reply:
             case wire.Description():
+                self._shares_time = reply.shares_time
                 return msgspec.structs.replace(reply, driver=f"{self.NAME}/{reply.driver}")
             case wire.Loaded():
                 self.carry_out(wire.Observe())  # reads its time
@@ -95,6 +100,12 @@ class RemoteDriver(TargetPort):
             self._force_n = self.carry_out(wire.Halt(self._session, self._epoch, category)).contact_force_n
 
     @override
+    def emergency_stop(self) -> None:
+        if self._session:
+            halt = wire.Halt(self._session, self._epoch, category=1, is_emergency=True)
+            self._force_n = self.carry_out(halt).contact_force_n
+
+    @override
     def end(self) -> tuple[wire.RecordedFault, ...]:
         return self.carry_out(wire.End(self._session, self._epoch)).faults
 
@@ -112,11 +123,21 @@ class RemoteDriver(TargetPort):
         self._n_sent -= 1
         slow_s = SLOW_REPLY_S if Trait.SLOW in VERBS[type(request)].traits else 0.0
         silence_s = max(slow_s, self.profile.silence_max_s)
-        reply: wire.Reply = wire.KeepAlive()
         expected = wire.find_expected(type(request))
+        beats_max_s = wire.SHARED_TIMEOUT_S if self._shares_time else BEATS * silence_s
+        ending_max_s = wire.SHARED_TIMEOUT_S if self._shares_time else ENDING_MAX_S
         try:
-            while isinstance(reply, wire.KeepAlive | wire.Description) and not isinstance(reply, expected):
-                reply = wire.await_reply(self._channel, silence_s, self.is_ending, is_last=not self._n_sent)
+            for _ in range(STRAYS_MAX):
+                reply = wire.await_reply(
+                    self._channel,
+                    silence_s,
+                    self.is_ending,
+                    is_last=not self._n_sent,
+                    beats_max_s=beats_max_s,
+                    ending_max_s=ending_max_s,
+                )
+                if isinstance(reply, expected) or not isinstance(reply, wire.KeepAlive | wire.Description):
+                    break
         except ExecutionError as error:
             where = f"{self.profile.target!r} at {self.profile.endpoint or 'its endpoint'}"
             reason = error.message

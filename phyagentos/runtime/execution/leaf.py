@@ -22,9 +22,10 @@ from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.first_motions import Foreseen, foresee_by_role
+from phyagentos.runtime.execution.ports import Port, find_misfit
 from phyagentos.runtime.perception.world_model import BELIEF
 
-__all__ = ["FailureCode", "Leaf", "LeafError", "PortInformation", "Role", "Status"]
+__all__ = ["FailureCode", "Leaf", "LeafError", "Port", "PortInformation", "Role", "Status"]
 
 
 class FailureCode(StrEnum):
@@ -222,4 +223,6 @@ class Leaf(Behaviour):
 def _check(port: str, value: Any, declared: PortInformation) -> Any:
     if value is None or not is_instance_of_type(value, declared.data_type):
         raise TypeError(f"port {port!r} carries {declared.data_type}, not {value!r}")
+    if declared.data_type is float and (expected := find_misfit(value, declared)):
+        raise ValueError(f"port {port!r} carries {expected}, not {value!r}")
     return value

@@ -23,6 +23,7 @@ TIME_TOLERANCE_S = 1e-6  # sums of control periods are not exact
 PERIODS_AHEAD = 1  # sent before the report of the one before, where the skill's next set-points are fixed
 WAIT_S = 0.02  # longest sleep between looks at a planner, a cancellation, a deadline
 LEASE_LOST = "lease_lost"  # a reason for an end: the watchdog has not renewed the lease in time
+OF_TARGETS = frozenset({"TARGET_LOST", "PROTOCOL_BROKEN"})  # codes by which a target itself is lost
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +213,8 @@ class SessionLoop:
         if violation is not None:
             details |= {"where": violation.where, "found": violation.found, "limit": violation.limit}
         self.context.note("intervention", refusal.code, **details)
-        return Outcome(ended=Ended.SAFETY_STOP, code=refusal.code, message=str(refusal))
+        ended = Ended.TARGET_LOST if refusal.code in OF_TARGETS else Ended.SAFETY_STOP
+        return Outcome(ended=ended, code=refusal.code, message=str(refusal))
 
 
 def describe_request(request: EndRequest) -> Outcome:
@@ -225,7 +227,7 @@ def describe_request(request: EndRequest) -> Outcome:
 
 
 def _ended_by(code: str) -> Ended:
-    return Ended.TARGET_LOST if code == "TARGET_LOST" else Ended.SKILL_FAILED
+    return Ended.TARGET_LOST if code in OF_TARGETS else Ended.SKILL_FAILED
 
 
 def _judge_end(failure: Failure | None) -> Outcome:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import replace as replace_port
 from typing import Any
 
 from msgspec.structs import replace
@@ -19,10 +20,12 @@ from phyagentos.protocol.capabilities.trees import (
     load_tree,
     read_tree,
 )
+from phyagentos.protocol.documents.yaml_scalars import advise_form
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.runtime.execution.leaf import Leaf
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.port_types import ELEMENTS, PORT_TYPES
+from phyagentos.runtime.execution.ports import Port, find_misfit
 
 REACTIVE = (NodeKind.REACTIVE_SEQUENCE, NodeKind.REACTIVE_FALLBACK)
 _CONTROL_WORDS = tuple(kind.value for kind in NodeKind if kind is not NodeKind.LEAF)
@@ -116,10 +119,24 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
                 cycle = " -> ".join((tree.header.tree, *way))
                 expected, hint = "another tree, without a way back", "For what is done again use 'repeat' or 'retry'."
                 problems.append(tree.located.problem("CYCLE", node.address, cycle, expected, hint))
+    problems += _iter_default_problems(tree, library, registry)
     for name in tree.header.outputs:
         if name not in written:
             problems.append(tree.located.unknown("written key", ("outputs", name), name, written))
     return problems
+
+
+def _iter_default_problems(tree: Tree, library: Library, registry: LeafRegistry) -> Iterator[Problem]:
+    own, bounds = tree.located.data.get("inputs", {}), _find_bounds(tree, library, registry, (tree.header.tree,))
+    for name, port in tree.header.inputs.items():
+        if name in own and port.default is not None:
+            declared = _declare(bounds.get(name), PORT_TYPES[port.type])
+            yield from _iter_literal_problems(tree, ("inputs", name, "default"), port.default, declared)
+
+
+def _declare(bounds: Port | None, kind: type, *, required: bool = False) -> Port:
+    """The port of a tree: its own type, and the range of the port that reads it."""
+    return replace_port(bounds or Port(object), data_type=kind, required=required, default_value=None)
 
 
 def _is_unread(node: Node, registry: LeafRegistry) -> bool:
@@ -191,18 +208,19 @@ def _takes_time(node: Node, library: Library, registry: LeafRegistry, above: tup
 Ports = tuple[Mapping[str, PortInformation], Mapping[str, PortInformation]]  # inputs, outputs
 
 
-def _find_ports(node: Node, library: Library, registry: LeafRegistry) -> Ports | None:
+def _find_ports(node: Node, library: Library, registry: LeafRegistry, above: tuple[str, ...] = ()) -> Ports | None:
     """Declared ports of a leaf or a subtree; None when there is no such leaf or readable tree."""
     if node.kind is NodeKind.LEAF:
         leaf = registry.find(node.type)
         return None if leaf is None else (leaf.INPUT_PORTS, leaf.OUTPUT_PORTS)
-    if node.kind is NodeKind.SUBTREE:
+    if node.kind is NodeKind.SUBTREE and node.type not in above:
         try:
-            header = read_tree(library.get_tree(node.type)).header
+            tree = read_tree(library.get_tree(node.type))
         except DefinitionError:
             return None
+        header, bounds = tree.header, _find_bounds(tree, library, registry, (*above, node.type))
         inputs = {
-            name: PortInformation(data_type=PORT_TYPES[port.type], required=not port.optional and port.default is None)
+            name: _declare(bounds.get(name), PORT_TYPES[port.type], required=not port.optional and port.default is None)
             for name, port in header.inputs.items()
         }
         outputs = {
@@ -211,6 +229,18 @@ def _find_ports(node: Node, library: Library, registry: LeafRegistry) -> Ports |
         }
         return inputs, outputs
     return None
+
+
+def _find_bounds(tree: Tree, library: Library, registry: LeafRegistry, above: tuple[str, ...]) -> dict[str, Port]:
+    """Key of a tree -> the first port with a type of number that reads it, in the tree or in subtrees."""
+    found: dict[str, Port] = {}
+    for node in iter_nodes(tree.root):
+        inputs = (_find_ports(node, library, registry, above) or ({}, {}))[0]
+        for name, value in node.wiring.items():
+            port = inputs.get(name)
+            if isinstance(value, Reference) and isinstance(port, Port) and port.data_type is float:
+                found.setdefault(value.key, port)
+    return found
 
 
 def _problem_unknown(tree: Tree, node: Node, library: Library, registry: LeafRegistry) -> Problem:
@@ -262,8 +292,13 @@ def _iter_literal_problems(
     try:
         convert_literal(value, port.data_type)
     except TypeError:
-        hint = f"A key is written '${{{value}}}'." if isinstance(value, str) else ""
+        is_key = isinstance(value, str) and value.isidentifier()
+        wanted = {float: "number", int: "integer", bool: "boolean", str: "string"}.get(port.data_type, "")
+        hint = advise_form(value, wanted) or (f"A key is written '${{{value}}}'." if is_key else "")
         yield tree.located.problem("INVALID_VALUE", place, repr(value), f"type {_name_of(port.data_type)}", hint)
+        return
+    if expected := find_misfit(value, port):
+        yield tree.located.problem("INVALID_VALUE", place, repr(value), expected)
 
 
 def _iter_condition_problems(tree: Tree, node: Node, written: dict[str, type]) -> Iterator[Problem]:

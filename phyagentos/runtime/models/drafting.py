@@ -8,20 +8,32 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import yaml
 
 from phyagentos.errors import DefinitionError, Problem, format_names
+from phyagentos.protocol.capabilities.library import Library
 from phyagentos.runtime.models.compiling import compile_model
-from phyagentos.runtime.models.hand_drafting import PAD_M, HandDraft, Placed, draft_hand
-from phyagentos.runtime.models.robot import read_model
+from phyagentos.runtime.models.hand_drafting import PAD_M, HandDraft, Placed, draft_hand, find_flange
+from phyagentos.runtime.models.robot import read_model, read_profile
 
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
-_JAW = re.compile("jaw|finger|grip", re.IGNORECASE)
+_JAW = re.compile("jaw|finger|grip|camera", re.IGNORECASE)
 _PLAIN = re.compile(r"(?!(?:y|n|yes|no|on|off|true|false|null)$)[A-Za-z_][\w.-]*(?:/[\w.-]+)*", re.IGNORECASE)
 _PATH = re.compile(r"[\w:./+@-]+")
-GUESSED_TORQUE_NM, GUESSED_SPEED_RAD_S = 20.0, 1.0
+GUESSED_TORQUE_NM, GUESSED_SPEED_RAD_S, GUESSED_LOAD_KG = 20.0, 1.0, 1.0
 STIFFNESS_PER_TORQUE, DAMPING_SHARE = 40.0, 0.1  # of a servo that holds its arm within a few milliradians
 ARM, LEG = 4, 3  # hinges after which what branches is a hand; that make one of several arms
 CLEAR_M = 0.006  # that the fingertips keep from what an object stands on
+
+
+@dataclass(frozen=True, slots=True)
+class CarriedHand:
+    """A hand that profiles carry already: its model, their lines for `tool` and `gripper`, and its mass [kg]."""
+
+    model: str
+    tool: str
+    gripper: str
+    mass_kg: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +49,7 @@ class ProfileDraft:
         home_rad: One for each joint of the chain.
         band_m: Least and greatest distance from the base at which an object can be taken.
         width_m: Opening of the hand.
+        carried: A hand of another model, at the end of the last link.
         remarks: On the model, for people.
     """
 
@@ -54,6 +67,7 @@ class ProfileDraft:
     remarks: tuple[str, ...]
     band_m: tuple[float, float] = (0.3, 0.6)
     width_m: float = 0.002
+    carried: CarriedHand | None = None
 
     def render(self) -> str:
         """YAML of the profile."""
@@ -70,6 +84,20 @@ class ProfileDraft:
         }
         opens = "" if hand is None else ", gripper_width"
         at, body = "" if hand is None else f", {_place(hand.tool)}", model.body(int(model.jnt_bodyid[chain[-1]])).name
+        hint = "# check: z approaches, y is the closing axis; see paos robot render"
+        tool, gripper = (
+            [f"tool: {{body: {_quote(body)}{at}}}   {hint}"],
+            _NO_HAND if hand is None else _list_gripper(hand, self.width_m),
+        )
+        load_kg = GUESSED_LOAD_KG
+        if (carried := self.carried) is not None:
+            load_kg += carried.mass_kg
+            opens, flange = ", gripper_width", _place(find_flange(model, chain))
+            gripper = [carried.gripper]
+            tool = [
+                f"hand: {{model: '{carried.model}', at: {{body: {_quote(body)}, {flange}}}}}   # check: its base",
+                carried.tool,
+            ]
         sheet, found = "# check: its data sheet", "# of the model"
         lines = [
             f"# Drafted from {self.file}; check every line that says check, then: paos robot check {self.name}",
@@ -77,7 +105,7 @@ class ProfileDraft:
             f"description: {self.name}, simulated with contact physics.",
             f"model: {self.model if _PATH.fullmatch(self.model) else json.dumps(self.model)}",
             f"arguments: {json.dumps(dict(self.arguments))}" if self.arguments else "",
-            f"tool: {{body: {_quote(body)}{at}}}   # check: z approaches, y is the closing axis; see paos robot render",
+            *tool,
             f"grasp_band_m: {_show(self.band_m)}   # check: paos robot try {self.name} measures it",
             _map("ranges", endless, "the model lets them turn without end"),
             _map("parked_rad", parked, "joints of the model that this target does not move"),
@@ -90,9 +118,9 @@ class ProfileDraft:
             f"  torque_nm: {_show(torque)}   {found if all(limits) else sheet}",
             f"  stiffness_nm_rad: {_show([STIFFNESS_PER_TORQUE * each for each in torque])}",
             f"  damping_nms_rad: {_show([STIFFNESS_PER_TORQUE * DAMPING_SHARE * each for each in torque])}",
-            f"  payload_kg: 1.0   {sheet}, the hand included",
+            f"  payload_kg: {load_kg:.4g}   {sheet}, the hand included",
             f"  wrist_joints: {min(3, len(chain))}",
-            *(_NO_HAND if hand is None else _list_gripper(hand, self.width_m)),
+            *gripper,
             f"observations: [joint_state{opens}, entity_poses, camera_rgb]",
             f"actions: [joint_position{opens}]",
             "capabilities: [manipulation]",
@@ -100,7 +128,7 @@ class ProfileDraft:
         return "\n".join(filter(None, lines)) + "\n"
 
 
-_NO_HAND = ("end_effector: none   # check: or a hand: {model: 'menagerie:robotiq_2f85/2f85.xml', at: {body: ...}}",)
+_NO_HAND = ["end_effector: none   # check: draft it anew with --hand menagerie:robotiq_2f85/2f85.xml"]
 
 
 def _list_gripper(hand: HandDraft, width_m: float) -> list[str]:
@@ -131,10 +159,31 @@ def _map(key: str, values: Mapping[str, str], why: str) -> str:
     return f"{key}: {{{inside}}}   # check: {why}" if values else ""
 
 
+def find_carried(model: str, library: Library) -> CarriedHand:
+    """A hand as the first profile that carries it describes it; raises DefinitionError `UNKNOWN_NAME`."""
+    profiles = [read_profile(library.get_target(name))[0] for name in library.names_of_targets()]
+    known = {profile.hand.model: profile for profile in reversed(profiles) if profile.hand is not None}
+    if model not in known:
+        raise DefinitionError.unknown("hand", "--hand", model, known)
+    parts = known[model].model_dump(mode="json", include={"tool", "gripper"}, exclude_defaults=True)
+    tool, gripper = (
+        yaml.safe_dump({key: parts[key]}, default_flow_style=None, sort_keys=False, width=1000).rstrip()
+        for key in ("tool", "gripper")
+    )
+    return CarriedHand(model, tool, gripper, known[model].gripper.mass_kg)
+
+
 def draft_profile(
-    path: Path, model: str, name: str, arguments: Mapping[str, str] = {}, joint: str = ""
+    path: Path,
+    model: str,
+    name: str,
+    arguments: Mapping[str, str] = {},
+    joint: str = "",
+    hand: CarriedHand | None = None,
 ) -> ProfileDraft:
     """Draft the profile of a model file, which it names `model`; of several arms that with a `joint`.
+
+    `hand` is one that its end carries.
 
     Raises:
         DefinitionError: `MODEL_INVALID` where no two hinges follow each other, `UNKNOWN_NAME` for the joint; as of
@@ -155,7 +204,7 @@ def draft_profile(
     last = int(compiled.jnt_bodyid[chain[-1]])
     below = [index for index in range(compiled.njnt) if index not in chain and _is_below(compiled, index, last)]
     moving = [index for index in range(compiled.njnt) if int(compiled.jnt_type[index]) in {HINGE, SLIDE}]
-    hand = draft_hand(compiled, last, below)
+    gripper = draft_hand(compiled, last, below) if hand is None else None
     parked = {names[index]: _find_middle(compiled, index, 0.0) for index in sorted(set(moving) - {*chain, *below})}
     fingers = {names[index]: _find_middle(compiled, index, 0.0) for index in below}
     free = [compiled.body(int(compiled.jnt_bodyid[k])).name for k in range(compiled.njnt) if k not in moving]
@@ -166,8 +215,8 @@ def draft_profile(
                        f"another with --joint: {ends}")  # fmt: skip
     home_rad = [_find_middle(compiled, index) for index in chain]
     return ProfileDraft(
-        name, path.name, model, arguments, compiled, chain, parked, fingers, source.speeds, hand, home_rad,
-        tuple(remarks),
+        name, path.name, model, arguments, compiled, chain, parked, fingers, source.speeds, gripper, home_rad,
+        tuple(remarks), carried=hand,
     )  # fmt: skip
 
 

@@ -75,6 +75,23 @@ def draft_hand(model: mujoco.MjModel, last: int, fingers: Sequence[int]) -> Hand
     return _place_pads(model, data, last, drives, geoms, travel)
 
 
+def find_flange(model: mujoco.MjModel, chain: Sequence[int]) -> Placed:
+    """Where the last link of an arm carries a hand: at its end along its axis, away from the joint before."""
+    joint, data = chain[-1], mujoco.MjData(model)
+    last = int(model.jnt_bodyid[joint])
+    mujoco.mj_kinematics(model, data)
+    held = [body for body in range(model.nbody) if model.body_weldid[body] == model.body_weldid[last]]
+    ends = [_list_corners(model, data, geom) for geom in range(model.ngeom) if int(model.geom_bodyid[geom]) in held]
+    z, anchor, before = (np.array(each) for each in (data.xaxis[joint], data.xanchor[joint], data.xanchor[chain[-2]]))
+    along = (np.vstack((data.xpos[held], *ends)) - before) @ z
+    z, end_m = (z, along.max()) if along.max() >= -along.min() else (-z, -along.min())
+    y = np.cross(z, np.eye(3)[int(np.abs(z).argmin())])
+    y /= np.linalg.norm(y)
+    return _express(
+        data, last, anchor + z * float(end_m - (anchor - before) @ z), np.column_stack((np.cross(y, z), y, z))
+    )
+
+
 def _place_pads(
     model: mujoco.MjModel,
     data: mujoco.MjData,

@@ -10,7 +10,7 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import Located, read_yaml
 from phyagentos.protocol.settings.safety import Safety
-from phyagentos.runtime.models.robot import read_profile
+from phyagentos.runtime.models.robot import compile_robot, read_profile
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.requests import World
 from phyagentos.runtime.motion.robot_model import RobotModel, build_robot_model
@@ -18,16 +18,17 @@ from phyagentos.runtime.motion.robot_model import RobotModel, build_robot_model
 ALONG_COS = 0.9  # between the way of the fingers and the closing axis
 
 
-def find_profile_problems(path: Path, profile: TargetProfile, limits: Safety) -> list[Problem]:
-    """Problems of a profile that could be read, of its model, and of the limits that its target needs.
+def find_profile_problems(path: Path, profile: TargetProfile, limits: Safety | None) -> list[Problem]:
+    """Problems of a profile that could be read, of its model, and of its limits, where they are given.
 
     Raises:
         DefinitionError: The model cannot be built at all.
     """
     located = read_yaml(path)
-    problems = [] if profile.target in limits.targets else [_describe_no_limits(profile, path)]
+    problems = [] if limits is None or profile.target in limits.targets else [_describe_no_limits(profile, path)]
     if not profile.model:
         return problems
+    compile_robot(profile, path.parent)  # physics needs masses, planning none
     return [*problems, *find_model_problems(build_robot_model(profile, path.parent), located)]
 
 
@@ -97,8 +98,8 @@ def describe_robot(robot: RobotModel) -> dict[str, str]:
     }
 
 
-def check_profile(path: Path, limits: Safety) -> list[Problem]:
-    """Every problem of a profile, those of reading it included."""
+def check_profile(path: Path, limits: Safety | None = None) -> list[Problem]:
+    """Every problem of a profile, those of reading it included, and of its limits where they are given."""
     try:
         profile, _ = read_profile(path)
         return find_profile_problems(path, profile, limits)

@@ -1,9 +1,11 @@
 """Measures fixed bodies: each is searched where the scene file lets it stand, then measured near its believed pose.
 
-Where the span of its place is narrow, one fit from the nominal pose finds it. In an area, every cluster of its colour
-is a start, with turns all over the span of its yaw; the fit of least cost wins, as for movable objects (`fitting`).
+Where the span of its place is narrow, fits from the nominal pose find it, at several heights where those have a span:
+from too high, points of a thin board's top are taken for its underside. In an area, every cluster of its colour is a
+start, with turns all over the span of its yaw; the fit of least cost wins, as for movable objects (`fitting`).
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
@@ -15,7 +17,7 @@ from phyagentos.runtime.perception import fitting
 from phyagentos.runtime.perception.association import Match
 from phyagentos.runtime.perception.clusters import find_clusters
 from phyagentos.runtime.perception.inventory import ObjectModel
-from phyagentos.runtime.perception.solids import Array, Solids
+from phyagentos.runtime.perception.solids import BEHIND_M, Array, Solids
 from phyagentos.runtime.perception.views import Cloud, Views, compute_visibility
 
 POINTS_MIN = 12  # fewer do not fix a place
@@ -43,6 +45,7 @@ def measure_fixed(thing: ObjectModel, believed: Mapping[str, Entity], views: Vie
         starts = [(compute_rotation(pose.quaternion_wxyz), np.array(pose.position_m))]
     else:
         starts = list(_iter_starts(thing, nominal, seen.points_m)) if is_searched else [nominal]
+        starts = [start for each in starts for start in _iter_heights(each, float(reach[2]))]
     patch = fitting.Patch.of(seen, views, 3 * fitting.POINTS_MAX)
     fits = [fit for start in starts if (fit := _fit(thing, patch, views, start, nominal)) is not None]
     best = min(fits, key=lambda each: each.cost_m, default=None)
@@ -108,6 +111,13 @@ def _iter_starts(thing: ObjectModel, nominal: Start, points: Array) -> Iterator[
             middle = [sum(thing.solids.measure_extent(rotation.T @ axis)) / 2 for axis in np.eye(3)]
             position = np.array([*((low + high) / 2 - middle)[:2], nominal[1][2]])
             yield rotation, position
+
+
+def _iter_heights(start: Start, reach_m: float) -> Iterator[Start]:
+    """The start at heights as far apart as noise reaches behind a face."""
+    steps = math.ceil(reach_m / BEHIND_M)
+    for height_m in np.linspace(-reach_m, reach_m, 2 * steps + 1):
+        yield start[0], start[1] + np.array([0.0, 0.0, float(height_m)])
 
 
 def _fit(thing: ObjectModel, patch: fitting.Patch, views: Views, start: Start, nominal: Start) -> fitting.Fit | None:

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.documents.packed_files import PackedFile, check_picture, open_packed
 from phyagentos.protocol.sessions.looks import LOOK, PREFIX, read_stored_look
+from phyagentos.protocol.workspace.array_files import decode_array
 from phyagentos.runtime.perception.look import Look
 
 _LEVEL = 1  # of deflate: more costs three times the time for a tenth of the size
@@ -45,7 +47,7 @@ def write_look(look: Look, folder: Path) -> tuple[str, str]:
 def read_look(path: Path, sha256: str) -> Look:
     """A look as recorded; raises ExecutionError `EVIDENCE_DAMAGED`, which name the file."""
     read_stored_look(path, sha256)
-    with zipfile.ZipFile(path) as file:
+    with open_packed(path) as file:
         try:
             look = msgspec.json.decode(file.read(LOOK), type=Look, dec_hook=lambda _, name: read_array(file, name))
         except (msgspec.MsgspecError, KeyError, ValueError) as error:
@@ -76,12 +78,12 @@ def write_array(file: zipfile.ZipFile, name: str, array: NDArray[Any]) -> str:
     return f"{name}.npy"
 
 
-def read_array(file: zipfile.ZipFile, name: str) -> NDArray[Any]:
+def read_array(file: PackedFile, name: str) -> NDArray[Any]:
     """An array of a zip file by its name there; raises ValueError where it is none, KeyError without one."""
     data = file.read(name)
     if name.endswith(".npy"):
-        return np.asarray(np.load(io.BytesIO(data), allow_pickle=False))
-    decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        return decode_array(data)
+    decoded = cv2.imdecode(np.frombuffer(check_picture(data), np.uint8), cv2.IMREAD_COLOR)
     if decoded is None:
         raise ValueError(f"{name} is no PNG")
     return np.ascontiguousarray(decoded[..., ::-1])

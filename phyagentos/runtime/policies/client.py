@@ -82,8 +82,8 @@ class PolicyClient:
     @property
     def metadata(self) -> Mapping[str, object]:
         """What the server says of itself, where its wire has that."""
-        told = getattr(self._service, "metadata", {})
-        return {key: each for key, each in told.items() if not isinstance(each, dict)}  # a descriptor is compared
+        found = getattr(self._service, "metadata", {})
+        return {key: each for key, each in found.items() if not isinstance(each, dict)}  # a descriptor is compared
 
     def ask(self, request: wire.Infer, start: wire.Start | None = None) -> None:
         """Send a request; `start` goes before the first one of a session."""

@@ -19,6 +19,7 @@ from typing_extensions import override
 
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.registries import locate_models, read_skill_registry
+from phyagentos.protocol.documents.packed_files import open_packed
 from phyagentos.protocol.documents.schema import parse_yaml, read_text
 from phyagentos.protocol.sessions.evidence import CONTRACT, POLICY, POLICY_PREFIX
 from phyagentos.protocol.sessions.session import SessionId
@@ -114,10 +115,10 @@ def read_arrays(folder: Path, exchange: Exchange) -> tuple[dict[str, Array], Arr
         data = path.read_bytes()
         if hashlib.sha256(data).hexdigest() != exchange.sha256:
             raise ValueError(f"its bytes are not those of sha256 {exchange.sha256}")
-        with zipfile.ZipFile(io.BytesIO(data)) as file:
-            arrays = {Path(name).stem: read_array(file, name) for name in file.namelist()}
+        with open_packed(data) as file:
+            arrays = {Path(name).stem: read_array(file, name) for name in file.names}
         return arrays, arrays.pop(ROWS)
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, KeyError) as error:
         raise ExecutionError("EVIDENCE_DAMAGED", f"{path}: {error}") from error
 
 

@@ -53,9 +53,8 @@ class OpenpiService(PolicyService):
             raise ExecutionError("POLICY_UNREACHABLE", f"{endpoint}: {type(error).__name__} {error}") from error
         except ExecutionError as error:
             self.close()
-            found = error.report if isinstance(error, DefectError) else error.message
             raise ExecutionError(
-                "POLICY_UNREACHABLE", f"{endpoint}: no metadata on connect, or {OTHER}: {found}"
+                "POLICY_UNREACHABLE", f"{endpoint}: no metadata on connect, or {OTHER}: {error.message}"
             ) from error
 
     @override
@@ -79,7 +78,7 @@ class OpenpiService(PolicyService):
             shown = {key: np.asarray(each) for key, each in message.items() if not isinstance(each, str | dict)}
             forms = ", ".join(f"{key} {list(each.shape)} {each.dtype}" for key, each in shown.items())
             hint = "a stream's `key` in SKILL.md names it for the model"
-            raise DefectError(error.code, f"{error.report}; it was shown {forms}: {hint}", self._endpoint) from error
+            raise DefectError(error.code, f"{error.message}; it was shown {forms}: {hint}", self._endpoint) from error
 
     @override
     def probe(self, silence_s: float) -> None:

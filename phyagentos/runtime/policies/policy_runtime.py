@@ -300,9 +300,9 @@ class PolicySkillRuntime:
         bridged = read_rows(chain, np.asarray(rows, dtype=np.float64), before, velocity)
         if isinstance(bridged, Violation):
             where = f"{self._parts.descriptor.policy}, chunk {self._chunks}: {bridged}"
-            told = ", ".join(f"{key} {value}" for key, value in self._parts.client.metadata.items())[:METADATA_MAX]
+            metadata = ", ".join(f"{key} {value}" for key, value in self._parts.client.metadata.items())[:METADATA_MAX]
             hint = suggest_lines(chain.source, self._parts.compile_from, rows, before, velocity)
-            says = f"Of itself the server says: {told}." if told else ""
+            says = f"Metadata of the server: {metadata}." if metadata else ""
             is_final = bool(hint) or bridged.code is ViolationCode.WRONG_SHAPE  # the next one would be the same
             self._fail(str(bridged.code), " ".join(filter(None, (f"{where}.", hint, says))), is_final=is_final)
             return None

@@ -238,7 +238,7 @@ class TargetSupervisor:
             self.worker.kill(with_world=True)  # before it is recorded: its last command must not be obeyed later
             self._lost_targets += 1
             if self._lost_targets < STARTS:
-                self._lose(execution.message, Ended.TARGET_LOST)
+                self._lose(execution.message, Ended.TARGET_LOST, execution.code)
                 return
         self._lost_targets = 0
         self.note_end(session, execution)

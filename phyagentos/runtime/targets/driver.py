@@ -232,7 +232,10 @@ def _begin(driver: TargetDriver, request: wire.Begin) -> wire.Ack:
 
 
 def _halt(driver: TargetDriver, request: wire.Halt) -> wire.Step:
-    driver.halt(request.category)
+    if request.is_emergency:
+        driver.emergency_stop()
+    else:
+        driver.halt(request.category)
     return driver.report()
 
 

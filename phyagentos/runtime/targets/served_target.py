@@ -18,6 +18,7 @@ from phyagentos.runtime.targets.authority import Authority
 from phyagentos.runtime.targets.driver import SETTLE_MAX_S, VERBS, Need, TargetPort, Trait
 from phyagentos.runtime.targets.handshake import Tokens
 from phyagentos.runtime.targets.receive_log import LOG_BEHIND, STATE_WRITE, ReceiveLog, Reception
+from phyagentos.runtime.targets.reply_check import ReplyCheck
 
 _KEEP_ALIVE = wire.REPLIES.encode(wire.KeepAlive())
 
@@ -45,6 +46,7 @@ class ServedTarget:
         self.driver, self._permits = driver, permits
         self._log, self._is_estopped, self._keep_stop, self._truth = log, is_estopped, keep_stop, truth
         self._authority = Authority()
+        self._replies = ReplyCheck(driver)
         self._scene: wire.LoadScene | None = None
         self._loaded: wire.Loaded | None = None
         self._description: wire.Description | None = None  # of this scene
@@ -80,6 +82,7 @@ class ServedTarget:
             self._authority.end()
             with contextlib.suppress(ExecutionError):  # a driver that lost its own device has nothing to halt
                 self.driver.end()
+            self._replies.note_motion()
             self.note_event("Withdraw")
 
     def coast(self) -> None:
@@ -89,6 +92,7 @@ class ServedTarget:
         if self.driver.is_moving:
             self.note_deadman()
         self.driver.hold(self.control_period_s)
+        self._replies.note_motion()
 
     def note_deadman(self) -> None:
         """Revoke the session's authority: no command came in time, in the middle of a motion."""
@@ -109,6 +113,7 @@ class ServedTarget:
         if self.revoke("ESTOPPED"):
             with contextlib.suppress(ExecutionError):  # a driver that lost its own device has nothing to stop
                 self.driver.emergency_stop()
+            self._replies.note_motion()
             self.note_event("EStop")
         self._keep_stop()
         return True
@@ -127,13 +132,13 @@ class ServedTarget:
         self._log.stamp()
         is_taken = bool(self._ahead) and self._ahead[0][0] is request and self._ahead.popleft()[1]
         try:
-            reply = self._refuse(request, is_taken=is_taken) or self._look_up(request) or self.driver.carry_out(request)
+            reply = self._refuse(request, is_taken=is_taken) or self._look_up(request) or self._carry_out(request)
             self._note_effects(request, reply)
         except ExecutionError as error:
             if isinstance(request, wire.Begin) and request.session == self._authority.session:
                 self._authority.end()
-            code = "ESTOPPED" if error.code == "ABORTED" and self.look_for_stops() else error.code
-            reply = wire.Refused(code, error.message)
+            code, message = self._replies.judge_refusal(error)
+            reply = wire.Refused("ESTOPPED" if code == "ABORTED" and self.look_for_stops() else code, message)
         except DefinitionError as error:
             reply = wire.Refused(error.problems[0].code, str(error))
         except (OSError, ValueError, TypeError, msgspec.ValidationError) as error:
@@ -141,6 +146,9 @@ class ServedTarget:
         if self._is_logged(request):
             self._note(type(request).__name__, request, reply)
         return reply
+
+    def _carry_out(self, request: wire.RequestFor[wire.ReplyT]) -> wire.ReplyT:
+        return self._replies.check(request, self.driver.carry_out(request))
 
     def _is_logged(self, request: wire.Request) -> bool:
         """Whether a request stands in the receive log."""
@@ -241,6 +249,8 @@ class ServedTarget:
                 self._authority.count()
                 if reply.stopped:
                     self._authority.stop(reply.stopped)
+            case wire.Halt(is_emergency=True), wire.Step():
+                self._authority.stop("ESTOPPED")
             case wire.Halt(category=1), wire.Step() if not self._authority.stopped:
                 self._authority.stop("DRIVES_OFF")
             case _, wire.Ended():
@@ -248,7 +258,7 @@ class ServedTarget:
 
     def _describe(self) -> wire.Description:
         if self._description is None:
-            described = self.driver.carry_out(wire.Describe())
+            described = self._carry_out(wire.Describe())
             offers = described.ground_truth and self._truth
             self._description = msgspec.structs.replace(described, ground_truth=offers)
         return self._description
@@ -265,7 +275,7 @@ class ServedTarget:
     def _note(self, kind: str, request: wire.Request | None = None, reply: wire.Reply | None = None) -> None:
         self._log.note(
             Reception(
-                time_s=0.0 if math.isnan(self.time_s) else self.time_s,
+                time_s=self.time_s if math.isfinite(self.time_s) else 0.0,
                 kind=kind,
                 episode=self._scene.episode if self._scene else "",
                 session=getattr(request, "session", ""),

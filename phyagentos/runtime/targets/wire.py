@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import get_original_bases
 
+from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.world.environment import Entity, Pose, Region, TargetState
@@ -30,7 +31,8 @@ WAIT_SLICE_S = 0.2  # interval of heartbeats during a long wait
 SHARED_TIMEOUT_S = 600.0  # time may stand so long for other targets of a shared world: one plans, one is judged
 WIRE_VERSION = handshake.WIRE_VERSION
 NPZ = "application/x-npz"
-RENDER = "render"  # tool: a picture for people; arguments `camera`, `width`, `height`; artefact `picture.png`
+RENDER = "render"  # tool: a picture for people; arguments `camera`, `width`, `height`; artefact `PICTURE`
+PICTURE = "picture.png"
 SCENE_MODEL = "scene_model"  # tool: the compiled scene, artefacts by file name
 MOTION = "motion"  # tool: how the world has moved since the session began, artefact `motion.npz`
 
@@ -304,10 +306,12 @@ class Announce(OfSession[Admission], frozen=True, tag=True):
 class Halt(OfSession[Step], frozen=True, tag=True):
     """Bring the target to rest within its limits, by its own means, and hold.
 
-    After a stop of category 2 (IEC 60204-1, 9.2.2) the session may command again, after 1 only the next one.
+    After a stop of category 2 (IEC 60204-1, 9.2.2) the session may command again, after 1 only the next one. An
+    emergency stop is the device's own, where it has one; no session begins before it is reset.
     """
 
     category: int = 2
+    is_emergency: bool = False
 
 
 class Settle(OfSession[Step], frozen=True, tag=True):
@@ -387,28 +391,40 @@ def send_request(connection: Channel, request: Request) -> None:
 
 
 def await_reply(
-    connection: Channel, timeout_s: float, on_wait: Callable[[], bool] | None = None, *, is_last: bool = True
+    connection: Channel,
+    timeout_s: float,
+    on_wait: Callable[[], bool] | None = None,
+    *,
+    is_last: bool = True,
+    beats_max_s: float = SHARED_TIMEOUT_S,
+    ending_max_s: float = SHARED_TIMEOUT_S,
 ) -> Reply:
     """The next reply; without a sign for `timeout_s` [s] the connection is closed, so none is mistaken.
 
-    Each `KeepAlive` of the target is a sign. `on_wait` is called meanwhile, every `WAIT_SLICE_S` at least. When it says
-    that the session is to end, one more request informs the target. It refuses a command that waits for other targets
-    with `ABORTED`, and carries out a halt or settling as soon as none of them is in the middle of a motion. The answer
-    to this request is read here, too, where the awaited reply `is_last` of all.
+    Each `KeepAlive` of the target is a sign; they stand for a reply for `beats_max_s` [s] at most, for `ending_max_s`
+    once the session is to end. `on_wait` is called meanwhile, every `WAIT_SLICE_S` at least. When it says that the
+    session is to end, one more request informs the target. It refuses a command that waits for other targets with
+    `ABORTED`, and carries out a halt or settling as soon as none of them is in the middle of a motion. The answer to
+    this request is read here, too, where the awaited reply `is_last` of all.
 
     Raises:
         ExecutionError: `TARGET_LOST`, as of `receive_reply`.
     """
-    silent_s, is_ending = 0.0, False
+    silent_s, is_ending, clock = 0.0, False, SystemClock()
+    until_s, limit = clock.now_s() + beats_max_s, f"within {beats_max_s:g} s"
     reply: Reply = KeepAlive()
     try:
         while isinstance(reply, KeepAlive):
+            if clock.now_s() > until_s:
+                raise ExecutionError("TARGET_LOST", f"signs of life, but no reply {limit}")
             if on_wait is None or silent_s >= timeout_s or connection.poll(WAIT_SLICE_S):
                 reply, silent_s = receive_reply(connection, timeout_s, silent_s), 0.0
             else:
                 silent_s += WAIT_SLICE_S
             if isinstance(reply, KeepAlive) and on_wait is not None and on_wait() and not is_ending:
                 is_ending = True
+                if (ended_s := clock.now_s() + ending_max_s) < until_s:
+                    until_s, limit = ended_s, f"within {ending_max_s:g} s of the request to end"
                 connection.send_bytes(REQUESTS.encode(Describe()))
         if is_ending and is_last:
             receive_reply(connection, timeout_s)

@@ -4,5 +4,5 @@ document.addEventListener("htmx:sseOpen", () => say("live", "live"));
 document.addEventListener("htmx:sseError", () => say("connection lost, trying again", "lost"));
 document.addEventListener("htmx:sendError", () => say("the server does not answer", "lost"));
 document.addEventListener("htmx:beforeSwap", (event) => { if (event.detail.xhr.status === 422 || event.detail.xhr.status === 403) { event.detail.shouldSwap = true; event.detail.isError = false; } });
-// The client of the 3D scene looks for its server again only where it has the focus: here it is one panel of several.
-document.addEventListener("load", (event) => { if (event.target.tagName === "IFRAME" && event.target.contentDocument) event.target.contentDocument.hasFocus = () => !document.hidden; }, true);
+// The page's key stands in its address; this tab finds the way back to it from an address without.
+sessionStorage.setItem("paos", `/${location.pathname.split("/")[1]}/`);

@@ -403,8 +403,8 @@ MUTANTS = (
         edits=(
             Edit(
                 "phyagentos.agent.repair.retrying",
-                "if case.replans_left <= 0 or _is_undecided_for_good(case) else",
-                "if case.replans_left <= 0 else",
+                "or _is_undecided_for_good(case) or case.miss",
+                "or case.miss",
             ),
         ),
         tests=("tests/agent/test_repair.py::test_what_two_looks_did_not_decide_ends_there",),

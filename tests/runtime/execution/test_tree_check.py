@@ -120,6 +120,52 @@ def test_ports_of_a_subtree_are_checked_like_those_of_a_leaf(check):
     assert any("MISSING_VALUE: found pick without 'object'" in p for p in problems)
 
 
+@pytest.mark.parametrize(
+    ("child", "message"),
+    [
+        ("wait: {seconds: .nan}", ":7:16: INVALID_VALUE: found nan; expected a finite number"),
+        ("wait: {seconds: -.inf}", ":7:16: INVALID_VALUE: found -inf; expected a finite number"),
+        ("wait: {seconds: -1}", ":7:16: INVALID_VALUE: found -1; expected a number of at least 0"),
+        ("wait: {seconds: yes}", "found True; expected type float. YAML reads yes, no, on and off as true and false"),
+        ('wait: {seconds: "60"}', "found '60'; expected type float. Write 60 without quotes"),
+        ("wait: {seconds: 060}", "found 060, which YAML 1.1 reads as octal; expected decimal digits. Write 60"),
+        ("move_home: {speed: 0}", "found 0; expected a number greater than 0 and at most 1"),
+        ("move_home: {speed: 150}", "found 150; expected a number greater than 0 and at most 1"),
+        ("open_gripper: {width_m: -0.1}", "found -0.1; expected a number of at least 0"),
+        ("plan_reach: {to: [.nan, 0, 0]}", "found (nan, 0, 0); expected finite numbers"),
+        ("subtree: {tree: outer, with: {slow: 5}}", "found 5; expected a number greater than 0 and at most 1"),
+        ("subtree: {tree: outer, with: {slow: .nan}}", "found nan; expected a finite number"),
+    ],
+)
+def test_a_number_is_finite_and_in_the_range_of_the_port_that_reads_it(check, child, message):
+    head = "description: A tree.\ninputs: {slow: {type: number}}\nroot:\n  "
+    outer = f'tree: outer\n{head}subtree: {{tree: inner, with: {{slow: "${{slow}}"}}}}\n'
+    inner = f'tree: inner\n{head}move_home: {{speed: "${{slow}}"}}\n'
+    found = check([child], "", outer=outer, inner=inner)
+    assert len(found) == 1, found
+    assert message in found[0]
+
+
+def test_the_default_of_an_input_is_in_the_range_of_the_port_that_reads_it(check):
+    (found,) = check(['move_home: {speed: "${slow}"}'], "inputs: {slow: {type: number, default: 5}}")
+    assert "mine.yaml:3:31: INVALID_VALUE: found 5.0; expected a number greater than 0 and at most 1" in found
+
+
+@pytest.mark.parametrize("number", ["5e-1", "1.0e1", "0.5", "5"])
+def test_a_number_of_a_port_is_read_as_everywhere(check, number):
+    assert check([f"wait: {{seconds: {number}}}"]) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "fitting"), [("a/b", "a_b"), ('"two\\nlines"', "two_lines"), ('" x"', "x"), ("5", "5"), ("yes", "True")]
+)
+@pytest.mark.parametrize("child", ["open_gripper: {{name: {}}}", "sequence: {{name: {}, children: [open_gripper]}}"])
+def test_a_name_that_is_no_step_of_a_path_is_refused(check, child, name, fitting):
+    (found,) = check([child.format(name)])
+    assert "INVALID_VALUE" in found
+    assert child.startswith("sequence") or f"expected a name of one line without '/'. Write '{fitting}'." in found
+
+
 def test_a_tree_that_contains_itself_is_shown_as_the_cycle(check):
     other = "tree: other\ndescription: A tree.\nroot: {subtree: {tree: mine, with: {object: red_cube}}}\n"
 
@@ -183,6 +229,15 @@ def test_siblings_of_the_same_leaf_get_different_names(tmp_path):
     path.write_text("tree: mine\ndescription: A tree.\nroot: {sequence: {children: [wait, wait, wait]}}\n")
 
     assert [child.name for child in read_tree(path).root.children] == ["wait", "wait.2", "wait.3"]
+
+
+def test_a_number_after_a_name_steps_aside_for_a_sibling_that_is_called_so(tmp_path):
+    path = tmp_path / "mine.yaml"
+    names = ["x", "x", "x.2", "", "x", "wait.2", ""]
+    children = "".join(f"      - wait: {{name: '{name}', seconds: 0.1}}\n" for name in names)
+    path.write_text(f"tree: mine\ndescription: A tree.\nroot:\n  sequence:\n    children:\n{children}")
+    root = read_tree(path).root
+    assert [child.name for child in root.children] == ["x", "x.3", "x.2", "wait", "x.4", "wait.2", "wait.3"]
 
 
 def test_a_tree_under_another_name_than_its_file_is_refused(tmp_path):

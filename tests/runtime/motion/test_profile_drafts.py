@@ -1,13 +1,22 @@
 """Drafts of profiles: what was drafted is refused by nothing, and what no model says is asked for."""
 
+import mujoco
+import numpy as np
 import pytest
 
 from phyagentos.errors import DefinitionError
+from phyagentos.geometry import compute_rotation
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.settings.safety import read_safety
-from phyagentos.runtime.models.drafting import draft_profile
+from phyagentos.runtime.models.drafting import draft_profile, find_carried
+from phyagentos.runtime.models.hand_drafting import find_flange
 from phyagentos.runtime.models.robot import read_profile
+from phyagentos.runtime.models.sources import find_model
 from phyagentos.runtime.motion.draft_settling import settle_draft
 from phyagentos.runtime.motion.profile_checks import check_profile
+from tests.models_here import read_profile_here
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01"/></inertial>'
 LINK = '<collision><origin xyz="0 0 0.1"/><geometry><cylinder radius="0.02" length="0.12"/></geometry></collision>'
@@ -65,7 +74,7 @@ def test_a_gripper_of_two_fingers_is_drafted_with_pads_that_close_on_each_other(
     assert profile.tool.position_m[2] > 0.25  # between the tips
     assert "joint_velocity_max:\n" in limits  # the model says it
     assert "gripper_force_max:   # check: the maker's data sheet" in limits
-    assert "payload_kg: 1.0   # check" in settled.render()
+    assert "payload_kg: 1   # check" in settled.render()
 
 
 def test_of_two_arms_one_is_drafted_the_other_named_and_standing_still(tmp_path):
@@ -103,9 +112,41 @@ def test_a_hand_that_cannot_be_guessed_stands_still_and_is_asked_for(tmp_path, f
     profile, settled, _ = draft(tmp_path, build_arm() + {"one": one, "three": jaws + third, "torn": apart}[fingers])
     assert profile.end_effector == "none"
     assert "slide2" in dict(profile.parked_rad)
-    assert "end_effector: none   # check: or a hand" in settled.render()
+    assert "end_effector: none   # check: draft it anew with --hand" in settled.render()
 
 
 def test_a_gripper_alone_is_no_arm(tmp_path):
     with pytest.raises(DefinitionError, match=r"MODEL_INVALID.*hand"):
         draft(tmp_path, build_jaws().replace("l6", "base"))
+
+
+def test_a_hand_that_other_profiles_carry_is_put_at_the_end_of_the_last_link(tmp_path):
+    with pytest.raises(DefinitionError, match=r"UNKNOWN_NAME \(hand\).*robotiq_2f85"):
+        find_carried("menagerie:robotiq_2f85/2f86.xml", Library.open())
+    hand = find_carried("menagerie:robotiq_2f85/2f85.xml", Library.open())
+    (path := tmp_path / "mine.urdf").write_text(f'<robot name="r"><link name="base"/>{build_arm()}</robot>')
+    drafted = draft_profile(path, "mine.urdf", "mine", hand=hand)
+    place, turn = find_flange(drafted.compiled, drafted.chain)
+    assert place == pytest.approx((0.0, 0.0, 0.16), abs=1e-6)
+    assert compute_rotation(turn)[:, 2] == pytest.approx((0.0, 0.0, 1.0))
+    (path := tmp_path / "target.yaml").write_text(drafted.render())
+    profile = validate(TargetProfile, read_yaml(path))
+    assert (profile.hand.at.body, profile.tool.body, profile.gripper.max_width_m) == ("l6", "hand/base", 0.083)
+
+
+@pytest.mark.parametrize("name", ["elfin5_l", "fr3", "gen3", "iiwa14", "nova2", "rm65_b", "ur5e", "xarm7"])
+def test_the_end_of_an_arm_is_where_its_profile_carries_the_hand(name):
+    profile, folder = read_profile_here(name)
+    drafted = draft_profile(find_model(profile.model, folder), profile.model, "mine")
+    model, data = drafted.compiled, mujoco.MjData(drafted.compiled)
+    mujoco.mj_kinematics(model, data)
+    last = model.body(int(model.jnt_bodyid[drafted.chain[-1]])).name
+    found = []
+    for body, place, turn in (
+        (last, *find_flange(model, drafted.chain)),
+        (profile.hand.at.body, profile.hand.at.position_m, profile.hand.at.quaternion_wxyz),
+    ):
+        R = data.body(body).xmat.reshape(3, 3)
+        found.append((data.body(body).xpos + R @ place, R @ compute_rotation(turn)[:, 2]))
+    assert np.linalg.norm(found[0][0] - found[1][0]) < 0.02
+    assert found[0][1] @ found[1][1] > 0.999

@@ -30,11 +30,22 @@ BODIES = """
     place: {frame: table, position_m: [0.1, 0.2, 0.06], jitter_m: [0.02, 0.02, 0.0], yaw_rad: [0.2, 0.5]}
     shapes: [{kind: box, size_m: [0.05, 0.06, 0.04]}]
 """
+BOARD = """
+  shelf:
+    kind: shelf
+    fixed: true
+    material: green
+    place: {position_m: [0.52, -0.1, 0.0], jitter_m: [0.02, 0.02, 0.01], yaw_rad: [0.2, 0.5]}
+    shapes:
+      - {kind: box, size_m: [0.08, 0.1, 0.006], position_m: [0.0, 0.0, 0.15]}
+      - {kind: box, size_m: [0.004, 0.1, 0.075], position_m: [-0.076, 0.0, 0.075]}
+"""
 
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
-    return open_library(tmp_path_factory.mktemp("furnished"), render_table("test/furnished", BODIES))
+    scenes = (render_table(f"test/{name}", each) for name, each in (("furnished", BODIES), ("board", BOARD)))
+    return open_library(tmp_path_factory.mktemp("furnished"), *scenes)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -58,3 +69,10 @@ def test_a_fixed_body_that_does_not_stand_where_it_may_is_not_believed(library):
     for name in ("tray", "block"):
         stage.physics.model.body(name).pos[:] = 0.2, 0.5, 0.0
     assert not {"tray", "block"} & set(stage.look().entities)
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_thin_board_that_stands_lower_than_meant_is_not_measured_by_its_underside(library, seed):
+    stage = Stage(library, "test/board", seed)
+    entity = stage.look().entities["shelf"]
+    assert abs(entity.pose.position_m[2] - stage.find("shelf")[2]) < 2 * entity.position_std_m < 0.004

@@ -28,7 +28,11 @@ SILENCE_S = 0.5
 class Slow(DebugDriver):
     """Waits in the middle of a command, as for another target, with a sign of life or without."""
 
-    waits_s, beats = 0.0, True
+    waits_s, beats, emergency_stops = 0.0, True, 0
+
+    def emergency_stop(self):
+        self.emergency_stops += 1
+        super().emergency_stop()
 
     def apply(self, command):
         until_s = time.monotonic() + self.waits_s  # noqa: TID251
@@ -218,8 +222,10 @@ def test_after_a_stop_no_command_is_sent_ahead_and_the_one_under_way_is_reported
 
     assert isinstance(there.ask(first), wire.Step)
     assert [there.ask(each).code for each in (second, third)] == ["ESTOPPED", "ESTOPPED"]
+    assert stand.beyond.emergency_stops == 1, "the target itself hears what kind of a stop it is"
+    assert wire.exchange(stand.drivers[-1]._channel, first, 1.0).code == "ESTOPPED"
     assert count_commands(stand, "conformance") == 1
-    assert stand.read()[-1]["kind"] == "Halt"
+    assert [line["kind"] for line in stand.read()[-2:]] == ["Halt", "Command"]
 
 
 def test_behind_a_refused_command_none_is_carried_out(stand):

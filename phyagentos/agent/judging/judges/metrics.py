@@ -7,7 +7,6 @@ leaf or the session's outputs say of themselves is not measured: it counts only 
 
 import contextlib
 import math
-import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,13 +90,14 @@ def read_course(folder: Path, wanted: set[str]) -> dict[str, float]:
     """Metrics of the recorded trajectory; empty when there is none, or it cannot be read."""
     import numpy as np
 
+    from phyagentos.protocol.workspace.array_files import read_arrays
+
     path = folder / TRAJECTORY
     try:
         if path.stat().st_size > MAX_BYTES:
             return {}
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            trajectory = {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
-    except (OSError, EOFError, ValueError, zipfile.BadZipFile):
+        trajectory = {name: np.asarray(each, dtype=np.float64) for name, each in read_arrays(path).items()}
+    except (OSError, ValueError):
         return {}
     found = {}
     for name in sorted(wanted & TRAJECTORY_METRICS.keys()):

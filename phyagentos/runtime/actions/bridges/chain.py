@@ -133,9 +133,9 @@ class BridgeChain:
         joints = target.representation == "joint_position"
         where = target.joints[column] if joints else ("position", "rotation")[column]
         unit = target.angle_unit if joints else (target.length_unit, "rad")[column]
-        return Violation(
-            ViolationCode.DISCONTINUOUS, where, float(steps[row, column]), float(limit[column]), unit, int(row)
-        )
+        found, most = float(steps[row, column]), float(limit[column])
+        words = f"jumps by {found:.4g} {unit}; at most {most:.4g} {unit} from row to row"
+        return Violation(ViolationCode.DISCONTINUOUS, where, found, most, unit, int(row), words)
 
     def __str__(self) -> str:
         """`frame base->world . units deg->rad . resample 10->50 Hz`; `identity` when nothing is converted."""

@@ -4,7 +4,7 @@ import numpy as np
 
 from phyagentos.geometry import rotate
 from phyagentos.protocol.capabilities.targets import BASE_JOINTS, YAW_MAX_RAD
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
+from phyagentos.runtime.execution.leaf import FailureCode, Port, PortInformation, Status
 from phyagentos.runtime.execution.planning import MovingLeaf
 from phyagentos.runtime.motion.requests import (
     MotionRequest,
@@ -23,10 +23,12 @@ class DriveTo(MovingLeaf):
 
     INPUT_PORTS = {
         "place": PortInformation(data_type=str, description="Name of a region, or of an object."),
-        "standoff_m": PortInformation(
-            data_type=float, default_value=0.4, description="From the centre of an object [m]."
+        "standoff_m": Port(
+            data_type=float, minimum=0.0, default_value=0.4, description="From the centre of an object [m]."
         ),
-        "speed": PortInformation(data_type=float, default_value=1.0, description="Fraction of the velocity limits."),
+        "speed": Port(
+            data_type=float, above=0.0, maximum=1.0, default_value=1.0, description="Fraction of the velocity limits."
+        ),
     }
 
     def compose(self) -> MotionRequest | Status:

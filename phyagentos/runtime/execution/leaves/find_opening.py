@@ -8,7 +8,7 @@ from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.protocol.world.entity_geometry import compute_center
 from phyagentos.protocol.world.environment import CLOSES_AT, Entity, Mechanism
 from phyagentos.protocol.world.mechanisms import compute_motion, find_hinge
-from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, Leaf, Port, PortInformation, Role, Status
 from phyagentos.runtime.motion.poses import move_pose
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.shapes import ROUND_KINDS
@@ -29,7 +29,9 @@ class FindOpening(Leaf):
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity that slides or turns."),
         "part": PortInformation(data_type=str, description="Name of the entity on it that is pushed or pulled."),
-        "opening": PortInformation(data_type=float, description="Wanted fraction of its travel, 0 is closed."),
+        "opening": Port(
+            data_type=float, minimum=0.0, maximum=1.0, description="Wanted fraction of its travel, 0 is closed."
+        ),
     }
     OUTPUT_PORTS = {
         "to": PortInformation(

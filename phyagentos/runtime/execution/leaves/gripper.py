@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import Leaf, Port, PortInformation, Role, Status
 from phyagentos.runtime.motion.requests import Approach
 
 OPEN_TOLERANCE_M = 0.001  # a gripper this close to the wanted opening is open
@@ -53,14 +53,17 @@ class OpenGripper(_GripperLeaf):
 
     ROLE = Role.OPEN
     INPUT_PORTS = {
-        "width_m": PortInformation(
-            data_type=float, required=False, description="Opening [m]; as wide as it goes if unset."
+        "width_m": Port(
+            data_type=float, minimum=0.0, required=False, description="Opening [m]; as wide as it goes if unset."
         ),
         "approach": PortInformation(
             data_type=Approach, required=False, description="A place: its own opening, where it was planned for one."
         ),
-        "seconds": PortInformation(
-            data_type=float, required=False, description="Time for it, simulated [s]; until they are open if unset."
+        "seconds": Port(
+            data_type=float,
+            minimum=0.0,
+            required=False,
+            description="Time for it, simulated [s]; until they are open if unset.",
         ),
     }
 
@@ -85,8 +88,11 @@ class CloseGripper(_GripperLeaf):
 
     ROLE = Role.GRASP
     INPUT_PORTS = {
-        "seconds": PortInformation(
-            data_type=float, required=False, description="Time for it, simulated [s]; until they grip if unset."
+        "seconds": Port(
+            data_type=float,
+            minimum=0.0,
+            required=False,
+            description="Time for it, simulated [s]; until they grip if unset.",
         )
     }
     OUTPUT_PORTS = {

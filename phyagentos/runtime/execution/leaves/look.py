@@ -1,7 +1,7 @@
 """Look at an object from where the arm is, and report what is believed of it."""
 
 from phyagentos.protocol.world.environment import Entity, Pose
-from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import Port, PortInformation, Role, Status
 from phyagentos.runtime.execution.leaves.locate import find_visible
 from phyagentos.runtime.execution.leaves.wait import Wait
 
@@ -12,7 +12,7 @@ class Look(Wait):
     ROLE = Role.SENSE
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity."),
-        "seconds": PortInformation(data_type=float, default_value=0.2, description="How long, simulated [s]."),
+        "seconds": Port(data_type=float, minimum=0.0, default_value=0.2, description="How long, simulated [s]."),
     }
     OUTPUT_PORTS = {
         "pose": PortInformation(data_type=Pose, required=False, description="world_T_object."),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import Port, PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import MovingLeaf
 from phyagentos.runtime.motion.requests import (
     MotionRequest,
@@ -18,7 +18,9 @@ class MoveHome(MovingLeaf):
     ROLE = Role.HOME
     INPUT_PORTS = {
         "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),
-        "speed": PortInformation(data_type=float, default_value=1.0, description="Fraction of the velocity limits."),
+        "speed": Port(
+            data_type=float, above=0.0, maximum=1.0, default_value=1.0, description="Fraction of the velocity limits."
+        ),
     }
 
     def find_goal_rad(self) -> tuple[float, ...]:

@@ -1,6 +1,6 @@
 """Follow a level way, timed so that an open vessel does not spill."""
 
-from phyagentos.runtime.execution.leaf import PortInformation, Status
+from phyagentos.runtime.execution.leaf import Port, PortInformation, Status
 from phyagentos.runtime.execution.planning import MovingLeaf
 from phyagentos.runtime.motion.requests import (
     Approach,
@@ -16,8 +16,12 @@ class MoveLevel(MovingLeaf):
     INPUT_PORTS = {
         "approach": PortInformation(data_type=Approach, description="The path."),
         "payload": PortInformation(data_type=Payload, description="What must stay in the fingers."),
-        "tilt_max_rad": PortInformation(
-            data_type=float, default_value=0.08, description="Largest apparent tilt [rad], accelerations included."
+        "tilt_max_rad": Port(
+            data_type=float,
+            above=0.0,
+            maximum=1.57,
+            default_value=0.08,
+            description="Largest apparent tilt [rad], accelerations included.",
         ),
         "method": PortInformation(
             data_type=str, default_value="casadi", description="`casadi` (shaped) or `toppra` (joint limits only)."

@@ -1,6 +1,6 @@
 """Move along the straight line of an approach, forward to its end or back to its hover posture."""
 
-from phyagentos.runtime.execution.leaf import PortInformation, Status
+from phyagentos.runtime.execution.leaf import Port, PortInformation, Status
 from phyagentos.runtime.execution.planning import BESIDE, MovingLeaf
 from phyagentos.runtime.motion.requests import (
     Approach,
@@ -16,10 +16,12 @@ class MoveLinear(MovingLeaf):
     INPUT_PORTS = {
         "approach": PortInformation(data_type=Approach, description="The line."),
         "direction": PortInformation(data_type=str, default_value="forward", description="`forward` or `back`."),
-        "speed": PortInformation(data_type=float, default_value=0.25, description="Fraction of the velocity limits."),
+        "speed": Port(
+            data_type=float, above=0.0, maximum=1.0, default_value=0.25, description="Fraction of the velocity limits."
+        ),
         "payload": PortInformation(data_type=Payload, required=False, description="What must stay in the fingers."),
-        "stop_n": PortInformation(
-            data_type=float, required=False, description="Contact force at which it stops and fails [N]."
+        "stop_n": Port(
+            data_type=float, above=0.0, required=False, description="Contact force at which it stops and fails [N]."
         ),
         "beside": BESIDE,
     }

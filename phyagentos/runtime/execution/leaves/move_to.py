@@ -3,7 +3,7 @@
 import numpy as np
 from msgspec.structs import replace
 
-from phyagentos.runtime.execution.leaf import PortInformation, Status
+from phyagentos.runtime.execution.leaf import Port, PortInformation, Status
 from phyagentos.runtime.execution.planning import BESIDE, MovingLeaf
 from phyagentos.runtime.motion.requests import (
     Approach,
@@ -24,7 +24,9 @@ class MoveTo(MovingLeaf):
         "approaches": PortInformation(data_type=Approaches, description="Where it may go."),
         "payload": PortInformation(data_type=Payload, required=False, description="What is held, and how."),
         "ignore": PortInformation(data_type=str, required=False, description="Entity that is no obstacle."),
-        "speed": PortInformation(data_type=float, default_value=1.0, description="Fraction of the velocity limits."),
+        "speed": Port(
+            data_type=float, above=0.0, maximum=1.0, default_value=1.0, description="Fraction of the velocity limits."
+        ),
         "beside": BESIDE,
     }
     OUTPUT_PORTS = {"approach": PortInformation(data_type=Approach, description="The approach it hovers at.")}

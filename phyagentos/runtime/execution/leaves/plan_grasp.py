@@ -2,7 +2,7 @@
 
 from phyagentos.protocol.predicates.meaning import find_relation
 from phyagentos.protocol.world.mechanisms import find_hinge
-from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import Port, PortInformation, Role, Status
 from phyagentos.runtime.execution.planning import BESIDE, CandidatePlanningLeaf
 from phyagentos.runtime.motion.requests import (
     Approaches,
@@ -37,7 +37,7 @@ class PlanGrasp(CandidatePlanningLeaf):
         "sides": PortInformation(
             data_type=tuple, default_value=(), description="Directions in its frame, one of which shall point up then."
         ),
-        "hover_m": PortInformation(data_type=float, default_value=0.08, description="Length of the approach [m]."),
+        "hover_m": Port(data_type=float, minimum=0.0, default_value=0.08, description="Length of the approach [m]."),
         "beside": BESIDE,
     }
     OUTPUT_PORTS = {

@@ -1,7 +1,7 @@
 """Ask for ways to put a held object somewhere."""
 
 from phyagentos.protocol.predicates.meaning import find_relation
-from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import Port, PortInformation, Role, Status
 from phyagentos.runtime.execution.leaves.plan_room import list_removable
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
 from phyagentos.runtime.motion.requests import (
@@ -22,9 +22,9 @@ class PlanPlace(ApproachPlanningLeaf):
         "near": PortInformation(
             data_type=tuple, required=False, description="Point to stay close to, world frame [m]."
         ),
-        "near_radius_m": PortInformation(data_type=float, default_value=0.12, description="How close [m]."),
+        "near_radius_m": Port(data_type=float, above=0.0, default_value=0.12, description="How close [m]."),
         "up": PortInformation(data_type=tuple, required=False, description="Direction in its frame to point up."),
-        "hover_m": PortInformation(data_type=float, default_value=0.07, description="Length of the approach [m]."),
+        "hover_m": Port(data_type=float, minimum=0.0, default_value=0.07, description="Length of the approach [m]."),
         "may_fall": PortInformation(
             data_type=bool, default_value=True, description="Whether it may be let go above a walled floor."
         ),

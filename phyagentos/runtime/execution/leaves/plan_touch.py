@@ -1,7 +1,7 @@
 """Ask for a straight way of the closed fingers down onto an object."""
 
 from phyagentos.protocol.world.entity_geometry import compute_reach
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
+from phyagentos.runtime.execution.leaf import FailureCode, Port, PortInformation, Status
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
 from phyagentos.runtime.motion.requests import FindTouch, MotionRequest
 
@@ -15,7 +15,7 @@ class PlanTouch(ApproachPlanningLeaf):
             data_type=tuple, required=False, description="Where its middle shall be, world frame [m]; else where it is."
         ),
         "above_m": PortInformation(data_type=float, default_value=0.0, description="End so far above it [m]."),
-        "hover_m": PortInformation(data_type=float, default_value=0.06, description="Length of the path [m]."),
+        "hover_m": Port(data_type=float, minimum=0.0, default_value=0.06, description="Length of the path [m]."),
     }
 
     def compose(self) -> MotionRequest | Status:

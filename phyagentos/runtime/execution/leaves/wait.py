@@ -1,13 +1,13 @@
 """Let simulated time go by."""
 
-from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import Leaf, Port, Role, Status
 
 
 class Wait(Leaf):
     """Hold still for some time."""
 
     ROLE = Role.WAIT
-    INPUT_PORTS = {"seconds": PortInformation(data_type=float, description="How long, simulated [s].")}
+    INPUT_PORTS = {"seconds": Port(data_type=float, minimum=0.0, description="How long, simulated [s].")}
 
     _until_s = 0.0
 

@@ -1,0 +1,47 @@
+"""What libyaml and PyYAML say of text that is no YAML, in words of the file."""
+
+import yaml
+
+QUOTE_OPEN = "a quote that is not closed"
+_QUOTE = "Quote a text that holds ': ' or ' #', or that begins with one of [ ] { } > | * & ! % @ `."
+_ALIGN = "Indent the keys of one mapping alike, with blanks."
+_CLOSE = "Close every [ and {, and put a comma between values."
+_WORDS = {  # part of the library's sentence: found, and what to do
+    "mapping values are not allowed": ("a second ': ' in one line, or a key further in than those above it", _QUOTE),
+    "could not find expected ':'": ("a line that is no key, as ': ' is missing", "Write 'key: value'."),
+    "cannot start any token": ("a letter that begins no value: a tab, @, ` or %", f"Use blanks for tabs. {_QUOTE}"),
+    "a tab character": ("a tab", "Indent with blanks."),
+    "did not find expected key": ("a line that fits no mapping or list above it", f"{_ALIGN} Close every quote."),
+    "did not find expected '-'": ("a line among the '- ' of a list that does not begin with '- '", _ALIGN),
+    "did not find expected ',' or": ("a list or mapping in brackets that is not closed, or lacks a comma", _CLOSE),
+    "did not find expected node content": ("a bracket or comma where a value is expected", _CLOSE),
+    "found unexpected end of stream": (QUOTE_OPEN, "Close it."),
+    "found unexpected document indicator": (QUOTE_OPEN, "Close it."),
+    "found unknown escape character": ("an escape that YAML does not know", "Write \\\\ for \\, or use single quotes."),
+    "escape code": ("an escape that YAML does not know", "Write \\\\ for \\, or use single quotes."),
+    "undefined alias": ("an alias '*name' without its anchor '&name'", "Quote a text that begins with *."),
+    "expected alphabetic or numeric": ("a * or & without a name", "Quote a text that begins with * or &."),
+    "could not determine a constructor": ("a tag '!name', and none is known", "Quote a text that begins with !."),
+    "undefined tag handle": ("a tag '!name', and none is known", "Quote a text that begins with !."),
+    "block sequence entries are not": ("a '- ' where no list can begin", "Begin the list on a line of its own."),
+    "mapping keys are not allowed": ("a '? ' where no key can begin", _QUOTE),
+    "but found another document": ("a second document after '---'", "Keep one document in a file."),
+    "expected <document start>": ("text after the end of the value", _ALIGN),
+    "comment or line break": ("text after | or >", "Begin the text on the next line."),
+    "not allowed": ("an invisible control character", "Remove it."),
+    "found unhashable key": ("a list or mapping as a key", "Write a text."),
+    "expected a mapping": ("'<<' that merges what is no mapping", "Merge an anchor of a mapping, as in '<<: *name'."),
+}
+
+
+def explain(error: yaml.YAMLError) -> tuple[str, str]:
+    """What was found, and what to do next."""
+    told = f"{getattr(error, 'problem', None) or ''} {getattr(error, 'context', None) or ''}"
+    told = told if told.strip() else str(error)
+    known = next((words for part, words in _WORDS.items() if part in told), None)
+    if known is not None:
+        return known
+    is_ours = isinstance(error, yaml.composer.ComposerError | yaml.constructor.ConstructorError)
+    return (
+        (told.strip(), "") if is_ours and getattr(error, "context", None) is None else ("text that is no YAML", _QUOTE)
+    )

@@ -1,0 +1,43 @@
+"""Ports of leaves: a type, and for a number the range that it has to be in."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from py_trees.ports import PortInformation
+
+
+@dataclass(frozen=True)
+class Port(PortInformation):
+    """One input or output; ends of a range are in the unit of the port.
+
+    Attributes:
+        minimum: Least number.
+        above: Number that it has to be greater than.
+        maximum: Greatest number.
+    """
+
+    minimum: float = -math.inf
+    above: float = -math.inf
+    maximum: float = math.inf
+
+
+def find_misfit(value: Any, port: PortInformation) -> str:
+    """What a value of the port's type should have been; empty where every number in it is finite and in range."""
+    numbers = [*_iter_numbers(value)]
+    if not all(map(math.isfinite, numbers)):
+        return "a finite number" if numbers == [value] else "finite numbers"
+    if not isinstance(port, Port) or all(port.minimum <= n <= port.maximum and n > port.above for n in numbers):
+        return ""
+    words = {"at least": port.minimum, "greater than": port.above, "at most": port.maximum}
+    ends = " and ".join(f"{word} {end:g}" for word, end in words.items() if math.isfinite(end))
+    return f"a number {'of ' * ends.startswith('at')}{ends}"
+
+
+def _iter_numbers(value: Any) -> Iterator[float]:
+    if isinstance(value, list | tuple):
+        for each in value:
+            yield from _iter_numbers(each)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        yield value

@@ -1,0 +1,30 @@
+"""Whether a robot can take hold of any object of a goal at all: asked before a run of a robot that is new."""
+
+from collections.abc import Collection
+from pathlib import Path
+
+from phyagentos.errors import Problem, format_names
+from phyagentos.protocol.capabilities.placed_scenes import place_scene
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.world.scenes import SceneSpec
+from phyagentos.runtime.models.scene import draw_bodies
+from phyagentos.runtime.motion.planner import MotionPlanner
+from phyagentos.runtime.motion.requests import FindGrasps, NoPlan, World
+
+
+def find_out_of_reach(
+    profile: TargetProfile, file: Path, scene: SceneSpec, objects: Collection[str], seed: int
+) -> list[Problem]:
+    """One problem, `OUT_OF_REACH`, where no grasp of any of `objects` has a posture, with nothing around them."""
+    planner = MotionPlanner(profile, file.parent)
+    placed = draw_bodies(place_scene(scene, profile.placement), seed)
+    entities = [each.as_entity() for each in placed if each.name in objects]
+    for entity in entities:
+        world, home = World((entity,)), planner.robot.home_rad
+        answer = planner.answer(FindGrasps(world=world, object=entity.name, q_rad=home, seed=seed, count=1))
+        if not isinstance(answer, NoPlan) or answer.code != "NO_IK" or set(answer.rejected) != {"ik"}:
+            return []
+    hint = f"See where its grasps reach: paos robot try {profile.target}. Then change `tool`, or `placement`."
+    found = f"no posture for any grasp of {format_names(each.name for each in entities)}"
+    expected = "a tool whose z axis approaches, and objects within reach"
+    return [Problem("OUT_OF_REACH", str(file), found, expected, hint)] if entities else []
