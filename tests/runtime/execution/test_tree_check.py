@@ -129,11 +129,11 @@ def test_ports_of_a_subtree_are_checked_like_those_of_a_leaf(check):
         ("wait: {seconds: yes}", "found true; expected type number. YAML reads yes, no, on and off as true and false"),
         ('wait: {seconds: "60"}', "found '60'; expected type number. Write 60 without quotes"),
         ("wait: {seconds: 060}", "found 060, which YAML 1.1 reads as octal; expected decimal digits. Write 60"),
-        ("move_home: {speed: 0}", "found 0; expected a number greater than 0 and at most 1"),
-        ("move_home: {speed: 150}", "found 150; expected a number greater than 0 and at most 1"),
+        ("move_home: {speed: 0}", "found 0; expected a number greater than 0 and of at most 1"),
+        ("move_home: {speed: 150}", "found 150; expected a number greater than 0 and of at most 1"),
         ("open_gripper: {width_m: -0.1}", "found -0.1; expected a number of at least 0"),
         ("plan_reach: {to: [.nan, 0, 0]}", "found (nan, 0, 0); expected finite numbers"),
-        ("subtree: {tree: outer, with: {slow: 5}}", "found 5; expected a number greater than 0 and at most 1"),
+        ("subtree: {tree: outer, with: {slow: 5}}", "found 5; expected a number greater than 0 and of at most 1"),
         ("subtree: {tree: outer, with: {slow: .nan}}", "found .nan; expected a finite number"),
     ],
 )
@@ -148,7 +148,7 @@ def test_a_number_is_finite_and_in_the_range_of_the_port_that_reads_it(check, ch
 
 def test_the_default_of_an_input_is_in_the_range_of_the_port_that_reads_it(check):
     (found,) = check(['move_home: {speed: "${slow}"}'], "inputs: {slow: {type: number, default: 5}}")
-    assert "mine.yaml:3:31: INVALID_VALUE: found 5.0; expected a number greater than 0 and at most 1" in found
+    assert "mine.yaml:3:31: INVALID_VALUE: found 5.0; expected a number greater than 0 and of at most 1" in found
 
 
 @pytest.mark.parametrize("number", ["5e-1", "1.0e1", "0.5", "5"])
