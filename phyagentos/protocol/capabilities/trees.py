@@ -349,7 +349,7 @@ def _build_leaf(
     return Node(kind=NodeKind.LEAF, type=leaf, name=name or default_name or leaf, address=place, wiring=wiring)
 
 
-def _check_name(located: Located, place: Address, name: Any, problems: list[Problem]) -> str:
+def _check_name(located: Located, place: Address, name: object, problems: list[Problem]) -> str:
     """The name of a node, as it is where it can be a step of a path: '/' parts the steps, and a path is one line."""
     if name is None or (isinstance(name, str) and "/" not in name and (name.isprintable() and name == name.strip())):
         return name or ""

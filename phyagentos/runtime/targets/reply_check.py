@@ -7,7 +7,6 @@ runs backwards, a number that is not finite, a list without end, text where a co
 import math
 import re
 from collections.abc import Iterator
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -165,7 +164,7 @@ def _find_unsound(reply: wire.Reply) -> str:
     return ""
 
 
-def _list_leaves(value: Any, where: str) -> Iterator[tuple[str, Any]]:
+def _list_leaves(value: object, where: str) -> Iterator[tuple[str, object]]:
     """Numbers, texts and poses below a value, with their paths."""
     if isinstance(value, msgspec.Struct):
         if isinstance(value, Pose):
