@@ -5,12 +5,14 @@ import itertools
 import os
 import shutil
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.documents.enclosure import SOCKETS
+from phyagentos.protocol.documents.leftovers import sweep_leftovers
 from phyagentos.protocol.workspace.process_lock import RUNTIME_LOCK, become_sole
 from phyagentos.protocol.workspace.workspace import Workspace
 
@@ -27,7 +29,10 @@ def open_project(root: Path, *projects: Path) -> Workspace:
 
 @contextlib.contextmanager
 def serve_alone(workspace: Workspace, clock: Clock) -> Iterator[None]:
-    """While the block runs, no other `paos run` or `paos watch` serves this workspace; raises `BUSY`."""
+    """While the block runs, no other `paos run` or `paos watch` serves this workspace; raises `BUSY`.
+
+    What killed processes have left is swept first.
+    """
     try:
         lock = become_sole(workspace.root / RUNTIME_LOCK, clock, "BUSY", "another one", patience_s=0.0)
     except ExecutionError as error:
@@ -36,6 +41,7 @@ def serve_alone(workspace: Workspace, clock: Clock) -> Iterator[None]:
         hint = f"To give that one another goal: paos agent GRAPH -w {workspace.root}. Or name another workspace."
         raise DefinitionError.of("BUSY", str(workspace.root), found, expected, hint) from error
     try:
+        sweep_leftovers(workspace.root, datetime.fromisoformat(clock.wall_iso()).timestamp())
         yield
     finally:
         os.close(lock)

@@ -165,16 +165,22 @@ class EpisodeLog:
 
 
 def read_records(folder: Path) -> list[EpisodeRecord]:
-    """Every record of a run; a line that is not whole is none, a whole one that is none raises `RUN_DIFFERS`."""
-    path, records = folder / LOG, []
+    """The record of each episode of a run, however often its line stands there; a line that is not whole is none.
+
+    Raises DefinitionError `RUN_DIFFERS` for a whole line that is no record, and for two records of one episode.
+    """
+    path, records = folder / LOG, dict[str, EpisodeRecord]()
     data = path.read_bytes() if path.is_file() else b""
     for number, line in enumerate(data.split(b"\n")[:-1], 1):
         try:
-            records.append(msgspec.json.decode(line, type=EpisodeRecord))
+            record = msgspec.json.decode(line, type=EpisodeRecord)
         except msgspec.MsgspecError as error:
             where, expected = f"{path}:{number}", "the record of an episode"
             raise DefinitionError.of("RUN_DIFFERS", where, str(error), expected) from error
-    return records
+        if records.setdefault(record.id, record) != record:
+            expected = "one record of each episode"
+            raise DefinitionError.of("RUN_DIFFERS", f"{path}:{number}", f"another record of {record.id}", expected)
+    return [*records.values()]
 
 
 def select(records: Iterable[EpisodeRecord], where: dict[str, str]) -> list[EpisodeRecord]:

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
 from io import TextIOWrapper
+from itertools import islice
 from pathlib import Path
 from typing import IO
 
@@ -101,11 +102,16 @@ def print_found(value: object, text: str, *, as_json: bool) -> None:
         print_result(text)
 
 
+PROBLEMS_SHOWN, PROBLEM_LETTERS = 500, 4000
+
+
 def print_problems(problems: Iterable[Problem]) -> int:
-    """Every problem on its own line of stderr, duplicates once. Returns how many were printed."""
+    """Each problem on its own line of stderr, duplicates once, as many as anyone reads. Returns how many there are."""
     unique = dict.fromkeys(problems)
-    for problem in unique:
-        print_note(str(problem).replace("\n", " "))
+    for problem in islice(unique, PROBLEMS_SHOWN):
+        print_note(str(problem).replace("\n", " ")[:PROBLEM_LETTERS])
+    if len(unique) > PROBLEMS_SHOWN:
+        print_note(f"and {len(unique) - PROBLEMS_SHOWN} more")
     return len(unique)
 
 

@@ -8,6 +8,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.export.bt_xml import APART
 from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, TOO_DEEP
 
+ELEMENTS_MAX = 20_000  # of a file that is imported
 EXPLICIT = frozenset({"Action", "Condition", "Control", "Decorator"})  # <Action ID="move_to"/> is <move_to/>
 _ERRORS = {  # of expat, by its sentence
     "mismatched tag": "an end tag that is not of the element open last",
@@ -38,7 +39,7 @@ class Element:
 def parse_elements(text: str, source: str) -> Element:
     """The outermost element; raises DefinitionError `SYNTAX`."""
     parser = expat.ParserCreate()
-    opened = [Element("")]
+    opened, count = [Element("")], 0
 
     def get_mark() -> tuple[int, int]:
         return parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
@@ -48,6 +49,10 @@ def parse_elements(text: str, source: str) -> Element:
         raise DefinitionError.of("SYNTAX", f"{source}:{line}:{column}", found, "well-formed XML without DOCTYPE")
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count
+        count += 1
+        if count > ELEMENTS_MAX:
+            refuse(f"more than {ELEMENTS_MAX} elements")
         if len(opened) > DEPTH_MAX:
             refuse(TOO_DEEP)
         id = attributes.pop("ID", "")

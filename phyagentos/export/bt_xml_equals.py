@@ -81,7 +81,7 @@ def _force(tag: str, last: str) -> Callable[[Element], tuple[Element, str]]:
 
 
 def _answer(leaf: str) -> Callable[[Element], tuple[Element, str]]:
-    more = {"seconds": "0"} if leaf == _SUCCEEDS else {"code": "FORCED"}
+    more = {"seconds": "0"} if leaf == _SUCCEEDS else {"code": "UNMET"}
     return lambda element: (replace(element, tag=leaf, attributes=element.attributes | more), "")
 
 

@@ -36,6 +36,7 @@ from phyagentos.operations.run import RunReport
 from phyagentos.operations.workspaces import FOLDER, REQUESTS, find_workspaces
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.documents.plain_data import Fields
+from phyagentos.protocol.documents.seen_text import find_unseen
 from phyagentos.protocol.workspace.workspace import Workspace
 
 GOAL_SUFFIX = ".goal.yaml"
@@ -102,8 +103,9 @@ def ask(
     model that is asked for what the grammar does not know. Files go to the requests of `workspace`, a new one under
     workspaces/ by default, or else beside `output`.
 
-    Raises DefinitionError for an unknown scene or target, and where the graph has problems.
+    Raises DefinitionError for an unknown scene or target, letters that are not seen, and a graph with problems.
     """
+    _require_seen(request)
     library = open_library()
     catalogue = Catalogue.read(library)
     past = _read_past(workspace, scene, catalogue)
@@ -118,8 +120,7 @@ def ask(
     plan = describe_plan(planned)
     if planned.steps and output is None:
         workspace = workspace or choose_folder(FOLDER, f"{goal.goal}-{seed}")
-        Workspace.create(workspace, library)
-        output = _choose_file(workspace / REQUESTS, goal.goal, plan.graph)
+        output = _choose_place(workspace, library, goal.goal, plan.graph)
     graph = _write(plan, goal, output, request, model) if planned.steps and output is not None else None
     return Asked(
         goal=goal.model_dump(mode="json"),
@@ -133,6 +134,17 @@ def ask(
         workspace=str(workspace) if workspace is not None else None,
         before=str(next(reversed(past))) if past else None,
     )
+
+
+def _require_seen(request: str) -> None:
+    if unseen := find_unseen(request.strip()):
+        raise DefinitionError.of("INVALID_VALUE", "the request", ", ".join(unseen[:8]), "text that is seen as it is")
+
+
+def _choose_place(workspace: Path, library: Library, goal: str, graph: str) -> Path:
+    """A new file of a graph among the requests of a workspace, which is made."""
+    Workspace.create(workspace, library)
+    return _choose_file(workspace / REQUESTS, goal, graph)
 
 
 def _describe_gap(found: Ambiguous | Impossible) -> NotUnderstood:

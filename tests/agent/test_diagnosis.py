@@ -270,6 +270,27 @@ def test_what_a_star_covers_is_missing_evidence_unless_all_of_it_was_seen():
     assert diagnose(msgspec.structs.replace(bundle, after=after), [told]).cause is Cause.EVIDENCE_MISSING
 
 
+@pytest.mark.parametrize(
+    ("stds_m", "said"),
+    [
+        ((0.001, 0.003), "red_tray is known to 6 mm and 0°: another view of it, a wider criterion or another support"),
+        ((0.004, 0.003), "red_cube is known to 8 mm and 0°: another view of it or a wider criterion"),
+        ((0.0, 0.0), ""),
+    ],
+)
+def test_a_verdict_that_nothing_decided_names_what_would_decide_it(stds_m, said):
+    world = make_world()
+    entities = {
+        name: msgspec.structs.replace(world.entities[name], position_std_m=std_m, turn_std_rad=0.0)
+        for name, std_m in zip(("red_cube", "red_tray"), stds_m, strict=True)
+    }
+    after = msgspec.structs.replace(world, entities={**world.entities, **entities})
+    bundle = msgspec.structs.replace(make_bundle(after, ended=Ended.COMPLETED), after=after)
+    found = diagnose(bundle, [criterion("inside(red_cube, red_tray)", Truth.UNKNOWN)])
+    assert found.cause is Cause.UNDECIDABLE
+    assert found.fact == f"inside(red_cube, red_tray) is unknown: seen so{f'; {said} would decide it' if said else ''}"
+
+
 def test_an_absent_thing_is_gone_unless_it_had_been_taken_hold_of():
     assert ask(make_bundle(remove(make_world(), "red_cube"), code="GRASP_MISSED")).cause is Cause.OBJECT_GONE
     lost = ask(make_bundle(remove(make_world(), "red_cube"), Stage.LIFTED, code="GRASP_LOST"))

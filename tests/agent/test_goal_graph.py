@@ -214,6 +214,37 @@ def test_every_shipped_goal_graph_is_free_of_problems(monkeypatch):
 
 
 @pytest.mark.parametrize(
+    ("old", "new", "place", "message"),
+    [
+        (
+            "destination: red_tray}",
+            "destination: bottle}",
+            "13:30",
+            "found inside 'bottle', which is solid; expected an",
+        ),
+        (
+            '["inside(red_cube, red_tray)"]',
+            '["inside(red_cube, bottle)"]',
+            "14:14",
+            "found inside 'bottle', which is solid",
+        ),
+        (
+            '["inside(red_cube, red_tray)"]',
+            '["inside(wall, red_tray)"]',
+            "14:14",
+            "found 'wall', which is fixed, inside",
+        ),
+    ],
+)
+def test_what_cannot_be_put_there_is_told_before_anything_runs(monkeypatch, tmp_path, old, new, place, message):
+    monkeypatch.undo()
+    path = tmp_path / "tidy_table.yaml"
+    path.write_text((find_shipped_root() / "goal_graphs" / "tidy_table.yaml").read_text().replace(old, new, 1))
+    (problem,) = check_goal_graph(path, Catalogue.read(Library((find_shipped_root(),))))
+    assert str(problem).startswith(f"{path}:{place}: INVALID_VALUE: {message}")
+
+
+@pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ("goal: good", f"goal: {'g' * 81}", r"1:1: INVALID_VALUE: found 'g{81}'; expected at most 80 letters"),
@@ -221,6 +252,11 @@ def test_every_shipped_goal_graph_is_free_of_problems(monkeypatch):
         ("yellow_cube]", f"{'v' * 100}]", r"15:5: INVALID_VALUE: found 'each-v{100}'; expected values that make"),
         ("skill: pick\n", "skill: pick\n        priority: 1000001\n", r"23:5: INVALID_VALUE: found 1000001"),
         ("objective: Everything at once.", "objective: 2001-99-99", r"2:12: SYNTAX: found '2001-99-99' is no"),
+        (
+            'near: "${red.outputs.place_site}"',
+            "near: [.nan, 0, 0]",
+            r"\d+:\d+: INVALID_VALUE: found \[nan, 0, 0\]; expected three numbers",
+        ),
     ],
 )
 def test_what_the_planes_could_not_take_is_a_problem_of_the_file(write_graph, catalogue, old, new, message):

@@ -30,7 +30,6 @@ ELSEWHERE = {  # the same word for something else
     "export/mcap_log.py": {"at"},  # when a line was written
     "protocol/capabilities/skill_runtimes.py": OF_TYPES,
     "protocol/documents/body_codec.py": {"on"},  # a truth value of YAML 1.1
-    "protocol/documents/schema.py": {"on"},
     "runtime/policies/policy_runtime.py": {"fail"},  # what a composite is to do
     "runtime/preflight/arguments.py": OF_TYPES,
     "runtime/preflight/policy_checks.py": {"place"},

@@ -181,6 +181,16 @@ def test_the_log_keeps_a_record_once_and_drops_a_half_line(tmp_path):
         read_records(tmp_path)
 
 
+def test_a_line_that_stands_twice_counts_once_and_two_records_of_an_episode_are_refused(tmp_path):
+    lines = [msgspec.json.encode(make_record(id)) + b"\n" for id in ("a.1", "a.2", "a.1")]
+    (tmp_path / "episodes.jsonl").write_bytes(b"".join(lines))
+    assert [record.id for record in read_records(tmp_path)] == ["a.1", "a.2"]
+    with (tmp_path / "episodes.jsonl").open("ab") as file:
+        file.write(msgspec.json.encode(make_record("a.2", verdict="failure")) + b"\n")
+    with pytest.raises(DefinitionError, match=r"episodes\.jsonl:4: RUN_DIFFERS"):
+        read_records(tmp_path)
+
+
 def test_a_gap_in_the_second_run_is_a_regression():
     runs = [[make_record(f"a.{seed}", seed=seed, is_met=True) for seed in seeds] for seeds in (range(4), range(3))]
 

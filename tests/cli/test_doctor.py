@@ -66,6 +66,7 @@ UNFIT = [
 def test_graphics_that_are_named_and_cannot_draw_are_refused_by_doctor_and_run_at_once(
     tmp_path, paos, monkeypatch, given, unfit
 ):
+    monkeypatch.delenv("PYOPENGL_PLATFORM", raising=False)  # MuJoCo leaves it where a test before has imported it
     for name, value in ({"DISPLAY": ""} | given).items():
         monkeypatch.setenv(name, value)
     finding = doctor.check_graphics()

@@ -14,6 +14,7 @@ import msgspec
 import pytest
 from rich.console import Console
 
+from phyagentos import errors
 from phyagentos.assembly.paths import choose_folder
 from phyagentos.cli import console as console_module
 from phyagentos.cli import mission_run
@@ -319,7 +320,7 @@ def test_a_latched_emergency_stop_is_told_once_with_its_way_out(run, monkeypatch
     ],
 )
 def test_a_plane_that_ended_without_a_word_on_a_full_disk_says_so(tmp_path, monkeypatch, free_bytes, printed, said):
-    monkeypatch.setattr(carrying_out.shutil, "disk_usage", lambda _: SimpleNamespace(free=free_bytes))
+    monkeypatch.setattr(errors.shutil, "disk_usage", lambda _: SimpleNamespace(free=free_bytes))
     with pytest.raises(PlaneEnded, match=said):
         raise PlaneEnded(EndedPlane(tmp_path, printed))
 

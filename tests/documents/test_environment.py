@@ -108,7 +108,7 @@ def test_an_environment_that_nobody_observed_says_so():
 def test_a_snapshot_that_is_damaged_names_the_line():
     text = render_environment(ENVIRONMENT)
     line = text.split("time_s: 12.5")[0].count("\n") + 1
-    with pytest.raises(DefinitionError, match=rf"E.md:{line}:1: INVALID_VALUE: found 'noon'; expected `float`"):
+    with pytest.raises(DefinitionError, match=rf"E.md:{line}:1: INVALID_VALUE: found 'noon'; expected a number"):
         read_environment(text.replace("time_s: 12.5", "time_s: noon"), "E.md")
 
 

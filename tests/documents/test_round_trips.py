@@ -58,14 +58,17 @@ ENTITIES = draw_struct(
 ENVIRONMENTS = draw_struct(
     Environment, entities=st.lists(ENTITIES, max_size=3).map(lambda each: {entity.name: entity for entity in each})
 )
+PARAMETERS = st.builds(
+    lambda ends, unit: Parameter(type="number", unit=unit, minimum=min(ends), default=max(ends)),
+    st.tuples(NUMBERS, NUMBERS),
+    TEXTS,
+)
 SKILLS = st.builds(
     SkillRuntime,
     skill=st.from_regex(r"[a-z][a-z0-9_]{0,8}", fullmatch=True),
     description=TEXTS,
     tree=TEXTS,
-    parameters=st.dictionaries(
-        NAMES, st.builds(Parameter, type=st.just("number"), unit=TEXTS, default=NUMBERS, minimum=NUMBERS), max_size=2
-    ),
+    parameters=st.dictionaries(NAMES, PARAMETERS, max_size=2),
     outputs=st.dictionaries(NAMES, st.builds(Output, type=st.just("point"), description=TEXTS), max_size=2),
     guarantees=st.lists(TEXTS, max_size=2).map(tuple),
     needs=st.builds(Needs, capabilities=st.lists(TEXTS, max_size=2).map(tuple)),

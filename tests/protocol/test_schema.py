@@ -1,5 +1,6 @@
 """Reading authored files: every problem at once, each at its place."""
 
+import math
 from datetime import date
 
 import msgspec
@@ -7,6 +8,7 @@ import pytest
 import yaml
 
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.capabilities.skill_runtimes import Parameter, find_mismatch
 from phyagentos.protocol.documents.schema import Authored, parse_yaml, salvage, validate
 from phyagentos.protocol.documents.yaml_scalars import Loader
 
@@ -129,11 +131,11 @@ def test_every_integer_that_a_record_can_hold_is_read():
         ("true: 1", "f.yaml:1:1: INVALID_VALUE: found the key true, a truth value"),
         ("~: 1", "f.yaml:1:1: INVALID_VALUE: found the key ~, nothing"),
         ("a: b: c", "f.yaml:1:5: SYNTAX: found a second ': ' in one line.*Quote a text"),
-        ("a: 1\nb: 'x\nc: 2\n", "f.yaml:2:4: SYNTAX: found a quote that is not closed. Close it"),
+        ("a: 1\nb: 'x\nc: 2\n", "f.yaml:2:4: SYNTAX: found a quote that is not closed; .* Close it"),
         ("a: {b: 1\n", "SYNTAX: found a list or mapping in brackets that is not closed"),
         ("a: 1\nb: x\x01", "f.yaml:2:5: SYNTAX: found an invisible control character"),
         ("a: *x", "f.yaml:1:4: SYNTAX: found an alias"),
-        ("a: \tx\n\tb: 1", "f.yaml:2:1: SYNTAX: found a tab. Indent with blanks"),
+        ("a: \tx\n\tb: 1", "f.yaml:2:1: SYNTAX: found a tab; .* Indent with blanks"),
         ("a: !foo x", "f.yaml:1:4: SYNTAX: found a tag"),
         ("a: 1\n---\nb: 1", "f.yaml:2:1: SYNTAX: found a second document"),
     ],
@@ -161,23 +163,35 @@ class Numbers(Authored):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("number: yes", "found True; expected a number. YAML reads yes, no, on and off as true and false"),
+        ("number: yes", "found true; expected a number. YAML reads yes, no, on and off as true and false"),
         ("number: '60'", "found '60'; expected a number. Write 60 without quotes"),
         ("number: .nan", "expected a finite number"),
         ("number: -.inf", "expected a finite number"),
-        ("count: off", "found False; expected a whole number. YAML reads"),
+        ("count: off", "found false; expected a whole number. YAML reads"),
         ("count: '3'", "found '3'; expected a whole number. Write 3 without quotes"),
         ("count: 08", "found '08'; expected a whole number. Write 8 without quotes"),
         ("count: 3.0", "found 3.0; expected a whole number. Write 3"),
         ("flag: 'no'", "found 'no'; expected true or false. Write no without quotes"),
         ("flag: 1", "found 1; expected true or false"),
         ("word: 5", "found 5; expected a text. Write '5' in quotes"),
-        ("word: no", "found False; expected a text. YAML reads yes, no, on and off as true and false; quote a text"),
+        ("word: no", "found false; expected a text. YAML reads yes, no, on and off as true and false; quote a text"),
     ],
 )
 def test_a_number_a_truth_value_and_a_text_are_never_taken_for_one_another(text, message):
     with pytest.raises(DefinitionError, match=message):
         validate(Numbers, parse_yaml(text, "f.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [(math.nan, "a finite number"), (math.inf, "a finite number"), (50, "at most 10.0 s"), (1, "")],
+)
+def test_a_number_of_a_skill_is_finite_and_in_its_range_and_so_is_its_default(value, expected):
+    facts = {"type": "number", "unit": "s", "maximum": 10.0}
+    assert find_mismatch(Parameter(**facts), value) == expected
+    if expected:
+        with pytest.raises(DefinitionError, match=f"expected {expected}"):
+            validate(Parameter, parse_yaml(yaml.safe_dump({**facts, "default": value}), "f.yaml"))
 
 
 def build_bomb(first, name):

@@ -70,6 +70,21 @@ def test_a_target_lost_in_a_run_is_replaced_and_the_world_observed(stand):  # no
     assert worker.kills[0] is True
 
 
+def test_a_target_that_is_lost_again_and_again_ends_the_run_and_not_the_session_alone(stand):  # noqa: F811
+    stand.watch(worker := ScriptedWorker(on_run=lose_target, on_reconcile=lose_target), rest_s=0.001)
+    stand.submit(make_session())
+    stand.submit(make_session("g.b"))
+
+    stand.wait_for("g.a", "awaiting_verification")
+    stand.wait_for("g.b", "rejected")
+
+    assert stand.ledger.sessions["g.a"].execution.ended is Ended.TARGET_LOST
+    reason = stand.ledger.sessions["g.b"].reason
+    assert "TARGET_UNAVAILABLE" in reason
+    assert "it was lost; lost 3 times in a row" in reason
+    assert [type(order) for order in worker.orders] == [Check, Run, Reconcile, Reconcile]
+
+
 class Witness(ScriptedWorker):
     """Notes what the journal says of a session when it is killed."""
 

@@ -26,6 +26,7 @@ class Target:
 
     state: str = "starting"
     failures: int = 0
+    attempts: int = FAILURES
     lost: object | None = None
 
     def holds(self, condition: str) -> bool:

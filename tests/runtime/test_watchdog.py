@@ -29,7 +29,7 @@ PATIENCE_S = 20.0
 class ScriptedWorker:
     """Answers at once, as told: `on_check`, `on_run` map an order to an answer, or to None for silence."""
 
-    def __init__(self, *, starts=True, on_check=None, on_run=None) -> None:
+    def __init__(self, *, starts=True, on_check=None, on_run=None, on_reconcile=None) -> None:
         self.orders: list[object] = []
         self.restarts = 0
         self.kills: list[bool] = []
@@ -37,6 +37,7 @@ class ScriptedWorker:
         self._starts = starts
         self._on_check = on_check or (lambda order: Checked(session=order.session.id, plan=PLAN, tools=TOOLS))
         self._on_run = on_run or finish(Ended.COMPLETED)
+        self._on_reconcile = on_reconcile or finish(Ended.RUNNER_LOST)
         self._open()
 
     def _open(self) -> None:
@@ -50,7 +51,7 @@ class ScriptedWorker:
         if isinstance(order, Renew):
             return  # has no answer
         self.orders.append(order)
-        answers = {Check: self._on_check, Run: self._on_run, Reconcile: finish(Ended.RUNNER_LOST)}
+        answers = {Check: self._on_check, Run: self._on_run, Reconcile: self._on_reconcile}
         answer = answers.get(type(order), self._on_stop)(order)
         if answer == "die":
             self._theirs.close()

@@ -100,7 +100,8 @@ class Stage:
         self._robot, self.recording = robot, recording
         self.epochs = itertools.count(1)  # fencing tokens: the same session is rehearsed several times
         self.scene = Scene(name=environment.scene, seed=0, episode="imagined")
-        self.handle = TargetSessionHandle(Loopback(ServedTarget(robot, ReceiveLog(None))), limits, sees_truth=True)
+        self._served = ServedTarget(robot, ReceiveLog(None))
+        self.handle = TargetSessionHandle(Loopback(self._served), limits, sees_truth=True)
         self.handle.load(self.scene)
         self.start = settle_estimate(self.physics, environment, profile)
         self._snapshot = robot.snapshot().data
@@ -117,6 +118,7 @@ class Stage:
 
     def observe(self) -> Environment:
         """The imagined world as it is now; its truth is a belief already."""
+        self._served.forget_time()
         self.world.enter(self.scene)
         return self.world.observe(WORLD)
 

@@ -48,7 +48,7 @@ class Catalogue:
 
     def find_kinds(self, scene: str) -> dict[str, str] | None:
         """Kind of each listed body, `region` of each region; None when the scene cannot be read, reported elsewhere."""
-        content = self._find_scene(scene)
+        content = self.find_scene(scene)
         if content is None:
             return None
         listed = {name: body.kind for name, body in content.bodies.items() if body.listed}
@@ -56,19 +56,20 @@ class Catalogue:
 
     def find_mechanisms(self, scene: str) -> dict[str, str]:
         """How each object with a joint moves, `slide` or `hinge`; empty when the scene cannot be read."""
-        content = self._find_scene(scene)
+        content = self.find_scene(scene)
         bodies = content.bodies.items() if content is not None else ()
         return {name: body.joint.kind for name, body in bodies if body.joint is not None}
 
     def find_alike(self, scene: str) -> dict[str, frozenset[str]]:
         """Objects of a scene that no picture tells from others, and those; empty when it cannot be read."""
-        content = self._find_scene(scene)
+        content = self.find_scene(scene)
         if content is None:
             return {}
         found = {name: find_alike(content, name) for name, body in content.bodies.items() if body.listed}
         return {name: others for name, others in found.items() if others}
 
-    def _find_scene(self, name: str) -> SceneSpec | None:
+    def find_scene(self, name: str) -> SceneSpec | None:
+        """A scene; None when it cannot be read, reported elsewhere."""
         try:
             return read_scene(self.scenes[name])
         except (KeyError, DefinitionError):

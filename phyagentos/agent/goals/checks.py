@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.expansion import Node, Path
+from phyagentos.agent.goals.places import iter_misplaced
 from phyagentos.agent.goals.selector import ANY, Choice, select
 from phyagentos.agent.goals.spec import NAME_MAX, REFERENCE, GoalSpec, Promise
 from phyagentos.errors import DefinitionError, Problem, format_names
@@ -28,7 +29,7 @@ class Checks:
 
     def __init__(self, spec: GoalSpec, nodes: Mapping[str, Node], located: Located, catalogue: Catalogue) -> None:
         self.spec, self.nodes, self.located, self.catalogue = spec, nodes, located, catalogue
-        self._listed = catalogue.find_kinds(spec.scene)
+        self._listed, self._scene = catalogue.find_kinds(spec.scene), catalogue.find_scene(spec.scene)
         self._kinds = None if self._listed is None else self._listed | dict.fromkeys(spec.described, "")
         self._alike = catalogue.find_alike(spec.scene)
 
@@ -195,6 +196,8 @@ class Checks:
         except DefinitionError as error:
             yield from error.problems
             return
+        if self._scene is not None and "accept" in path:
+            yield from iter_misplaced(self.located, path, text, self._scene)
         for reference in predicate.iter_references():
             kind, known = "object", self._kinds and {*self._kinds}
             if reference.kind is ArgumentKind.TARGET:
@@ -221,6 +224,11 @@ class Checks:
                 yield self.located.unknown("posture", path, str(value), known)
             else:
                 yield from iter_mismatches(self.located, path, parameter, value, self._kinds)
+                if parameter.type == "place" and self._scene is not None:
+                    values: Mapping[str, object] = {"target": choice.target, **choice.parameters}
+                    promised = [substitute(each, values) for each in runtime.guarantees if f"${{{key}}}" in each]
+                    for text in promised:
+                        yield from iter_misplaced(self.located, path, text, self._scene)
 
     def _check_data_edges(self, node: Node, runtime: SkillRuntime, choices: Mapping[str, Choice]) -> Iterator[Problem]:
         for edge in node.data:

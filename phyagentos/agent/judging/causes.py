@@ -84,7 +84,7 @@ class Cause(StrEnum):
 _OF_REFUSALS = {  # of preflight: what a repair can answer; no means gives a destination room
     Cause.IMPOSSIBLE: {"TOO_WIDE", "TOO_HEAVY", "OUT_OF_REACH", "OUTSIDE_WORKSPACE", "TOO_SLIPPERY"},
     Cause.NO_PLAN: {"NO_FREE_SITE"},
-    Cause.TARGET_LOST: {"TARGET_UNAVAILABLE"},
+    Cause.TARGET_LOST: {"TARGET_UNAVAILABLE", "TARGET_LOST", "PROTOCOL_BROKEN"},
 }
 
 

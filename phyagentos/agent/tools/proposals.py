@@ -10,7 +10,6 @@ import contextlib
 import hashlib
 import os
 import re
-import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,13 +26,13 @@ from phyagentos.protocol.documents.durable_files import create_durably
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.documents.schema import Authored, ModelT, iter_nested, parse_yaml, validate
+from phyagentos.protocol.documents.seen_text import find_unseen
 from phyagentos.protocol.sessions.session import GoalId
 
 PROPOSAL_MAX = 1 << 18  # bytes
 WAITING_MAX = 100  # proposals without a decision; a person reads no more
 _TIME = r"^([01]\d|2[0-3]):[0-5]\d$"
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,79}-[0-9a-f]{16}")
-_HIDDEN = frozenset({"Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp"})  # Unicode categories: they show other than they are
 
 
 class Proposal(Authored):
@@ -73,8 +72,8 @@ class Proposed:
 def encode_proposal(proposal: Proposal) -> Proposed:
     """The canonical bytes of a proposal, and the name that they give it; raises `TOO_LARGE` or `INVALID_VALUE`."""
     content = proposal.model_dump(mode="json")
-    letters = {each for text in iter_nested(content) if isinstance(text, str) for each in text} - set("\n\t")
-    if hidden := [f"U+{ord(each):04X}" for each in sorted(letters) if unicodedata.category(each) in _HIDDEN]:
+    texts = (text for text in iter_nested(content) if isinstance(text, str))
+    if hidden := sorted({each for text in texts for each in find_unseen(text)}):
         expected = "text that is seen as it is"
         raise DefinitionError.of("INVALID_VALUE", proposal.goal, ", ".join(hidden[:8]), expected)
     data = _dump(proposal)

@@ -55,7 +55,9 @@ class Readings:
 
 def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     """Every reading of a request; none where a word is unknown, or from where on it is no sentence."""
-    text = request.lower()
+    text = " ".join(request.lower().split())
+    if len(text) > 4 * MOST_LETTERS:  # courtesies are not counted below
+        return refuse(RequestProblemKind.SENTENCE, text[MOST_LETTERS : 2 * MOST_LETTERS])
     for pattern, spelt in _SHORT:
         text = re.sub(pattern, spelt, text)
     adjectives, nouns = vocabulary.list_words()

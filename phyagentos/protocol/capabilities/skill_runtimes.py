@@ -123,9 +123,9 @@ class Parameter(Authored):
     @pydantic.model_validator(mode="after")
     def _check_default(self) -> "Parameter":
         if self.minimum is not None and self.maximum is not None and self.minimum > self.maximum:
-            raise misfit("minimum", f"at most the maximum, {self.maximum:g}")
+            raise misfit("minimum", f"at most the maximum, {self.maximum:g}", "Exchange the two.")
         if self.default is not None and (expected := find_mismatch(self, self.default)):
-            raise misfit("default", expected)
+            raise misfit("default", expected, f"Write one that fits type {self.type}, or leave it out.")
         return self
 
     @property

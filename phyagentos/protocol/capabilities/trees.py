@@ -23,6 +23,7 @@ from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.skill_runtimes import Output, Parameter, read_skill
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Address, Authored, Located, read_yaml, salvage, validate
+from phyagentos.protocol.documents.yaml_scalars import format_scalar
 
 _OF_PORTS = {"type", "description", "optional", "default"}
 PortType = Literal[
@@ -315,9 +316,9 @@ def _build(located: Located, address: Address, problems: list[Problem], default_
         data = {data: None}
     if not isinstance(data, dict) or len(data) != 1:
         shown = f"a mapping with keys {', '.join(map(str, data))}" if isinstance(data, dict) else type(data).__name__
-        problems.append(
-            located.problem("INVALID_VALUE", address, shown, "a mapping with one key: a node kind or a leaf")
-        )
+        expected = "a mapping with one key: a node kind or a leaf"
+        hint = "Write each as an entry of its own." if isinstance(data, dict) and data else ""
+        problems.append(located.problem("INVALID_VALUE", address, shown, expected, hint))
         return None
     key, body = next(iter(data.items()))
     place = address if is_bare else (*address, key)
@@ -348,13 +349,15 @@ def _build_leaf(
     return Node(kind=NodeKind.LEAF, type=leaf, name=name or default_name or leaf, address=place, wiring=wiring)
 
 
-def _check_name(located: Located, place: Address, name: Any, problems: list[Problem]) -> str:
+def _check_name(located: Located, place: Address, name: object, problems: list[Problem]) -> str:
     """The name of a node, as it is where it can be a step of a path: '/' parts the steps, and a path is one line."""
     if name is None or (isinstance(name, str) and "/" not in name and (name.isprintable() and name == name.strip())):
         return name or ""
     fitting = re.sub(r"[^\w.-]+", "_", str(name)).strip("_")
-    hint = f"Write '{fitting}'." if fitting else ""
-    problems.append(located.problem("INVALID_VALUE", place, repr(name), "a name of one line without '/'", hint))
+    hint = f"Write '{fitting}'." if fitting else "Leave 'name' out."
+    problems.append(
+        located.problem("INVALID_VALUE", place, format_scalar(name), "a name of one line without '/'", hint)
+    )
     return fitting
 
 

@@ -19,7 +19,13 @@ from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
 from phyagentos.errors import DefinitionError, Problem, find_nearest, format_hint
 from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, TOO_DEEP, VALUES_MAX, check_bounds, refuse
-from phyagentos.protocol.documents.yaml_scalars import Loader, advise_form, find_key_kind, find_old_number
+from phyagentos.protocol.documents.yaml_scalars import (
+    Loader,
+    advise_form,
+    find_key_kind,
+    find_old_number,
+    format_scalar,
+)
 from phyagentos.protocol.documents.yaml_syntax import QUOTE_OPEN, explain
 
 Address = tuple[str | int, ...]
@@ -146,7 +152,7 @@ def parse_yaml(text: str, source: str, first_line: int = 1, values_max: int = VA
             count = text[: mark.index].count
             is_deep = count("[") + count("{") - count("]") - count("}") > DEPTH_MAX
             detail, hint = (TOO_DEEP, "") if is_deep else (detail, hint)
-        raise DefinitionError.of("SYNTAX", place, detail, hint=hint) from error
+        raise DefinitionError.of("SYNTAX", place, detail, "well-formed YAML", hint) from error
     if problems:
         raise DefinitionError(problems)
     return Located(data=data, source=source, marks=marks)
@@ -176,7 +182,15 @@ def _collect_marks(
                 continue  # refused when it is constructed
             line, column = key.start_mark.line + 1 + offset, key.start_mark.column + 1
             if key.value in seen:
-                problems.append(Problem("DUPLICATE_NAME", f"{source}:{line}:{column}", repr(key.value)))
+                problems.append(
+                    Problem(
+                        "DUPLICATE_NAME",
+                        f"{source}:{line}:{column}",
+                        repr(key.value),
+                        "each key once",
+                        "Rename or remove one.",
+                    )
+                )
             seen.add(key.value)
             if kind := find_key_kind(key):
                 found, hint = f"the key {key.value or 'null'}, {kind}", f"Write '{key.value}' in quotes."
@@ -275,6 +289,8 @@ def _join_arities(errors: Sequence[Any]) -> Iterator[Any]:
     """The same errors; a tuple that is too short is one, as is one that is too long."""
     for item in errors:
         *owner, last = item["loc"] or ("",)
+        if item["type"] == "too_short" and len(item["input"]) >= item["ctx"]["min_length"]:
+            continue  # its values are wrong, which is told at each of them
         if item["type"] != "missing" or not isinstance(last, int):
             yield item
         elif last == len(item["input"]):  # the first value that is missing
@@ -303,7 +319,8 @@ def _to_problem(model: type[Authored], located: Located, base: Address, item: Er
     names = expected.replace("'", "").replace(" or ", ", ").split(", ")
     hint = advise_form(found, _FORMS.get(kind.partition("_")[0], ""))
     hint = hint or (format_hint(found, names) if isinstance(found, str) else "")
-    return located.problem("INVALID_VALUE", path, _show(found), expected, hint or _advise(kind, key, facts))
+    key = next((step for step in reversed(loc) if isinstance(step, str)), "")  # of a list, that of its owner
+    return located.problem("INVALID_VALUE", path, _show(found), expected, hint or _advise(kind, key, facts, found))
 
 
 def _strip_tags(data: Any, path: Address) -> Address:
@@ -355,11 +372,28 @@ def _phrase(kind: str, facts: Mapping[str, Any]) -> str:
 _UNITS = frozenset({"m", "kg", "s", "rad", "deg", "hz", "n", "nm", "px"})  # at the end of a key
 
 
-def _advise(kind: str, key: str, facts: Mapping[str, Any]) -> str:
+_STEPS = {  # by pydantic's kind of error
+    "greater_than": "Write more than {gt:g}.",
+    "greater_than_equal": "Write {ge:g} or more.",
+    "less_than": "Write less than {lt:g}.",
+    "less_than_equal": "Write {le:g} or less.",
+    "finite_number": "Write a number such as 1.0, or leave the key out.",
+    "list_type": "Write [{found}].",
+    "tuple_type": "Write [{found}].",
+    "dict_type": "Write 'key: value' below it.",
+    "model_type": "Write 'key: value' below it.",
+    "string_type": "Write a text, or leave the key out.",
+}
+
+
+def _advise(kind: str, key: str, facts: Mapping[str, Any], found: object) -> str:
     """What to do about a value of the wrong form; empty where what is expected says it."""
     if kind == "too_long":
         more = facts["max_length"] - facts["actual_length"]
         return f"Add {more}." if more > 0 else f"Remove {-more}."
+    if kind in _STEPS and (found is not None or kind == "string_type"):
+        shown = f'"{found}"' if isinstance(found, str) else "…" if isinstance(found, dict) else f"{_show(found)}, …"
+        return _STEPS[kind].format_map({**facts, "found": shown})
     _, mark, unit = key.rpartition("_")
     return f"{key!r} is in {unit}; write the number alone." if mark and unit in _UNITS else ""
 
@@ -370,7 +404,7 @@ def _show(value: object) -> str:
         return f"[{', '.join(map(_show, value))}]"
     if isinstance(value, list | tuple | dict):
         return "a mapping" if isinstance(value, dict) else "a list"
-    return "nothing" if value is None else repr(value)
+    return format_scalar(value)
 
 
 def find_fields(model: type[Authored], loc: Address) -> list[str]:

@@ -5,6 +5,7 @@ point and an exponent as in JSON, or is `0x1f`, `.inf` or `.nan`; other forms ar
 `on` and `off` are truth values as values, and words as keys. Writers quote a text that this reads as a number.
 """
 
+import math
 import re
 from collections.abc import Callable
 from typing import Any
@@ -38,7 +39,7 @@ def _report_failure(construct: Callable[[Any, Any], Any], kind: str) -> Callable
     def construct_or_report(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> Any:
         try:
             value = construct(loader, node) if len(node.value) <= NUMBER_LETTERS_MAX else 2**64
-            is_infinite = isinstance(value, float) and abs(value) == float("inf") and "inf" not in node.value.lower()
+            is_infinite = isinstance(value, float) and math.isinf(value) and "inf" not in node.value.lower()
             if not is_infinite and (not isinstance(value, int) or -(2**63) <= value < 2**64):  # as the journal takes
                 return value
         except (ArithmeticError, AttributeError, LookupError, ValueError):
@@ -84,14 +85,22 @@ def find_key_kind(key: yaml.ScalarNode) -> str:
     return kind
 
 
+def format_scalar(value: object) -> str:
+    """A value as a file has it: `.nan`, `true`, and text in quotes."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return ".nan" if math.isnan(value) else f"{'-' * (value < 0)}.inf"
+    return str(value).lower() if isinstance(value, bool) else "nothing" if value is None else repr(value)
+
+
 def advise_form(found: object, wanted: str) -> str:
     """What to write instead of a value of another form (`wanted` is number, integer, boolean or string), else empty."""
     if isinstance(found, bool):
         unquoted = "YAML reads yes, no, on and off as true and false"
         return f"{unquoted}; write a number." if wanted in {"number", "integer"} else f"{unquoted}; quote a text."
     if isinstance(found, int | float):
-        whole = wanted == "integer" and isinstance(found, float) and found.is_integer()
-        return f"Write {int(found)}." if whole else f"Write '{found}' in quotes." if wanted == "string" else ""
+        if wanted == "integer" and math.isfinite(found):
+            return f"Write {math.floor(found)}{'' if found == math.floor(found) else f' or {math.ceil(found)}'}."
+        return f"Write '{found}' in quotes." if wanted == "string" else ""
     kind = _resolve(yaml.ScalarNode, found, (True, False)) if isinstance(found, str) and found else ""
     kinds = {"boolean": ("bool",), "number": ("int", "float"), "integer": ("int",)}.get(wanted, ())
     is_old = isinstance(found, str) and re.fullmatch(r"[-+]?0\d+", found) and "int" in kinds

@@ -5,7 +5,7 @@ import yaml
 QUOTE_OPEN = "a quote that is not closed"
 _QUOTE = "Quote a text that holds ': ' or ' #', or that begins with one of [ ] { } > | * & ! % @ `."
 _ALIGN = "Indent the keys of one mapping alike, with blanks."
-_CLOSE = "Close every [ and {, and put a comma between values."
+_CLOSE = "Close every [, { and quote, and put a comma between values."
 _WORDS = {  # part of the library's sentence: found, and what to do
     "mapping values are not allowed": ("a second ': ' in one line, or a key further in than those above it", _QUOTE),
     "could not find expected ':'": ("a line that is no key, as ': ' is missing", "Write 'key: value'."),

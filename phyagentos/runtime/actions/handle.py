@@ -326,6 +326,7 @@ class TargetSessionHandle:
     def _expect(self, kind: type[wire.RequestFor[ReplyT]], reply: wire.Reply) -> ReplyT:
         if isinstance(reply, wire.Refused):
             message = f"the target refused {kind.__name__}: {reply.message}"
+            message = reply.message if reply.code == "PROTOCOL_BROKEN" else message  # its answer, no refusal
             raise CommandRefused(reply.code, message, "target")
         return wire.require(kind, reply)
 

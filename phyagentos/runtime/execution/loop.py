@@ -213,8 +213,9 @@ class SessionLoop:
         if violation is not None:
             details |= {"where": violation.where, "found": violation.found, "limit": violation.limit}
         self.context.note("intervention", refusal.code, **details)
-        ended = Ended.TARGET_LOST if refusal.code in OF_TARGETS else Ended.SAFETY_STOP
-        return Outcome(ended=ended, code=refusal.code, message=str(refusal))
+        if refusal.code in OF_TARGETS:
+            return Outcome(ended=Ended.TARGET_LOST, code=refusal.code, message=refusal.message)
+        return Outcome(ended=Ended.SAFETY_STOP, code=refusal.code, message=str(refusal))
 
 
 def describe_request(request: EndRequest) -> Outcome:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from py_trees.ports import PortInformation
 
@@ -23,19 +22,19 @@ class Port(PortInformation):
     maximum: float = math.inf
 
 
-def find_misfit(value: Any, port: PortInformation) -> str:
+def find_misfit(value: object, port: PortInformation) -> str:
     """What a value of the port's type should have been; empty where every number in it is finite and in range."""
     numbers = [*_iter_numbers(value)]
     if not all(map(math.isfinite, numbers)):
         return "a finite number" if numbers == [value] else "finite numbers"
     if not isinstance(port, Port) or all(port.minimum <= n <= port.maximum and n > port.above for n in numbers):
         return ""
-    words = {"at least": port.minimum, "greater than": port.above, "at most": port.maximum}
+    words = {"of at least": port.minimum, "greater than": port.above, "of at most": port.maximum}
     ends = " and ".join(f"{word} {end:g}" for word, end in words.items() if math.isfinite(end))
-    return f"a number {'of ' * ends.startswith('at')}{ends}"
+    return f"a number {ends}"
 
 
-def _iter_numbers(value: Any) -> Iterator[float]:
+def _iter_numbers(value: object) -> Iterator[float]:
     if isinstance(value, list | tuple):
         for each in value:
             yield from _iter_numbers(each)

@@ -20,7 +20,7 @@ from phyagentos.protocol.capabilities.trees import (
     load_tree,
     read_tree,
 )
-from phyagentos.protocol.documents.yaml_scalars import advise_form
+from phyagentos.protocol.documents.yaml_scalars import advise_form, format_scalar
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.runtime.execution.leaf import Leaf
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
@@ -295,10 +295,11 @@ def _iter_literal_problems(
         is_key = isinstance(value, str) and value.isidentifier()
         wanted = {float: "number", int: "integer", bool: "boolean", str: "string"}.get(port.data_type, "")
         hint = advise_form(value, wanted) or (f"A key is written '${{{value}}}'." if is_key else "")
-        yield tree.located.problem("INVALID_VALUE", place, repr(value), f"type {_name_of(port.data_type)}", hint)
+        expected = f"type {_name_of(port.data_type)}"
+        yield tree.located.problem("INVALID_VALUE", place, format_scalar(value), expected, hint or port.description)
         return
     if expected := find_misfit(value, port):
-        yield tree.located.problem("INVALID_VALUE", place, repr(value), expected)
+        yield tree.located.problem("INVALID_VALUE", place, format_scalar(value), expected, port.description)
 
 
 def _iter_condition_problems(tree: Tree, node: Node, written: dict[str, type]) -> Iterator[Problem]:
@@ -339,5 +340,9 @@ def find_list_type(values: Any) -> type:
     return type(values)
 
 
+_TYPE_NAMES = {kind: name for name, kind in reversed(PORT_TYPES.items())} | {str: "string"}
+
+
 def _name_of(kind: Any) -> str:
-    return getattr(kind, "__name__", str(kind))
+    """A type as trees write it."""
+    return _TYPE_NAMES.get(kind) or str(getattr(kind, "__name__", kind))

@@ -82,22 +82,7 @@ class ProfileDraft:
         parked = {
             _quote(name): f"{at:.6g}" for name, at in (self.parked | (self.fingers if hand is None else {})).items()
         }
-        opens = "" if hand is None else ", gripper_width"
-        at, body = "" if hand is None else f", {_place(hand.tool)}", model.body(int(model.jnt_bodyid[chain[-1]])).name
-        hint = "# check: z approaches, y is the closing axis; see paos robot render"
-        tool, gripper = (
-            [f"tool: {{body: {_quote(body)}{at}}}   {hint}"],
-            _NO_HAND if hand is None else _list_gripper(hand, self.width_m),
-        )
-        load_kg = GUESSED_LOAD_KG
-        if (carried := self.carried) is not None:
-            load_kg += carried.mass_kg
-            opens, flange = ", gripper_width", _place(find_flange(model, chain))
-            gripper = [carried.gripper]
-            tool = [
-                f"hand: {{model: '{carried.model}', at: {{body: {_quote(body)}, {flange}}}}}   # check: its base",
-                carried.tool,
-            ]
+        opens, load_kg, tool, gripper = self._list_end()
         sheet, found = "# check: its data sheet", "# of the model"
         lines = [
             f"# Drafted from {self.file}; check every line that says check, then: paos robot check {self.name}",
@@ -126,6 +111,24 @@ class ProfileDraft:
             "capabilities: [manipulation]",
         ]
         return "\n".join(filter(None, lines)) + "\n"
+
+    def _list_end(self) -> tuple[str, float, list[str], list[str]]:
+        """What opens, the load [kg], and the lines of the tool and of the gripper."""
+        model, hand, carried = self.compiled, self.hand, self.carried
+        body, hint = (
+            model.body(int(model.jnt_bodyid[self.chain[-1]])).name,
+            "# check: z approaches, y is the closing axis",
+        )
+        if carried is not None:
+            at = f"{{body: {_quote(body)}, {_place(find_flange(model, self.chain))}}}"
+            tool = [f"hand: {{model: '{carried.model}', at: {at}}}   # check: its base", carried.tool]
+            return ", gripper_width", GUESSED_LOAD_KG + carried.mass_kg, tool, [carried.gripper]
+        at = "" if hand is None else f", {_place(hand.tool)}"
+        hint = "# check: z approaches, y is the closing axis; see paos robot render"
+        tool = [f"tool: {{body: {_quote(body)}{at}}}   {hint}"]
+        if hand is None:
+            return "", GUESSED_LOAD_KG, tool, _NO_HAND
+        return ", gripper_width", GUESSED_LOAD_KG, tool, _list_gripper(hand, self.width_m)
 
 
 _NO_HAND = ["end_effector: none   # check: draft it anew with --hand menagerie:robotiq_2f85/2f85.xml"]
@@ -186,7 +189,7 @@ def draft_profile(
     `hand` is one that its end carries.
 
     Raises:
-        DefinitionError: `MODEL_INVALID` where no two hinges follow each other, `UNKNOWN_NAME` for the joint; as of
+        DefinitionError: `MODEL_INVALID` where no hinges follow each other, `UNKNOWN_NAME` for the joint; as of
             `read_model` and `compile_model`.
     """
     source = read_model(path, arguments)
@@ -195,12 +198,10 @@ def draft_profile(
     if joint and joint not in names:
         raise DefinitionError([Problem.unknown("joint", str(path), joint, names)])
     chain, others = _find_chain(compiled, names.index(joint) if joint else -1)
-    if len(chain) < 2 or (others and len(chain) < LEG):
+    if not chain or (others and len(chain) < LEG):
         found = f"{len(others) + 1} run(s) of {len(chain)} hinge(s), of the joints {format_names(names)}"
         hint = "A gripper alone is the `hand` of an arm's profile; docs/robots.md says more of hands and bases."
-        raise DefinitionError.of(
-            "MODEL_INVALID", str(path), found, "an arm: two hinges or more, one after another", hint
-        )
+        raise DefinitionError.of("MODEL_INVALID", str(path), found, "an arm: hinges, one after another", hint)
     last = int(compiled.jnt_bodyid[chain[-1]])
     below = [index for index in range(compiled.njnt) if index not in chain and _is_below(compiled, index, last)]
     moving = [index for index in range(compiled.njnt) if int(compiled.jnt_type[index]) in {HINGE, SLIDE}]

@@ -82,7 +82,9 @@ def find_flange(model: mujoco.MjModel, chain: Sequence[int]) -> Placed:
     mujoco.mj_kinematics(model, data)
     held = [body for body in range(model.nbody) if model.body_weldid[body] == model.body_weldid[last]]
     ends = [_list_corners(model, data, geom) for geom in range(model.ngeom) if int(model.geom_bodyid[geom]) in held]
-    z, anchor, before = (np.array(each) for each in (data.xaxis[joint], data.xanchor[joint], data.xanchor[chain[-2]]))
+    z, anchor, before = (
+        np.array(each) for each in (data.xaxis[joint], data.xanchor[joint], data.xanchor[chain[-2:][0]])
+    )
     along = (np.vstack((data.xpos[held], *ends)) - before) @ z
     z, end_m = (z, along.max()) if along.max() >= -along.min() else (-z, -along.min())
     y = np.cross(z, np.eye(3)[int(np.abs(z).argmin())])

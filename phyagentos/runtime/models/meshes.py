@@ -51,8 +51,9 @@ def _iter_places(name: str, folders: list[Path]) -> Iterator[tuple[Path, str]]:
     if not has_scheme:
         yield from ((folder, name) for folder in folders)
     elif scheme == "file":
-        yield Path("/"), unquote(rest).lstrip("/")
-        yield folders[0], unquote(rest)
+        path = Path(unquote(rest).lstrip("/"))
+        yield Path("/"), str(path)
+        yield from ((folders[0], str(Path(*path.parts[k:]))) for k in range(len(path.parts) - 1))  # of another machine
     elif scheme in {"package", "model"}:
         package, _, below = rest.partition("/")
         yield from ((folder, below) for folder in iter_package_folders(folders[0], package))

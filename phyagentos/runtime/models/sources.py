@@ -47,7 +47,7 @@ def name_in_models(path: Path, environ: Mapping[str, str] = os.environ) -> tuple
     None for the folder where the variable names one already, in which the file is.
     """
     file, root = path.resolve(), Path(environ.get(MODELS) or path.parent).resolve()
-    if file.is_relative_to(root) and MODELS in environ:
+    if file.is_relative_to(root) and environ.get(MODELS):
         return f"models:{file.relative_to(root)}", None
     return f"models:{file.name}", file.parent
 

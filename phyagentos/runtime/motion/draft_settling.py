@@ -19,6 +19,7 @@ from phyagentos.runtime.motion.profile_checks import find_model_problems
 from phyagentos.runtime.motion.requests import Array, World
 from phyagentos.runtime.motion.robot_model import RobotModel, build_robot_model
 
+LEAST_M = 0.05  # half of a workspace, where the tool stays on the axis of the only joint
 SAMPLES = 300  # postures of which the arm's reach and its home are found
 HOMES = [(x, z) for x in (0.5, 0.4, 0.6, 0.3) for z in (0.3, 0.2, 0.45)]  # of the tool, in shares of the reach
 SHEET = "check: the maker's data sheet"
@@ -88,7 +89,7 @@ def _find_home(robot: RobotModel, reach_m: float) -> Array:
 
 def _render_limits(draft: ProfileDraft, profile: TargetProfile, robot: RobotModel, reach_m: float) -> str:
     """The text of safety.yaml: what the model says, and guesses marked `check`."""
-    arm, gripper, r = profile.arm, profile.gripper, round(reach_m, 2)
+    arm, gripper, r = profile.arm, profile.gripper, max(round(reach_m, 2), LEAST_M)
     model, site = f"The model {draft.file}", "Site policy"
     known = all(draft.speeds.get(name) for name in arm.joints)
     values: dict[str, tuple[ArrayLike, str]] = {

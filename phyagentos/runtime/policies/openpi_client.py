@@ -140,7 +140,7 @@ class OpenpiService(PolicyService):
             raise ExecutionError("POLICY_FAULT", str(error).removeprefix("MALFORMED: ")) from error
 
 
-def _read_chunk(answer: dict[Any, Any], sequence: int, key: str) -> wire.Chunk:
+def _read_chunk(answer: dict[object, Any], sequence: int, key: str) -> wire.Chunk:
     own = answer.get(openpi_codec.EXTENSION)
     own = own if isinstance(own, dict) else {}
     try:

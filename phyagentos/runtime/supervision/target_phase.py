@@ -15,6 +15,7 @@ from phyagentos.errors import PhyAgentOSError
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.statechart import Condition, Model, Row, Statechart, render_rows
 
+LOST_FAILURES = 3  # where the target itself was lost: no machine of ours has to become free
 FAILURES = 6  # one more is the end: a minute has passed, and a full disk or a port in use would have been free again
 
 
@@ -47,6 +48,7 @@ PHASE_TRANSITIONS: tuple[Row, ...] = (
     Row("lose", (_P.IDLE, _P.CHECKING, _P.RUNNING), _P.STARTING),
     Row("lose", (_P.STARTING, _P.RECONCILING), _P.RESTING, when="attempts left"),
     Row("lose", (_P.STARTING, _P.RECONCILING), _P.BROKEN, when="no attempts left"),
+    Row("give_up", (_P.RUNNING, _P.RECONCILING), _P.BROKEN),
     Row("replace", (_P.CHECKING, _P.RECONCILING, _P.RESTING), _P.STARTING),
 )
 
@@ -54,8 +56,8 @@ PHASE_TRANSITIONS: tuple[Row, ...] = (
 _CONDITIONS: dict[str, Condition] = {  # of a supervisor: the session whose outcome is unknown, and failures in a row
     "nothing lost": lambda event: event.model.lost is None,
     "a session lost": lambda event: event.model.lost is not None,
-    "attempts left": lambda event: event.model.failures < FAILURES,
-    "no attempts left": lambda event: event.model.failures >= FAILURES,
+    "attempts left": lambda event: event.model.failures < event.model.attempts,
+    "no attempts left": lambda event: event.model.failures >= event.model.attempts,
 }
 
 

@@ -31,7 +31,7 @@ from phyagentos.protocol.sessions.session import (
 from phyagentos.runtime.supervision.limits import Due, HeartbeatMonitor, Measure, SupervisionSnapshot, find_due
 from phyagentos.runtime.supervision.queues import Queues
 from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry, make_rejection
-from phyagentos.runtime.supervision.target_phase import Phase, PhaseLog, fire_phase
+from phyagentos.runtime.supervision.target_phase import FAILURES, LOST_FAILURES, Phase, PhaseLog, fire_phase
 from phyagentos.runtime.supervision.workers import Worker, explain_failure, explain_loss, read_end
 from phyagentos.runtime.worker.orders import Check, Checked, Finished, FromWorker, Ready, Reconcile, Renew, Run, Stop
 from phyagentos.store.journal import Entry
@@ -42,7 +42,7 @@ RENEWALS = 0.2  # a lease is renewed when this share of it has passed
 REST_S = 2.0  # after the first failure, twice as long after each further one
 VERDICT_S = 5.0  # the longest that a target waits for a verdict, by the wall clock: the agent may have gone
 CHECK_SHOWS_S = 0.02  # a check that takes longer shows as `preflight`; a quicker one is recorded with its outcome
-STARTS = 3  # a target that is lost this often in a row is not tried again for the same session
+STARTS = 3  # a target that is lost this often in a row is given up: no session of the run begins on it
 STOP_GRACE_S = 5.0  # a worker asked to stop has this long to bring the target to rest
 TARGET_LOST = "TARGET_LOST"
 _UNJUDGED = frozenset({SessionState.AWAITING_VERIFICATION, SessionState.VERIFYING})
@@ -118,12 +118,18 @@ class TargetSupervisor:
         self._since_s = self._clock.now_s()
         self._stop_by_s: float | None = None  # when a worker that was asked to stop is given up, by the clock [s]
         self._lost_targets = 0  # orders in a row during which the target was lost
+        self._given_up = ""  # why, where no further worker is started
         self._unsure: tuple[SessionId, float] | None = None  # whose verdict the target waits for, and since when [s]
 
     @property
     def phase(self) -> Phase:
         """The phase of the statechart."""
         return Phase(self.state)
+
+    @property
+    def attempts(self) -> int:
+        """After so many `failures` the target is given up."""
+        return LOST_FAILURES if self.lost is not None and self.lost.ended is Ended.TARGET_LOST else FAILURES
 
     def _fire(self, trigger: str) -> None:
         """Change the phase; times and heartbeats count from now."""
@@ -157,6 +163,8 @@ class TargetSupervisor:
 
     def explain_failure(self) -> str:
         """Why the target was given up, and the remedy."""
+        if self._given_up:
+            return f"{self._given_up}; lost {STARTS} times in a row. Mend that, then start `paos watch` again"
         return explain_failure(self._shared.logs, self.target, self.failures)
 
     def on_message(self, answer: FromWorker | None) -> None:
@@ -251,9 +259,10 @@ class TargetSupervisor:
         elif state not in FINAL_STATES:
             halt = self._journal.open_halt(id, self.epoch)
             self._journal.record(*halt, Entry(id, "finish", body, self.epoch), durable=False)
-        if answer.is_target_lost:
-            self._let_go()
-            self._replace()
+        if answer.is_target_lost:  # each session of it would be lost alike
+            self._queues.forsake(self.target)
+            self.session, self.lost, self._given_up = None, None, execution.message
+            self._fire("give_up")
         else:
             self._free()
 

@@ -7,7 +7,6 @@ runs backwards, a number that is not finite, a list without end, text where a co
 import math
 import re
 from collections.abc import Iterator
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -50,6 +49,10 @@ class ReplyCheck:
     def note_motion(self) -> None:
         """The driver has moved without a request, or by one whose reply has no time: its time may have gone on."""
         self._slack_s = HALT_MAX_S
+
+    def forget_time(self) -> None:
+        """The owner of an imagined world has put it to another moment."""
+        self._time_s = math.nan
 
     def check(self, request: wire.RequestFor[wire.ReplyT], reply: wire.ReplyT) -> wire.ReplyT:
         """The reply; raises ExecutionError `PROTOCOL_BROKEN`."""
@@ -110,7 +113,8 @@ class ReplyCheck:
         least_s, most_s = _bound(request, step_s * live.steps_per_command, is_stopped=is_stopped)
         steps_alone = live.mode == WorldMode.LOCKSTEP and not live.shares_time
         expected_s = least_s - 0.5 * step_s if steps_alone else STANDS * least_s
-        if passed_s < expected_s and not self._driver.is_ending():  # which may break it off
+        is_broken_off = passed_s > STANDS * least_s and self._driver.is_ending()
+        if passed_s < expected_s and not is_broken_off:
             return f"{found}it stands, where {least_s:g} s were to pass"
         if steps_alone and passed_s > most_s + slack_s + 0.5 * step_s:
             return f"{found}it jumps, where {most_s:g} s were to pass at most"
@@ -160,7 +164,7 @@ def _find_unsound(reply: wire.Reply) -> str:
     return ""
 
 
-def _list_leaves(value: Any, where: str) -> Iterator[tuple[str, Any]]:
+def _list_leaves(value: object, where: str) -> Iterator[tuple[str, object]]:
     """Numbers, texts and poses below a value, with their paths."""
     if isinstance(value, msgspec.Struct):
         if isinstance(value, Pose):

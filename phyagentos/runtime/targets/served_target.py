@@ -85,6 +85,10 @@ class ServedTarget:
             self._replies.note_motion()
             self.note_event("Withdraw")
 
+    def forget_time(self) -> None:
+        """The owner of an imagined world has put it to another moment: its time may have gone anywhere."""
+        self._replies.forget_time()
+
     def coast(self) -> None:
         """One control period without a command: an unfinished motion is stopped, then held."""
         if self._scene is None:

@@ -4,6 +4,7 @@ import pytest
 
 from phyagentos.agent.tools.proposals import WAITING_MAX, Proposal, Proposals, encode_proposal
 from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.seen_text import find_unseen
 
 GRAPH = {"goal": "tidy", "objective": "Tidy up.", "scene": "table", "sessions": {"a": {"skill": "pick"}}}
 AT = "2026-11-26T12:00:00.000000Z"
@@ -145,3 +146,36 @@ def test_approvals_of_a_day_are_counted_by_decider(proposals):
         proposals.decide(make(seed=seed), "approved", by=by, at=AT, reason="")
     assert proposals.count_approvals("policy a", "2026-11-26T00") == 2
     assert proposals.count_approvals("policy a", "2026-11-27T00") == 0
+
+
+UNSEEN = {
+    "a hangul filler": "\u3164", "a halfwidth filler": "\uffa0", "a grapheme joiner": "\u034f", "khmer": "\u17b4",
+    "a variation selector": "\ufe0f", "one of the supplement": "\U000e0100", "a tag": "\U000e0041",
+    "mongolian": "\u180b",
+    "a music control": "\U0001d173", "a blank of braille": "\u2800", "a soft hyphen": "\u00ad", "a joiner": "\u200d",
+    "a heap of marks": "\u0301\u0302\u0303\u0304\u0305", "many blanks": " " * 40, "many lines": "\n" * 40,
+    "wide blanks": "\u3000" * 20,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("letters", UNSEEN.values(), ids=UNSEEN)
+def test_what_people_approve_holds_nothing_that_is_not_seen(letters):
+    assert refuse(make, reason=f"a{letters}b") == "INVALID_VALUE"
+
+
+def test_a_mark_stands_on_a_letter():
+    assert refuse(make, reason="\u0338= b") == "INVALID_VALUE"
+    assert make(reason="Tie\u0302\u0301ng Vi\u1ec7t, \u0915\u093c\u094d\u0937, \u0e17\u0e35\u0e48, e\u0301, \U0001f525")
+
+
+IGNORABLE = (  # Default_Ignorable_Code_Point, DerivedCoreProperties.txt of Unicode 16.0.0
+    "00AD 034F 061C 115F-1160 17B4-17B5 180B-180F 200B-200F 202A-202E 2060-206F 3164 FE00-FE0F FEFF FFA0 FFF0-FFF8 "
+    "1BCA0-1BCA3 1D173-1D17A E0000-E0FFF"
+)
+
+
+def test_every_ignorable_letter_is_found():
+    spans = [[int(end, 16) for end in span.split("-")] for span in IGNORABLE.split()]
+    letters = [chr(code) for span in spans for code in range(span[0], span[-1] + 1)]
+    assert len(letters) == 4174
+    assert [each for each in letters if not find_unseen(f"a{each}b")] == []

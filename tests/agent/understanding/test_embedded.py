@@ -1,5 +1,6 @@
 """The embedded understander: every word counts, what is open is asked, what is not here is refused by its name."""
 
+import time
 from dataclasses import replace
 
 import pytest
@@ -247,3 +248,13 @@ def test_what_shall_stay_empty_is_a_constraint(understand):
     goal = understand("put the red cube into the red tray and keep the blue tray empty").goal
 
     assert goal.constraints == ("not inside(*, blue_tray)",)
+
+
+LONG = [" ", ",", "please ", "zxq ", "and the red cube ", "do not ", "1 . ", ", except ", "("]
+
+
+@pytest.mark.parametrize("part", LONG)
+def test_a_long_request_is_refused_as_fast_as_it_is_read(understand, part):
+    begun_s = time.process_time()
+    understand(f"put {part * (1_000_000 // len(part))}the red cube into the red tray")
+    assert time.process_time() - begun_s < 5.0  # it takes hours where each letter is looked at from each other one

@@ -73,11 +73,11 @@ def loop(values, each="$one", child="open_gripper"):
         (["locate: {object: $object, poze: $pose}"], OBJECT,
          "mine.yaml:7:35: UNKNOWN_NAME (port): found 'poze'; expected object, pose. Did you mean 'pose'?"),
         (["locate"], OBJECT, "mine.yaml:7:9: MISSING_VALUE: found locate without 'object'"),
-        (["wait: {seconds: soon}"], OBJECT, "mine.yaml:7:16: INVALID_VALUE: found 'soon'; expected type float"),
+        (["wait: {seconds: soon}"], OBJECT, "mine.yaml:7:16: INVALID_VALUE: found 'soon'; expected type number"),
         (["locate: {object: $objekt}"], OBJECT,
          "BROKEN_TREE: found '${objekt}', which nothing writes; expected ${object}. Did you mean 'object'?"),
         (["locate: {object: $object, pose: $pose}", "move_linear: {approach: $pose}"], OBJECT,
-         "INVALID_VALUE: found '${pose}' of type Pose; expected type Approach"),
+         "INVALID_VALUE: found '${pose}' of type pose; expected type approach"),
         (["locate: {object: $object, pose: here}"], OBJECT,
          "INVALID_VALUE: found 'here'; expected a key such as '${pose}' to write to"),
         (["subtree: {tree: pik, with: {object: $object}}"], OBJECT,
@@ -85,11 +85,11 @@ def loop(values, each="$one", child="open_gripper"):
         (["open_gripper"], "outputs: {site: {type: point}}",
          "mine.yaml:3:11: UNKNOWN_NAME (written key): found 'site'"),
         ([loop("$corners", child="{locate: {object: $one}}")], LISTS,
-         "mine.yaml:7:63: INVALID_VALUE: found '${one}' of type tuple; expected type str"),
+         "mine.yaml:7:63: INVALID_VALUE: found '${one}' of type point; expected type string"),
         ([loop("$corners", each="$object")], LISTS,
-         "mine.yaml:7:20: INVALID_VALUE: found '${object}' of type str; expected type tuple"),
+         "mine.yaml:7:20: INVALID_VALUE: found '${object}' of type string; expected type point"),
         ([loop("$object")], LISTS,
-         "mine.yaml:7:32: INVALID_VALUE: found '${object}' of type str; expected a list: names of entities"),
+         "mine.yaml:7:32: INVALID_VALUE: found '${object}' of type string; expected a list: names of entities"),
         ([loop("[red_cube, 3]")], LISTS, "mine.yaml:7:32: INVALID_VALUE: found ('red_cube', 3); expected a list"),
         ([loop("$thing")], LISTS,
          "mine.yaml:7:32: BROKEN_TREE: found '${thing}', which nothing writes; expected ${corners}, ${object}"),
@@ -123,18 +123,18 @@ def test_ports_of_a_subtree_are_checked_like_those_of_a_leaf(check):
 @pytest.mark.parametrize(
     ("child", "message"),
     [
-        ("wait: {seconds: .nan}", ":7:16: INVALID_VALUE: found nan; expected a finite number"),
-        ("wait: {seconds: -.inf}", ":7:16: INVALID_VALUE: found -inf; expected a finite number"),
+        ("wait: {seconds: .nan}", ":7:16: INVALID_VALUE: found .nan; expected a finite number"),
+        ("wait: {seconds: -.inf}", ":7:16: INVALID_VALUE: found -.inf; expected a finite number"),
         ("wait: {seconds: -1}", ":7:16: INVALID_VALUE: found -1; expected a number of at least 0"),
-        ("wait: {seconds: yes}", "found True; expected type float. YAML reads yes, no, on and off as true and false"),
-        ('wait: {seconds: "60"}', "found '60'; expected type float. Write 60 without quotes"),
+        ("wait: {seconds: yes}", "found true; expected type number. YAML reads yes, no, on and off as true and false"),
+        ('wait: {seconds: "60"}', "found '60'; expected type number. Write 60 without quotes"),
         ("wait: {seconds: 060}", "found 060, which YAML 1.1 reads as octal; expected decimal digits. Write 60"),
-        ("move_home: {speed: 0}", "found 0; expected a number greater than 0 and at most 1"),
-        ("move_home: {speed: 150}", "found 150; expected a number greater than 0 and at most 1"),
+        ("move_home: {speed: 0}", "found 0; expected a number greater than 0 and of at most 1"),
+        ("move_home: {speed: 150}", "found 150; expected a number greater than 0 and of at most 1"),
         ("open_gripper: {width_m: -0.1}", "found -0.1; expected a number of at least 0"),
         ("plan_reach: {to: [.nan, 0, 0]}", "found (nan, 0, 0); expected finite numbers"),
-        ("subtree: {tree: outer, with: {slow: 5}}", "found 5; expected a number greater than 0 and at most 1"),
-        ("subtree: {tree: outer, with: {slow: .nan}}", "found nan; expected a finite number"),
+        ("subtree: {tree: outer, with: {slow: 5}}", "found 5; expected a number greater than 0 and of at most 1"),
+        ("subtree: {tree: outer, with: {slow: .nan}}", "found .nan; expected a finite number"),
     ],
 )
 def test_a_number_is_finite_and_in_the_range_of_the_port_that_reads_it(check, child, message):
@@ -148,7 +148,7 @@ def test_a_number_is_finite_and_in_the_range_of_the_port_that_reads_it(check, ch
 
 def test_the_default_of_an_input_is_in_the_range_of_the_port_that_reads_it(check):
     (found,) = check(['move_home: {speed: "${slow}"}'], "inputs: {slow: {type: number, default: 5}}")
-    assert "mine.yaml:3:31: INVALID_VALUE: found 5.0; expected a number greater than 0 and at most 1" in found
+    assert "mine.yaml:3:31: INVALID_VALUE: found 5.0; expected a number greater than 0 and of at most 1" in found
 
 
 @pytest.mark.parametrize("number", ["5e-1", "1.0e1", "0.5", "5"])

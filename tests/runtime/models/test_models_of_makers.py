@@ -59,7 +59,7 @@ def find_refusal(path: Path, text: str) -> str:
     return str(error.value)
 
 
-@pytest.mark.parametrize("name", ["assets/part.stl", r"assets\part.stl", "file://{here}/assets/part.stl",
+@pytest.mark.parametrize("name", ["assets/part.stl", r"assets\part.stl", "file://{here}/assets/part.stl", "file:///home/other/mine/assets/part.stl",
                                   "package://mine/assets/part.stl", "model://mine/assets/part.stl"])  # fmt: skip
 @pytest.mark.parametrize("is_text", [False, True], ids=["binary", "text"])
 def test_a_mesh_is_found_by_every_form_of_reference_and_read_in_both_forms(tmp_path, name, is_text):

@@ -30,10 +30,10 @@ JAW = """<link name="{p}jaw{k}">{i}<collision><origin xyz="0 {y} 0.05"/>
 <axis xyz="0 {way} 0"/><limit lower="0" upper="{up}" effort="20" velocity="1"/></joint>"""
 
 
-def build_arm(prefix="", y=0.0, root="base"):
+def build_arm(prefix="", y=0.0, root="base", joints=6):
     """Six hinges, as of many arms, from a root that is given elsewhere."""
     parts, below = [], root
-    for k in range(1, 7):
+    for k in range(1, joints + 1):
         name, axis = f"{prefix}l{k}", "0 0 1" if k in {1, 4, 6} else "0 1 0"
         at = f"0 {y if k == 1 else 0} 0.2"
         parts.append(
@@ -75,6 +75,11 @@ def test_a_gripper_of_two_fingers_is_drafted_with_pads_that_close_on_each_other(
     assert "joint_velocity_max:\n" in limits  # the model says it
     assert "gripper_force_max:   # check: the maker's data sheet" in limits
     assert "payload_kg: 1   # check" in settled.render()
+
+
+def test_a_turntable_is_an_arm_of_one_hinge(tmp_path):
+    profile, _, _ = draft(tmp_path, build_arm(joints=1))
+    assert profile.arm.joints == ("j1",)
 
 
 def test_of_two_arms_one_is_drafted_the_other_named_and_standing_still(tmp_path):

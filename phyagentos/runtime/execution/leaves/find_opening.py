@@ -30,7 +30,10 @@ class FindOpening(Leaf):
         "object": PortInformation(data_type=str, description="Name of the entity that slides or turns."),
         "part": PortInformation(data_type=str, description="Name of the entity on it that is pushed or pulled."),
         "opening": Port(
-            data_type=float, minimum=0.0, maximum=1.0, description="Wanted fraction of its travel, 0 is closed."
+            data_type=float,
+            minimum=-1.0,
+            maximum=1.0,
+            description="Wanted fraction of its travel, 0 is closed; less presses beyond that.",
         ),
     }
     OUTPUT_PORTS = {

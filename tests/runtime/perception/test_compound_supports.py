@@ -1,0 +1,71 @@
+"""Bodies of several solids, on which others stand, are measured without a bias of their inner faces."""
+
+import numpy as np
+import pytest
+
+from benchmarks.worlds.table import render_table
+from tests.runtime.perception.conftest import FLOOR, Stage, open_library
+
+pytestmark = pytest.mark.sim
+SEEDS = range(2)
+BODIES = {  # boxes of half sizes at places, from the middle of the foot [m]
+    "shelf": [((0.12, 0.08, 0.008), (0, 0, 0.142)), ((0.12, 0.08, 0.067), (0, 0, 0.067))],
+    "overlapping": [((0.1, 0.08, 0.03), (0, 0, 0.03)), ((0.1, 0.08, 0.02), (0, 0, 0.05))],
+    "steps": [((0.1, 0.03, 0.01 * n), (0, 0.06 * (n - 2), 0.01 * n)) for n in (1, 2, 3)],
+    "rimmed": [
+        ((0.12, 0.1, 0.03), (0, 0, 0.03)),
+        *(((0.005, 0.1, 0.01), (x, 0, 0.07)) for x in (-0.115, 0.115)),
+        *(((0.11, 0.005, 0.01), (0, y, 0.07)) for y in (-0.095, 0.095)),
+    ],
+    "stool": [
+        ((0.08, 0.08, 0.01), (0, 0, 0.11)),
+        *(((0.01, 0.01, 0.05), (x, y, 0.05)) for x in (-0.06, 0.06) for y in (-0.06, 0.06)),
+    ],
+    "rack": [*(((0.1, 0.07, 0.005), (0, 0, z)) for z in (0.03, 0.065, 0.1)), ((0.1, 0.005, 0.055), (0, 0.075, 0.055))],
+    "slats": [((0.11, 0.012, 0.006), (0, 0.035 * n - 0.1225, 0.06)) for n in range(8)],
+    "board": [((0.1, 0.08, 0.05), (0, 0, 0.05)), ((0.1, 0.08, 0.003), (0, 0, 0.103))],
+}
+
+
+def render(name):
+    """A scene file with one such body on a table."""
+    boxes = "\n".join(
+        f"      - {{kind: box, size_m: {list(size)}, position_m: {list(at)}}}" for size, at in BODIES[name]
+    )
+    return render_table(
+        f"test/{name}",
+        f"""{FLOOR}
+  support:
+    kind: support
+    fixed: true
+    material: green
+    place: {{position_m: [0.5, -0.1, 0.0]}}
+    shapes:
+{boxes}
+""",
+    )
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    return open_library(tmp_path_factory.mktemp("compound"), *(render(name) for name in BODIES))
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_a_support_of_several_solids_is_believed_where_it_is(library, name):
+    for seed in SEEDS:
+        stage = Stage(library, f"test/{name}", seed=seed)
+        support = stage.look().entities["support"]
+        off_m = np.array(support.pose.position_m) - stage.find("support")
+        assert np.linalg.norm(off_m) < 2 * support.position_std_m < 0.01, (seed, off_m, support.position_std_m)
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_a_support_of_several_solids_that_is_lower_than_the_map_is_measured_there(library, name):
+    for seed in SEEDS:
+        stage = Stage(library, f"test/{name}", seed=seed)
+        stage.physics.model.body("support").pos[2] -= 0.012
+        support = stage.look().entities["support"]
+        off_m = support.pose.position_m[2] - stage.find("support")[2]
+        assert support.source == "rgbd support", (seed, off_m)
+        assert abs(off_m) < 2 * support.position_std_m < 0.01, (seed, off_m, support.position_std_m)
