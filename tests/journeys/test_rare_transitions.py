@@ -112,7 +112,7 @@ def stand(tmp_path, monkeypatch):
         (
             [{"run": "die"}, {"reconcile": "lost"}],
             [*STARTED, "lose", "reconcile"],
-            [("reconciling", "replace", "starting")],
+            [("reconciling", "give_up", "broken")],
         ),
         (
             [{"check": "slow lost"}, {}],

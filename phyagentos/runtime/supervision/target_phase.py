@@ -48,8 +48,8 @@ PHASE_TRANSITIONS: tuple[Row, ...] = (
     Row("lose", (_P.IDLE, _P.CHECKING, _P.RUNNING), _P.STARTING),
     Row("lose", (_P.STARTING, _P.RECONCILING), _P.RESTING, when="attempts left"),
     Row("lose", (_P.STARTING, _P.RECONCILING), _P.BROKEN, when="no attempts left"),
-    Row("give_up", (_P.RUNNING, _P.RECONCILING), _P.BROKEN),
-    Row("replace", (_P.CHECKING, _P.RECONCILING, _P.RESTING), _P.STARTING),
+    Row("give_up", (_P.RECONCILING,), _P.BROKEN),
+    Row("replace", (_P.CHECKING, _P.RESTING), _P.STARTING),
 )
 
 
