@@ -36,7 +36,7 @@ Cells = Mapping[tuple[float, float], bool]
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was measured; `is_well` where nothing of it would fail a session."""
+    """One measurement; `is_well` where nothing of it would fail a session."""
 
     what: str
     measured: str

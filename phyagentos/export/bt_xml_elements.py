@@ -1,4 +1,4 @@
-"""XML as elements, each at its line and column; what is no XML is told in words of the file."""
+"""XML as elements, each at its line and column; what is no XML is reported with its place in the file."""
 
 from dataclasses import dataclass, field
 from typing import NoReturn

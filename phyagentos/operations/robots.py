@@ -46,7 +46,7 @@ class ProfileCheck(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Measured(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing that a trial measured; `well` where nothing of it would fail a session."""
+    """One measurement of a trial; `well` where nothing of it would fail a session."""
 
     what: str
     measured: str

@@ -170,8 +170,8 @@ def _collect_marks(
         raise refuse(TOO_DEEP, node.start_mark)
     line, column = node.start_mark.line + 1 + offset, node.start_mark.column + 1
     marks.setdefault(path, (line, column))
-    if isinstance(node, yaml.ScalarNode) and (told := find_old_number(node)):
-        problems.append(Problem("INVALID_VALUE", f"{source}:{line}:{column}", *told))
+    if isinstance(node, yaml.ScalarNode) and (refused := find_old_number(node)):
+        problems.append(Problem("INVALID_VALUE", f"{source}:{line}:{column}", *refused))
     elif isinstance(node, yaml.SequenceNode):
         for index, child in enumerate(node.value):
             _collect_marks(child, (*path, index), source, offset, marks, problems)
@@ -290,7 +290,7 @@ def _join_arities(errors: Sequence[Any]) -> Iterator[Any]:
     for item in errors:
         *owner, last = item["loc"] or ("",)
         if item["type"] == "too_short" and len(item["input"]) >= item["ctx"]["min_length"]:
-            continue  # its values are wrong, which is told at each of them
+            continue  # its values are wrong, which is reported at each of them
         if item["type"] != "missing" or not isinstance(last, int):
             yield item
         elif last == len(item["input"]):  # the first value that is missing

@@ -122,9 +122,9 @@ _FORMS: dict[Any, tuple[str, str]] = {
 }
 
 
-def _reword(told: str) -> str:
+def _reword(text: str) -> str:
     """What was expected, out of a sentence of msgspec: "Expected `float | null` >= 0, got `str` - at `$.x`"."""
-    wanted = re.match(r"Expected `([^`]+)`((?: [<>]=? \S+| matching .*?| of length .*?)?)(?=, got| - at|$)", told)
+    wanted = re.match(r"Expected `([^`]+)`((?: [<>]=? \S+| matching .*?| of length .*?)?)(?=, got| - at|$)", text)
     if wanted is None:
         return "another value"
     words = {"int": int, "float": float, "bool": bool, "str": str, "object": dict, "array": tuple}

@@ -36,12 +36,12 @@ _WORDS = {  # part of the library's sentence: found, and what to do
 
 def explain(error: yaml.YAMLError) -> tuple[str, str]:
     """What was found, and what to do next."""
-    told = f"{getattr(error, 'problem', None) or ''} {getattr(error, 'context', None) or ''}"
-    told = told if told.strip() else str(error)
-    known = next((words for part, words in _WORDS.items() if part in told), None)
+    said = f"{getattr(error, 'problem', None) or ''} {getattr(error, 'context', None) or ''}"
+    said = said if said.strip() else str(error)
+    known = next((words for part, words in _WORDS.items() if part in said), None)
     if known is not None:
         return known
     is_ours = isinstance(error, yaml.composer.ComposerError | yaml.constructor.ConstructorError)
     return (
-        (told.strip(), "") if is_ours and getattr(error, "context", None) is None else ("text that is no YAML", _QUOTE)
+        (said.strip(), "") if is_ours and getattr(error, "context", None) is None else ("text that is no YAML", _QUOTE)
     )
