@@ -197,6 +197,14 @@ _odd_worlds = [
 ]
 
 
+def test_an_object_without_sizes_has_no_place_to_be_measured_from():
+    from phyagentos.protocol.predicates.predicate import Predicate
+
+    now = world(cube("seen", shapes=(Shape(ShapeKind.BOX, ()),)))
+    formula = Call("docked", (Name("a"), Name("seen")))
+    assert Predicate(formula).evaluate(View(now=now, initial=None)).truth is Truth.UNKNOWN
+
+
 @pytest.mark.slow
 @given(_anything, st.sampled_from(_odd_worlds), st.sampled_from([None, *_odd_worlds]))
 def test_evaluation_never_raises_whatever_the_formula_and_the_world(formula, now, initial):

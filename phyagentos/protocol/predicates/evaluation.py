@@ -186,7 +186,10 @@ def _measure(call: syntax.Call, view: View) -> Reading:
     definition = get_predicate_library().find(call.name)
     if definition is None:
         raise FactUnknown(f"predicate {call.name!r} is not installed")
-    resolved = _resolve(definition, call.terms, view)
+    try:
+        resolved = _resolve(definition, call.terms, view)
+    except (ArithmeticError, LookupError, ValueError) as error:  # a malformed entity has no middle
+        raise FactUnknown(f"{syntax.render(call)} could not be measured: {type(error).__name__}: {error}") from error
     if definition.at_rest:
         _demand_rest(call, view)
     try:

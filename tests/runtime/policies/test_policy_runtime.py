@@ -268,7 +268,7 @@ def watch(run_policy, library, profile):
     ("fault", "why"),
     [
         ({"kind": "freeze", "stamp": "stale"}, "stale: its latest frame is 0."),
-        ({"kind": "freeze", "stamp": "fresh"}, "frozen: a new stamp on the same picture"),
+        ({"kind": "freeze", "stamp": "fresh"}, "frozen: a new stamp, and its own count of exposures stands"),
         ({"kind": "blackout", "mode": "silent"}, "missing: CAMERA_SILENT"),
         ({"kind": "blackout", "mode": "dark"}, "dark: no depth at all"),
         ({"kind": "misdate", "by_s": -5.0}, "stale: its latest frame is 5."),
