@@ -34,6 +34,7 @@ from phyagentos.operations.lint import FileKind, find_other_kind
 from phyagentos.operations.progress import RunFold
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.targets import SHARING, TargetProfile, find_driver_name, is_beside
+from phyagentos.protocol.capabilities.trees import read_tree
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
@@ -49,7 +50,6 @@ from phyagentos.store.admission import GOAL_PREFIX, GoalEvent
 from phyagentos.store.journal import Entry, IllegalEvent, Journal, cancel_unheld
 from phyagentos.store.watch import Watch
 
-GRASPING = frozenset({"pick", "pick_and_place", "stack"})  # skills that begin with the grasp of what they bring
 FOLLOW_PERIOD_S = 0.1  # ten pictures a second are enough for people
 CANCEL_PATIENCE_S = 20.0  # then the planes are ended without waiting for their records
 Show = Callable[[RunFold], object]
@@ -240,7 +240,7 @@ def check_request(
         for name in sorted({choice.target for choice in compiled.choices.values()}):
             require_models(profile := catalogue.targets[name], (file := library.get_target(name)).parent)
             if find_driver_name(profile) == SHARING and file.parents[1] != find_shipped_root() / "robots":
-                problems += _check_own(profile, file, compiled, library, seed)
+                problems += _check_own(profile, file, compiled, catalogue, library, seed)
         bodies = read_scene(library.get_scene(compiled.spec.scene)).bodies
         if faults is not None and not problems:
             targets = {catalogue.targets[choice.target] for choice in compiled.choices.values()}
@@ -256,18 +256,25 @@ def check_request(
     return compiled
 
 
-def _check_own(profile: TargetProfile, file: Path, graph: GoalGraph, library: Library, seed: int) -> list[Problem]:
+def _check_own(
+    profile: TargetProfile, file: Path, graph: GoalGraph, catalogue: Catalogue, library: Library, seed: int
+) -> list[Problem]:
     """What `paos robot check` finds, and whether objects that are all to be grasped are all out of reach.
 
     Nothing where the model is brought together with those that ship.
     """
+    from phyagentos.runtime.execution.leaf_registry import read_registry
+    from phyagentos.runtime.execution.tree_check import needs_grasp
     from phyagentos.runtime.motion.profile_checks import check_profile  # the solvers: only where they are needed
     from phyagentos.runtime.motion.reach_check import find_out_of_reach
 
     if is_beside(profile.model) and not (file.parent / profile.model).is_file():
         return []
-    if (problems := check_profile(file)) or not GRASPING.issuperset(each.skill for each in graph.choices.values()):
+    if problems := check_profile(file):
         return problems
+    trees, registry = {catalogue.skills[each.skill].tree for each in graph.choices.values()}, read_registry(library)
+    if not all(tree and needs_grasp(read_tree(library.get_tree(tree)).root, library, registry) for tree in trees):
+        return []
     objects = {body for node, (body, _) in graph.brought.items() if graph.choices[node].target == profile.target}
     scene = read_scene(library.get_scene(graph.spec.scene))
     return find_out_of_reach(profile, file, scene, objects, seed) if profile.base is None else []

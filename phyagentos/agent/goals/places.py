@@ -23,12 +23,12 @@ def iter_misplaced(located: Located, path: Address, text: str, scene: SceneSpec)
 def _iter_problems(located: Located, path: Address, name: str, place: str, scene: SceneSpec) -> Iterator[Problem]:
     body, whole = scene.bodies.get(name), scene.bodies.get(place)
     if whole is not None and whole.interior is None:
-        hollow = [name for name, each in scene.bodies.items() if each.interior is not None and each.listed]
+        hollow = [other for other, each in scene.bodies.items() if each.interior is not None and each.listed]
         expected = f"an object with an inside, or a region: {format_names([*hollow, *scene.regions])}"
         hint = f"Ask for on({name}, {place}), or give {place!r} an `interior` in the scene."
         yield located.problem("INVALID_VALUE", path, f"inside {place!r}, which is solid", expected, hint)
     elif body is not None and body.fixed:
-        moving = [name for name, each in scene.bodies.items() if _moves(each)]
+        moving = [other for other, each in scene.bodies.items() if _moves(each)]
         found = f"{name!r}, which is fixed, inside {place!r}"
         expected = f"an object that moves: {format_names(moving)}"
         yield located.problem("INVALID_VALUE", path, found, expected, f"Exchange the two, or leave {name!r} out.")

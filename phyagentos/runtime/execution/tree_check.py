@@ -22,6 +22,7 @@ from phyagentos.protocol.capabilities.trees import (
 )
 from phyagentos.protocol.documents.yaml_scalars import advise_form, format_scalar
 from phyagentos.protocol.predicates.predicate import parse_predicate
+from phyagentos.protocol.sessions.trace import Role
 from phyagentos.runtime.execution.leaf import Leaf
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.port_types import ELEMENTS, PORT_TYPES
@@ -203,6 +204,17 @@ def _takes_time(node: Node, library: Library, registry: LeafRegistry, above: tup
         leaf = registry.find(node.type)
         return leaf is not None and leaf.on_running is not Leaf.on_running
     return any(_takes_time(child, library, registry, above) for child in node.children)
+
+
+def needs_grasp(node: Node, library: Library, registry: LeafRegistry, above: tuple[str, ...] = ()) -> bool:
+    """Whether a node succeeds only where a grasp is planned: by a leaf of that role, below sequences and subtrees."""
+    if node.kind is NodeKind.SUBTREE and node.type not in above:
+        root = read_tree(library.get_tree(node.type)).root
+        return needs_grasp(root, library, registry, (*above, node.type))
+    if node.kind is NodeKind.LEAF:
+        leaf = registry.find(node.type)
+        return leaf is not None and leaf.ROLE is Role.PLAN_GRASP
+    return node.kind is NodeKind.SEQUENCE and any(needs_grasp(each, library, registry, above) for each in node.children)
 
 
 Ports = tuple[Mapping[str, PortInformation], Mapping[str, PortInformation]]  # inputs, outputs

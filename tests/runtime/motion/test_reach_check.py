@@ -3,7 +3,10 @@
 import pytest
 
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.trees import read_tree
 from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.runtime.execution.leaf_registry import read_registry
+from phyagentos.runtime.execution.tree_check import needs_grasp
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.reach_check import find_out_of_reach
 
@@ -19,3 +22,16 @@ def test_only_where_no_object_has_a_grasp_with_a_posture_is_a_run_refused(x_m, o
     problems = find_out_of_reach(profile, file, scene, objects, 1)
     assert [each.code for each in problems] == found
     assert all(f"no posture for any grasp of {', '.join(sorted(objects))}" in each.found for each in problems)
+
+
+@pytest.mark.parametrize(
+    ("tree", "grasps"),
+    [("pick", True), ("pick_and_place", True), ("stack", True), ("push", False), ("inspect", False), ("take_it", True)],
+)
+def test_a_tree_needs_a_grasp_by_the_role_of_its_leaves_whatever_it_is_called(tmp_path, tree, grasps):
+    (tmp_path / "trees").mkdir()
+    (tmp_path / "trees" / "take_it.yaml").write_text(
+        "tree: take_it\ndescription: Take it.\nroot: {subtree: {tree: take}}\n"
+    )
+    library = Library.open(tmp_path)
+    assert needs_grasp(read_tree(library.get_tree(tree)).root, library, read_registry(library)) is grasps
