@@ -12,7 +12,7 @@ expected one, or any where there is none.
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,15 +25,18 @@ from benchmarks.runner import finish, run, show_figures
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
-from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, Understanding, Understood
+from phyagentos.agent.understanding.inquiries import answer as answer_inquiry
+from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, Inquiry, Understanding, Understood
 from phyagentos.agent.understanding.vocabulary import Vocabulary
 from phyagentos.assembly.project import open_library
+from phyagentos.assembly.scene_start import draw_start
 from phyagentos.bench.report import Threshold
 from phyagentos.protocol.predicates.predicate import parse_predicate
+from phyagentos.protocol.world.environment import Environment
 
 REQUESTS = Path(__file__).parent.parent / "tests" / "requests"
 LEAST, LEAST_UNSEEN = {"written_right": 0.9}, 0.75
-SETS = {"written": REQUESTS} | {name: REQUESTS / name for name in ("held_out", "second", "third")}
+SETS = {"written": REQUESTS} | {name: REQUESTS / name for name in ("held_out", "second", "third", "kinds")}
 
 
 class Grade(StrEnum):
@@ -62,14 +65,14 @@ def read_cases(folder: Path) -> Iterator[Case]:
                 yield Case(scene=part["scene"], say=entry["say"], expected=expected)
 
 
-def grade(answer: Understanding, expected: Mapping[str, Any]) -> Grade:
-    """Compare an answer with what is right."""
-    if any(_is_right(answer, one) for one in expected.get("any_of", [expected])):
+def grade(answer: Understanding, expected: Mapping[str, Any], world: Environment | None = None) -> Grade:
+    """Compare an answer with what is right; a question about the world is answered from `world`."""
+    if any(_is_right(answer, one, world) for one in expected.get("any_of", [expected])):
         return Grade.RIGHT
     return Grade.WRONG if isinstance(answer, Understood) else Grade.SAFE
 
 
-def _is_right(answer: Understanding, expected: Mapping[str, Any]) -> bool:
+def _is_right(answer: Understanding, expected: Mapping[str, Any], world: Environment | None) -> bool:
     match answer:
         case Understood(goal=goal) if "choose" in expected:
             chosen = {*_canonical(goal.accept)}
@@ -80,6 +83,11 @@ def _is_right(answer: Understanding, expected: Mapping[str, Any]) -> bool:
         case Ambiguous(questions=questions):
             asked = [{*question.candidates} for question in questions]
             return "safe" in expected or ("ask" in expected and {*expected["ask"]} in asked)
+        case Inquiry() if "answer" in expected:
+            said = answer_inquiry(answer, world)
+            return all(part in " ".join((said.answer, *said.evidence)) for part in expected["answer"])
+        case Inquiry():  # an answer changes nothing
+            return "safe" in expected
         case Impossible(lacks=lacks):
             named = any(str(expected.get("refuse")) in lack.words for lack in lacks)
             return "safe" in expected or ("refuse" in expected and named)
@@ -103,13 +111,18 @@ def _canonical(texts: Sequence[str]) -> frozenset[str]:
 
 def measure(folder: Path) -> Iterator[tuple[Case, Understanding, Grade]]:
     """Each request of a folder with the answer and its grade."""
-    catalogue, understander = Catalogue.read(open_library()), EmbeddedUnderstander()
-    vocabularies: dict[str, Vocabulary] = {}
+    library = open_library()
+    catalogue, understander = Catalogue.read(library), EmbeddedUnderstander()
+    worlds: dict[str, Environment] = {}
     for case in read_cases(folder):
-        if case.scene not in vocabularies:
-            vocabularies[case.scene] = Vocabulary.read(catalogue, case.scene)
-        answer = understander.understand(case.say, vocabularies[case.scene], {})
-        yield case, answer, grade(answer, case.expected)
+        if case.scene not in worlds:
+            worlds[case.scene] = draw_start(library, case.scene, ["panda"], 0)
+        vocabulary = Vocabulary.read(catalogue, case.scene, world=worlds[case.scene])
+        for earlier in case.expected.get("before", ()):
+            met = understander.understand(earlier, vocabulary, {})
+            vocabulary = replace(vocabulary, past=(*vocabulary.past, met.goal) if isinstance(met, Understood) else ())
+        answer = understander.understand(case.say, vocabulary, {})
+        yield case, answer, grade(answer, case.expected, worlds[case.scene])
 
 
 def main(

@@ -32,7 +32,7 @@ from phyagentos.store.subjects import get_session
 
 if TYPE_CHECKING:
     from phyagentos.agent.planning.planned import Unsolvable
-    from phyagentos.operations.ask import Asked, NotUnderstood
+    from phyagentos.operations.ask import Answered, Asked, NotUnderstood
     from phyagentos.operations.compile import CompiledGraph
     from phyagentos.operations.lint import LintReport
     from phyagentos.operations.plan import PlannedGraph
@@ -120,7 +120,7 @@ def ask(
     seed: int = 0,
     workspace: str | Path | None = None,
     output: str | Path | None = None,
-) -> "Asked | NotUnderstood | Unsolvable":
+) -> "Asked | NotUnderstood | Unsolvable | Answered":
     """Make a goal of a request in words, plan it and write its graph, without a model; nothing runs.
 
     `answers` are those to the questions of an earlier call, by their keys. Then `run(asked.graph, seed=seed,

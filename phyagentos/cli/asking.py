@@ -25,6 +25,7 @@ from phyagentos.operations.run import RunRequest
 from phyagentos.protocol.documents.plain_data import Fields
 
 MODEL_URL, MODEL, MODEL_KEY = "PHYAGENTOS_MODEL_URL", "PHYAGENTOS_MODEL", "PHYAGENTOS_MODEL_KEY"
+MOST_POSSIBLE = 8  # names in a line
 _OUTPUT_HELP = "File of the goal graph; one among the requests of the run's workspace by default."
 _ANSWER_HELP = "Answer to a question: its key, and one of its candidates. Repeatable."
 
@@ -62,6 +63,10 @@ def ask(
         workspace=workspace,
         output=output,
     )
+    if isinstance(found, asking.Answered):
+        lines = [found.answer, *(f"  {each}" for each in found.evidence), f"  as of {found.source}"]
+        print_found(found, "\n".join(lines), as_json=as_json)
+        return ExitCode.GOAL_MET
     if not isinstance(found, asking.Asked):
         return _show_what_is_missing(found, as_json=as_json)
     _show(found, mermaid=mermaid, as_json=as_json)
@@ -142,11 +147,15 @@ def _is_approved() -> bool:
 def _iter_open(found: asking.NotUnderstood) -> Iterator[str]:
     """Each question with its candidates, or what is missing."""
     for question in found.questions:
-        yield f"{question.kind.told} {question.words!r}: {', '.join(question.candidates) or 'say it'}"
+        likely = f"; probably {question.likely}" if question.likely else ""
+        yield f"{question.kind.told} {question.words!r}: {', '.join(question.candidates) or 'say it'}{likely}"
     for lack in found.lacks:
         near = f"; nearest is {lack.nearest!r}" if lack.nearest else ""
-        possible = f"; possible: {', '.join(lack.possible)}" if lack.possible else ""
+        possible = f"; possible: {', '.join(lack.possible[:MOST_POSSIBLE])}" if lack.possible else ""
         yield f"{lack.words!r} {lack.kind.told}{near}{possible}"
+
+    if found.examples:
+        yield f"understood here: {'; '.join(map(repr, found.examples))}"
 
 
 def _iter_goal(found: asking.Asked, *, mermaid: bool) -> Iterator[str]:

@@ -20,7 +20,12 @@ from phyagentos.protocol.documents.struct_schema import REFERENCE
 
 LATE = {  # command -> types below phyagentos; the result is one of them
     "run": ("operations.run:RunReport",),
-    "ask": ("operations.ask:Asked", "operations.ask:NotUnderstood", "agent.planning.planned:Unsolvable"),
+    "ask": (
+        "operations.ask:Asked",
+        "operations.ask:NotUnderstood",
+        "operations.ask:Answered",
+        "agent.planning.planned:Unsolvable",
+    ),
     "agent": ("agent.mission.report:MissionReport",),
     "plan": ("operations.plan:PlannedGraph", "agent.planning.planned:Unsolvable"),
     "why": ("operations.why:Explanation",),

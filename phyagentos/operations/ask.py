@@ -16,10 +16,14 @@ from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.planning.domain import read_wanted
 from phyagentos.agent.planning.planned import Step, Unsolvable, plan_goal
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
+from phyagentos.agent.understanding.examples import list_examples
+from phyagentos.agent.understanding.inquiries import Answer, answer
 from phyagentos.agent.understanding.model import ModelUnderstander, write_answers
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,
+    Inquiry,
+    InquiryKind,
     Question,
     RequestProblem,
     RequestProblemKind,
@@ -33,11 +37,15 @@ from phyagentos.errors import DefinitionError
 from phyagentos.operations.lint import lint_file
 from phyagentos.operations.plan import PlannedGraph, describe_plan
 from phyagentos.operations.run import RunReport
-from phyagentos.operations.workspaces import FOLDER, REQUESTS, find_workspaces
+from phyagentos.operations.why import why
+from phyagentos.operations.workspaces import FOLDER, REQUESTS, find_workspaces, get_newest
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.placed_scenes import name_plain
 from phyagentos.protocol.documents.plain_data import Fields
+from phyagentos.protocol.documents.schema import read_text
 from phyagentos.protocol.documents.seen_text import find_unseen
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import Environment, read_environment
 
 GOAL_SUFFIX = ".goal.yaml"
 _OF_WORDS = frozenset(
@@ -77,11 +85,25 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class NotUnderstood(msgspec.Struct, frozen=True, kw_only=True):
-    """What `paos ask --json` prints of a request that leaves something open, or that cannot be met here."""
+    """What `paos ask --json` prints of a request that leaves something open, or that cannot be met here.
+
+    `examples` are requests that would be understood instead.
+    """
 
     understood: bool = False
     questions: tuple[Question, ...] = ()
     lacks: tuple[RequestProblem, ...] = ()
+    examples: tuple[str, ...] = ()
+
+
+class Answered(msgspec.Struct, frozen=True, kw_only=True):
+    """What `paos ask --json` prints of a question: the answer, its evidence, and the snapshot that both are of."""
+
+    understood: bool = True
+    question: str
+    answer: str
+    evidence: tuple[str, ...]
+    source: str
 
 
 def ask(
@@ -95,8 +117,8 @@ def ask(
     seed: int = 0,
     workspace: Path | None = None,
     output: Path | None = None,
-) -> Asked | NotUnderstood | Unsolvable:
-    """Make a goal of a request, plan it, and write its graph; run nothing.
+) -> Asked | NotUnderstood | Unsolvable | Answered:
+    """Make a goal of a request, plan it, and write its graph; run nothing. A question is answered.
 
     `scene` is that of the last request by default, and `robot` that of the scene's goal graphs. `answers` are those to
     questions, by key; `choose` answers any other one, where all have candidates. `open_model` gives, for a scene, the
@@ -109,12 +131,15 @@ def ask(
     library = open_library()
     catalogue = Catalogue.read(library)
     past = _read_past(workspace, scene, catalogue)
-    model = open_model((vocabulary := _read_vocabulary(library, catalogue, [*past.values()], scene, robot)).scene)
+    vocabulary, world = _read_vocabulary(library, catalogue, [*past.values()], scene, robot, seed)
+    model = open_model(vocabulary.scene)
     understood = _understand(request, vocabulary, model, dict(answers or {}), choose)
     if isinstance(understood, Ambiguous | Impossible):
-        return _describe_gap(understood)
+        return _describe_gap(understood, vocabulary, request)
+    if isinstance(understood, Inquiry):
+        return _answer(understood, vocabulary, world, workspace)
     goal = understood.goal
-    planned = plan_goal(goal, catalogue, draw_start(library, goal.scene, goal.targets.values(), seed))
+    planned = plan_goal(goal, catalogue, world, may_hold=False)
     if isinstance(planned, Unsolvable):
         return planned
     plan = describe_plan(planned)
@@ -147,21 +172,51 @@ def _choose_place(workspace: Path, library: Library, goal: str, graph: str) -> P
     return _choose_file(workspace / REQUESTS, goal, graph)
 
 
-def _describe_gap(found: Ambiguous | Impossible) -> NotUnderstood:
+def _describe_gap(found: Ambiguous | Impossible, vocabulary: Vocabulary, request: str) -> NotUnderstood:
     if isinstance(found, Ambiguous):
         return NotUnderstood(questions=found.questions)
-    return NotUnderstood(lacks=found.lacks)
+    return NotUnderstood(lacks=found.lacks, examples=list_examples(vocabulary, request))
+
+
+def _answer(inquiry: Inquiry, vocabulary: Vocabulary, start: Environment, workspace: Path | None) -> Answered:
+    """The answer of what the given or newest workspace last observed of the scene; else of the scene's start."""
+    world, source = start, "the start of the scene"
+    for root in (*((workspace,) if workspace is not None else ()), *find_workspaces()):
+        with contextlib.suppress(DefinitionError, OSError):  # nothing was observed there yet
+            path = Workspace.open(root).environment
+            known = read_environment(read_text(path), str(path))
+            if name_plain(known.scene) == vocabulary.scene:
+                world, source = known, f"{path}, at {known.time_s:.1f} s"
+                break
+    match inquiry.kind:
+        case InquiryKind.WHY:
+            lines = why(workspace or get_newest()[0]).explanation
+            found = Answer(answer=lines[0], evidence=lines[1:])
+        case InquiryKind.ABILITIES:
+            found = Answer(answer="; ".join(list_examples(vocabulary, most=6)))
+        case _:
+            found = answer(inquiry, world)
+    return Answered(question=inquiry.words, answer=found.answer, evidence=found.evidence, source=source)
 
 
 def _read_vocabulary(
-    library: Library, catalogue: Catalogue, past: Sequence[WantedGoal], scene: str | None, robot: str | None
-) -> Vocabulary:
-    """Scene, robot and past goals; what is not named is that of the last goal, and of the scene's graphs."""
+    library: Library,
+    catalogue: Catalogue,
+    past: Sequence[WantedGoal],
+    scene: str | None,
+    robot: str | None,
+    seed: int,
+) -> tuple[Vocabulary, Environment]:
+    """Scene, robot and past goals, and the scene's start; what is not named is of the last goal, and of its graphs."""
     if robot is not None and robot not in catalogue.targets:
         raise DefinitionError.unknown("target", "--robot", robot, catalogue.targets)
     scene = scene or (past[-1].scene if past else "")
+    if scene not in catalogue.scenes:
+        raise DefinitionError.unknown("scene", "--scene", scene, catalogue.scenes)
     graphs = [path for root in library.roots for path in sorted((root / "goal_graphs").glob("*.yaml"))]
-    return Vocabulary.read(catalogue, scene, past, robot or find_robot(catalogue, graphs, scene))
+    robot = robot or find_robot(catalogue, graphs, scene)
+    world = draw_start(library, scene, [robot], seed)
+    return Vocabulary.read(catalogue, scene, past, robot, world), world
 
 
 def _read_past(workspace: Path | None, scene: str | None, catalogue: Catalogue) -> dict[Path, WantedGoal]:

@@ -56,7 +56,7 @@ def plan(
     else:
         known = Workspace.open(workspace).environment
         world = read_environment(read_text(known), str(known))
-    planned = plan_goal(wanted, catalogue, world)
+    planned = plan_goal(wanted, catalogue, world, may_hold=False)
     return planned if isinstance(planned, Unsolvable) else describe_plan(planned)
 
 

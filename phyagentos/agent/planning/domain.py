@@ -1,7 +1,7 @@
 """From a goal, a world and skills to a planning problem; nothing in it is authored by hand."""
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -107,6 +107,8 @@ def build_domain(
     roles = _resolve_targets(wanted, catalogue)
     stages, invariants = _read_goal(wanted, list_carried(world), roles, lambda path: ".".join(map(str, path)))
     scope = _make_scope(wanted, roles, catalogue, world, everywhere=everywhere)
+    cleared = frozenset(fact for each in stages[-1] for fact, value in each.literals if not value)
+    scope = replace(scope, cleared=cleared)
     kept = [each.literals[0] for each in invariants if len(each.literals) == 1]
     broken = {(fact, not value) for fact, value in kept}
     operators = [each for each in list_operators(catalogue.skills, scope) if broken.isdisjoint(each.changes.items())]

@@ -48,6 +48,7 @@ class Scope:
         wanted: Calls of the goal and its constraints; numbers and postures come from them.
         present: Calls that say where objects are now.
         lids: Place -> what has to be open before it is reached.
+        cleared: Facts that are false in the end; no object is put onto what it has to leave.
     """
 
     world: Environment
@@ -58,6 +59,7 @@ class Scope:
     present: Sequence[Call]
     targets: Mapping[str, TargetProfile]
     lids: Mapping[str, str]
+    cleared: frozenset[Fact] = frozenset()
 
 
 def list_operators(skills: Mapping[str, SkillRuntime], scope: Scope) -> list[Operator]:
@@ -183,6 +185,8 @@ class _Draft:
         world, place = self.scope.world, self.place
         if not self.moved or not place:
             return True
+        if isinstance(place, PlacementPoint) and state(Meaning.ON, self.moved, place.support) in self.scope.cleared:
+            return False
         is_near = is_in_reach(world, place, self.scope.targets[self.target])
         return is_near and (isinstance(place, PlacementPoint) or count_room(world, self.moved, place) > 0)
 

@@ -18,6 +18,7 @@ from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.planning.answer_sets import AnswerSetPlanner
 from phyagentos.agent.planning.domain import Domain, Tried, build_domain
 from phyagentos.agent.planning.problem import (
+    Condition,
     Fact,
     Plan,
     Planner,
@@ -28,6 +29,7 @@ from phyagentos.agent.planning.problem import (
     order_steps,
 )
 from phyagentos.protocol.documents.flowchart import Arrow, Box, render_flowchart
+from phyagentos.protocol.predicates.meaning import find_held
 from phyagentos.protocol.world.environment import Environment
 
 
@@ -113,8 +115,11 @@ def plan_goal(
     world: Environment,
     planner: Planner | None = None,
     without: Collection[Tried] = (),
+    may_hold: bool = True,
 ) -> PlannedGoal | Unsolvable:
     """Plan a goal from a snapshot, or the start of a scene, `without` sessions that were tried in vain.
+
+    Without `may_hold` a plan puts down what it takes, unless the goal wants it in the hand, or there is no place.
 
     Raises:
         DefinitionError: A predicate cannot be parsed or planned for, or a target is unknown.
@@ -123,12 +128,25 @@ def plan_goal(
     for everywhere in (False, True):  # objects may also go where the goal names no place
         domain = build_domain(wanted, catalogue, world, everywhere=everywhere, without=without)
         answer = planner.solve(domain.problem)
+        if not may_hold and isinstance(answer, Plan) and (held := _list_held(domain.problem, answer)):
+            *before, last = domain.problem.stages
+            empty = (*last, *(Condition(((fact, False),), 1, 1) for fact in held))
+            emptied = planner.solve(replace(domain.problem, stages=(*before, empty)))
+            answer = emptied if not everywhere or isinstance(emptied, Plan) else answer
         if isinstance(answer, Plan):
             steps = tuple(_iter_steps(answer, domain.problem, domain.roles))
             return PlannedGoal(wanted=wanted, roles=domain.roles, steps=steps)
     if isinstance(answer, ProvenUnsolvable):
         return Unsolvable(tuple(_explain(answer, domain, wanted, catalogue, world, planner)))
     return Unsolvable((Missing(UnreachableReason.TIME),), is_proven=False)
+
+
+def _list_held(problem: PlanningProblem, plan: Plan) -> list[Fact]:
+    """What a plan leaves in a hand that was not there, and that the goal does not want there."""
+    *_, end = iter_states(problem, plan)
+    wanted = {fact for stage in problem.stages for each in stage for fact, _ in each.literals} | problem.initial
+    held = (fact for fact, value in end.items() if value and fact not in wanted)
+    return [fact for fact in held if find_held(fact) is not None]
 
 
 def write_graph(planned: PlannedGoal) -> str:

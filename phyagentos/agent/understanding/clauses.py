@@ -4,11 +4,14 @@ Upstream: a reading. Downstream: the embedded understander. One method a rule of
 each object stand in the lexicon. Clauses are steps where the request says an order, or where they exclude each other.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
+from phyagentos.agent.understanding.bearings import SIDES, VIEWS, list_beside, place_beside, shift
 from phyagentos.agent.understanding.nouns import (
+    NUMBERS,
     Discourse,
     Named,
     Node,
@@ -19,7 +22,8 @@ from phyagentos.agent.understanding.nouns import (
     list_children,
 )
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind, list_opposites
-from phyagentos.agent.understanding.vocabulary import REGION, ROLE, read_lexicon
+from phyagentos.agent.understanding.vocabulary import REGION, ROLE, SURFACES, read_lexicon
+from phyagentos.geometry import Vector
 from phyagentos.protocol.predicates.library import ArgumentKind, Meaning
 from phyagentos.protocol.predicates.meaning import list_kinds, read_statement
 from phyagentos.protocol.predicates.predicate import find_entities, find_formula
@@ -103,7 +107,7 @@ class Clauses(Discourse):
     # placing
 
     def _read_put(self, clause: Node, placing: Node) -> Step:
-        heaps = str(clause.children[0]).startswith("stack")
+        heaps = str(clause.children[0]).startswith(("stack", "pil"))
         return self._read_wish_place(placing, *list_children(placing), heaps=heaps)
 
     def _read_placing(self, placing: Node, *parts: Node) -> Step:
@@ -120,15 +124,90 @@ class Clauses(Discourse):
             self.lack(RequestProblemKind.SENTENCE, things)
         return wanted
 
+    def _read_put_back(self, _: Node, things: Node) -> Step:
+        """To where the scene has it at first: what it stands in or on there, else the table."""
+        ground = next((each.name for each in self.list_fitting(Slot.PLACE) if each.kind in SURFACES), "")
+        names = self._put(self.resolve(things, Slot.MOVED))
+        return [self._relate(name, self.get(name).stands or ground) for name in names]
+
+    def _read_put_away(self, clause: Node, things: Node) -> Step:
+        """Where to is asked, as no skill hands anything to a person; a single vessel is meant."""
+        named = self.resolve(things, Slot.ANY).names
+        standing = (each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), named))
+        names = self._put(Named(names=named if all(self.get(name).movable for name in named) else tuple(standing)))
+        gives = has_token(clause, "give") or has_token(clause, "hand_over")
+        fixed = [each for each in self.list_fitting(Slot.PLACE) if not each.movable]
+        places = [each.name for each in fixed if each.has_interior or (gives and each.kind in SURFACES)]
+        single = places if len(places) == 1 else []
+        chosen = single or self.ask(QuestionKind.WHERE, clause, places)
+        self.reasons += [f"{self.quote(clause)}: {name} is all that takes objects here" for name in single]
+        return [self._relate(name, place) for place in chosen for name in names]
+
+    def _put(self, named: Named) -> tuple[str, ...]:
+        """The objects, noted as put somewhere."""
+        self.moved += [name for name in named.names if name not in self.moved]
+        self.placed = named.names
+        return named.names
+
+    def _read_by_means(self, _: Node, tool: Node, command: Node) -> Step:
+        """A goal says what is true then, and not with what."""
+        self.resolve(tool, Slot.ANY)
+        self.unsaid.append(f"with {self.quote(tool)}")
+        return self._read_texts(command)
+
+    def _read_shift(self, clause: Node, things: Node, *sides: Node) -> Step:
+        """By a measure to a side: a point, where places are known; up, turns and other measures are no skill's."""
+        names, side = self.resolve(things, Slot.MOVED).names, str(sides[0].data) if sides else ""
+        said = [str(token) for token in clause.children if get_type(token) in {"amount", "unit"}]
+        amount = float(NUMBERS.index(said[0]) if said[0] in NUMBERS else said[0]) if said else 0.0
+        by_m = amount * read_lexicon()["units_m"].get(said[-1], 0.0) if said else 0.0
+        if side not in SIDES or not by_m or any(self.get(name).at_m is None for name in names):
+            return self.lack(RequestProblemKind.CAPABILITY, " ".join(said) or self.quote(sides[0]))
+        view, places = self.ask_view(sides[0]), ((name, self.get(name).at_m) for name in names)
+        return [self._stand_at(name, shift(at_m, side, view, by_m)) for name, at_m in places if at_m and view]
+
+    def _stand_at(self, name: str, point_m: Vector) -> str:
+        self.moved.append(name)
+        return f"at({name}, ({', '.join(f'{each:.3g}' for each in point_m)}))"
+
+    def _read_instead(self, clause: Node, meant: Node) -> Step:
+        """The last goal with another object, or another place: `no, the blue one`, `no, into the blue tray`."""
+        before = self.list_past()
+        if not before:
+            return self.lack(RequestProblemKind.PAST, clause)
+        past = self.vocabulary.past[-1].accept
+        if meant.data != "things":
+            places = self._find_places(meant)
+            found = ((name, self._find_place(name, meant, places)) for name in before)
+            return [self._locate(name, meant, place) for name, place in found if place]
+        names = self._resolve_after(before, meant)
+        if len(names) != len(before):  # which of several is another one
+            return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
+        return [_rename(text, dict(zip(before, names, strict=True))) for text in past]
+
+    def _resolve_after(self, before: Sequence[str], things: Node) -> tuple[str, ...]:
+        """Objects of a phrase that goes on from the last goal: `the other one` is none of those."""
+        self.moved = [*before]
+        self.heads[Slot.MOVED] = next(iter(sorted(self.get(before[-1]).heads)))
+        return self.resolve(things, Slot.MOVED).names
+
     def _read_elided(self, clause: Node, things: Node) -> Step:
-        """`press the green button and then the red one`: the verb is that of the clause before."""
+        """`press the green button and then the red one`: the verb is that of the clause, or of the goal, before."""
+        before = self.list_past()
+        if not self._verb and before and (has_token(clause, "same_with") or len(self.recent) == 1):
+            self.again = True
+            last = [text for text in self.vocabulary.past[-1].accept if _get_object(text) == before[-1]]
+            names = self._resolve_after(before, things)
+            return [_rename(text, {before[-1]: name}) for name in names for text in last]
+        if has_token(clause, "same_with") and not before:
+            return self.lack(RequestProblemKind.PAST, clause)
         if self._verb not in {"open", "close", "press"}:
             return self.lack(RequestProblemKind.SENTENCE, clause)
         return self._say(self._verb, things)
 
     def _read_wish_place(self, placing: Node, things: Node, *more: Node, heaps: bool = False) -> Step:
         self._verb = "put"
-        dest = next(each for each in more if each.data not in {"source", "except"})
+        *_, dest = (each for each in more if each.data not in {"source", "except"})  # one before it was corrected
         objects = self.resolve(things, Slot.MOVED)
         self.unmet = self.unmet if objects.by_colour else ""
         if (source := find_child(placing, "source")) is not None:
@@ -137,8 +216,7 @@ class Clauses(Discourse):
         unmet = self.unmet
         places = self._find_places(dest, by_colour=has_token(placing, "of_its_colour"))
         self.unmet = unmet
-        self.moved += [name for name in names if name not in self.moved]
-        self.placed = names
+        self._put(replace(objects, names=names))
         if heaps and len(names) > 1:
             self.ask(QuestionKind.ORDER, placing, ())
         wanted = []
@@ -149,6 +227,15 @@ class Clauses(Discourse):
         if not wanted and self.left_out and places.by_colour:
             return self.lack(RequestProblemKind.THING, "; ".join(self.left_out.values()), places.names)
         return wanted
+
+    def _place_beside(self, name: str, dest: Node, place: str) -> str:
+        """At a point on that side of an object, as no predicate says `left of`; empty where that is open or unknown."""
+        if self.get(name).at_m is None or self.get(place).at_m is None:
+            self.lack(RequestProblemKind.CAPABILITY, dest)
+            return ""
+        view = self.ask_view(dest)
+        point_m = place_beside(self.get(name), str(dest.data), view, self.get(place)) if view else None
+        return self._stand_at(name, point_m) if point_m is not None else ""
 
     def _find_places(self, dest: Node, *, by_colour: bool = False) -> Named:
         """What a destination names; every coloured place with an interior where it says only the colour."""
@@ -165,6 +252,8 @@ class Clauses(Discourse):
         noun = list_children(dest)[0]
         asked = len(self.questions)
         found = self.resolve_one(noun, Slot.VESSEL if dest.data == "into" and noun.data == "it" else Slot.PLACE)
+        if dest.data in SIDES and len(found.names) > 1:
+            return replace(found, names=self.ask(QuestionKind.WHICH, dest, found.names))
         if not by_colour:
             return found
         names = self.questions[asked].candidates if self.questions[asked:] else found.names
@@ -182,6 +271,8 @@ class Clauses(Discourse):
         return next(iter(names if len(names) < 2 else self.ask(kind, dest, names, about=name)), "")
 
     def _locate(self, name: str, dest: Node, place: str) -> str:
+        if dest.data in SIDES:
+            return self._place_beside(name, dest, place)
         if dest.data == "beside":
             return f"near({name}, {place})"
         if dest.data in {"into", "inside_it"}:
@@ -192,14 +283,41 @@ class Clauses(Discourse):
     def _relate(self, name: str, place: str) -> str:
         return f"{'inside' if self.get(place).has_interior else 'on'}({name}, {place})"
 
+    # questions
+
+    def list_alike(self, plain: Node) -> list[str]:
+        """Names of all objects that a phrase fits; of `object` those that can be moved."""
+        return [each.name for each in self._find_candidates(plain, Slot.MOVED, "")[0]]
+
+    def list_placed(self, names: Iterable[str], dest: Node) -> dict[str, str]:
+        """Of each object the statement that it is at a destination, at one of several."""
+        places = self._find_places(dest).names
+        texts = {name: [self._locate(name, dest, place) for place in places if place != name] for name in names}
+        return {name: " or ".join(each) for name, each in texts.items() if each}
+
+    def list_most(self, nouns: Sequence[Node], last: Node) -> list[str]:
+        """Names of those that are most so: of a noun, else of all that can be moved."""
+        found = self._find_candidates(nouns[0], Slot.MOVED, "")[0] if nouns else self.list_fitting(Slot.MOVED)
+        found = self._find_candidates(last, Slot.MOVED, "")[0] if last.data == "plain" else self._filter(found, last)
+        return [each.name for each in found] or [*self.lack(RequestProblemKind.THING, last)]
+
+    def list_beside(self, names: Iterable[str], dest: Node) -> dict[str, str]:
+        """Who looks, and which objects that one sees on a side of another."""
+        found, owners = [self.get(name) for name in names], self._find_places(dest).names
+        return {
+            who: ", ".join(list_beside(found, str(dest.data), view, self.get(owner))) or "nothing"
+            for who, view in VIEWS.items()
+            for owner in owners
+        }
+
     # doing other objects
 
     def _read_take(self, _: Node, things: Node, source: Node) -> Step:
         objects = self.restrict(self.resolve(things, Slot.MOVED), source)
         places = self.resolve_aside(source, Slot.PLACE)
-        self.moved += objects.names
-        self.placed = objects.names
-        return [f"not {self._relate(name, place)}" for name in objects.names for place in places.names]
+        is_all = [each.data for each in list_children(things)] == ["everything"]  # that is to clear it
+        names = ("*",) if self._put(objects) and is_all else objects.names
+        return [f"not {self._relate(name, place)}" for name in names for place in places.names]
 
     def _read_unstack(self, clause: Node, things: Node) -> Step:
         below = {name: self.get(name).stands for name in self.resolve(things, Slot.MOVED).names}
@@ -265,6 +383,10 @@ class Clauses(Discourse):
         places = [self.get(name).stands for name in names]
         if len(names) == 2 and all(places) and places[0] != places[1]:
             return [self._relate(name, place) for name, place in zip(names, reversed(places), strict=True)]
+        points = [self.get(name).at_m for name in names]
+        if len(names) == 2 and not any(places) and all(points):  # each as high as it is
+            pairs = zip(names, points, reversed(points), strict=True)
+            return [self._stand_at(name, (to[0], to[1], at[2])) for name, at, to in pairs if at and to]
         for name, place in zip(names, places, strict=True):
             if not place:
                 self.lack(RequestProblemKind.THING, f"a name for the place of {name}")
@@ -316,6 +438,8 @@ class Clauses(Discourse):
             return self._say(str(kept.data), things, constraint=not is_end)
         names = self.resolve(things, Slot.ANY).names
         places = self._find_places(kept)
+        if kept.data in SIDES:
+            return self.lack(RequestProblemKind.CAPABILITY, kept)
         self.unmet = ""
         found = ((name, self._find_place(name, kept, places)) for name in names)
         return self._keep(self._locate(name, kept, place) for name, place in found if place)
@@ -323,6 +447,8 @@ class Clauses(Discourse):
     def _read_never_put(self, _: Node, things: Node, dest: Node) -> Step:
         names = self.resolve(things, Slot.MOVED, forbids=True).names
         places = self._find_places(dest).names
+        if dest.data in SIDES:
+            return self.lack(RequestProblemKind.CAPABILITY, dest)
         return self._keep(f"not {self._locate(name, dest, place)}" for name in names for place in places)
 
     def _read_never_spill(self, clause: Node, *things: Node) -> Step:
@@ -370,6 +496,11 @@ def _says(text: str, *meanings: Meaning, is_true: bool = True) -> bool:
 def _get_object(text: str) -> str:
     """What a predicate is about, the first object that it names."""
     return next(iter(find_entities(text)), "")
+
+
+def _rename(text: str, names: Mapping[str, str]) -> str:
+    """A text about other objects."""
+    return re.sub(r"[A-Za-z_]\w*", lambda found: names.get(found[0], found[0]), text)
 
 
 def _passes(text: str) -> bool:

@@ -1,14 +1,17 @@
 """The embedded understander: a grammar over the words of the scene. Knows no model and no network."""
 
+import re
 from collections.abc import Mapping
 
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.clauses import Clauses, finish
+from phyagentos.agent.understanding.inquiries import read_inquiry
 from phyagentos.agent.understanding.nouns import Node, list_children
 from phyagentos.agent.understanding.reading import Readings, read_request
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,
+    Inquiry,
     Question,
     QuestionKind,
     RequestProblemKind,
@@ -29,7 +32,7 @@ class EmbeddedUnderstander:
         """The goal of a request, or why there is none; `answers` maps keys of questions to the chosen candidates."""
         read = read_request(request, vocabulary)
         if isinstance(read, Impossible):
-            return read
+            return self._respell(read, request, vocabulary, answers)
         results = [_interpret(tree, read, request, vocabulary, answers) for tree in read.trees]
         goals = {_summarise(result.goal): result for result in results if isinstance(result, Understood)}
         if len(goals) > 1 and (answer := answers.get(READING)) not in goals:
@@ -37,17 +40,38 @@ class EmbeddedUnderstander:
             return Ambiguous(questions=(question,))
         if goals:
             return next(iter(goals.values())) if len(goals) == 1 else goals[str(answer)]
+        if inquiries := [result for result in results if isinstance(result, Inquiry)]:
+            return inquiries[0]
         if asked := [result for result in results if isinstance(result, Ambiguous)]:
             return min(asked, key=lambda result: len(result.questions))
         refused = (result for result in results if isinstance(result, Impossible))
         return min(refused, key=lambda result: len(result.lacks))
+
+    def _respell(
+        self, refused: Impossible, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]
+    ) -> Understanding:
+        """Ask whether a known word was meant that makes a request of it; the refusal where none does."""
+        word, possible = refused.lacks[0].words, refused.lacks[0].possible
+        spelt = {near: re.sub(rf"(?i)(?<![\w-]){re.escape(word)}(?![\w-])", near, request) for near in possible}
+        found = {near: self.understand(text, vocabulary, answers) for near, text in spelt.items() if text != request}
+        found = {near: each for near, each in found.items() if not isinstance(each, Impossible)}
+        if not found or (answer := answers.get(word)) in found:
+            return found[str(answer)] if found else refused
+        likely, first = next(iter(found.items()))
+        question = Question(kind=QuestionKind.SPELLING, key=word, words=word, candidates=tuple(found), likely=likely)
+        more = first.questions if isinstance(first, Ambiguous) else ()
+        return Ambiguous(questions=(question, *(each for each in more if each.kind is QuestionKind.SPELLING)))
 
 
 def _interpret(
     tree: Node, read: Readings, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]
 ) -> Understanding:
     said = Clauses(text=read.text, vocabulary=vocabulary, answers=answers)
-    steps, accept = finish(said.read_plan(list_children(tree)[0]))
+    root = list_children(tree)[0]
+    if root.data.startswith("ask_"):
+        inquiry = read_inquiry(said, root)
+        return said.conclude() or inquiry
+    steps, accept = finish(said.read_plan(root))
     constraints = tuple(said.constraints)
     if said.again and not vocabulary.past:
         said.lack(RequestProblemKind.PAST, read.text)
@@ -61,10 +85,8 @@ def _interpret(
         accept = tuple(dict.fromkeys((*kept[-1], *accept)))
     if not accept and not said.lacks and not said.questions:
         said.lack(RequestProblemKind.GOAL, read.text)
-    if said.lacks:
-        return Impossible(lacks=tuple(dict.fromkeys(said.lacks)))
-    if said.questions:
-        return Ambiguous(questions=tuple(dict.fromkeys(said.questions)))
+    if open_or_missing := said.conclude():
+        return open_or_missing
     parts = {"constraints": constraints, "steps": steps, "accept": accept}
     reasons, chosen = (tuple(dict.fromkeys(each)) for each in (said.reasons, said.chosen))
     told = {"reasons": reasons, "left_out": said.left_out, "unsaid": (*read.unsaid, *said.unsaid), "chosen": chosen}

@@ -10,12 +10,22 @@ from enum import StrEnum
 
 from lark import Token, Tree
 
+from phyagentos.agent.understanding.bearings import SIDES, VIEWS, list_beside, list_most
 from phyagentos.agent.understanding.reading import pluralise
-from phyagentos.agent.understanding.understanding import Question, QuestionKind, RequestProblem, RequestProblemKind
+from phyagentos.agent.understanding.understanding import (
+    Ambiguous,
+    Impossible,
+    Question,
+    QuestionKind,
+    RequestProblem,
+    RequestProblemKind,
+)
 from phyagentos.agent.understanding.vocabulary import LOOSE, SURFACES, Thing, Vocabulary
 from phyagentos.errors import find_nearest
+from phyagentos.protocol.predicates.predicate import find_entities
 
 Node = Tree[Token]
+_OWNED = {"part_of", "located"}  # tails of a noun that name what it belongs to, or is in or on
 NUMBERS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"]
 
 
@@ -84,14 +94,26 @@ class Discourse:
         self.lacks.append(RequestProblem(kind=kind, words=words, nearest=near, possible=known))
         return ()
 
-    def ask(self, kind: QuestionKind, phrase: Node, candidates: Iterable[str], about: str = "") -> tuple[str, ...]:
+    def conclude(self) -> Ambiguous | Impossible | None:
+        """What is missing, else what is open; None where neither."""
+        if self.lacks:
+            return Impossible(lacks=tuple(dict.fromkeys(self.lacks)))
+        return Ambiguous(questions=tuple(dict.fromkeys(self.questions))) if self.questions else None
+
+    def ask(
+        self, kind: QuestionKind, phrase: Node, candidates: Iterable[str], about: str = "", likely: str = ""
+    ) -> tuple[str, ...]:
         """The answer to a question, or nothing and the question noted."""
         words, possible = f"{about} {self.quote(phrase)}".strip(), tuple(candidates)
         key = f"{words}@{_list_tokens(phrase)[0].start_pos}"
         if (answer := self.answers.get(key)) in possible:
             return (str(answer),)
-        self.questions.append(Question(kind=kind, key=key, words=words, candidates=possible))
+        self.questions.append(Question(kind=kind, key=key, words=words, candidates=possible, likely=likely))
         return ()
+
+    def ask_view(self, phrase: Node) -> float | None:
+        """1 where the robot's view is meant, -1 for that of a person who faces it; None and a question where open."""
+        return next((VIEWS[each] for each in self.ask(QuestionKind.VIEW, phrase, VIEWS)), None)
 
     def quote(self, tree: Node) -> str:
         """The words of a part of the request."""
@@ -174,7 +196,22 @@ class Discourse:
             found = [name for name in before if name not in self.recent[-1] and slot.takes(self.get(name))]
             if found:
                 return (found[0],) if len(found) == 1 else self.ask(QuestionKind.WHICH, phrase, found)
+        if before := [name for name in self.list_past() if slot.takes(self.get(name))]:
+            return (before[0],) if len(before) == 1 else self.ask(QuestionKind.WHICH, phrase, before)
         return self.lack(RequestProblemKind.SENTENCE, phrase)
+
+    def find_corrected(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
+        """The latter of two phrases; the former, which it corrects, lends its noun."""
+        wrong, meant = list_children(phrase)
+        if head := next(filter(None, (self._read_head(plain)[0] for plain in wrong.find_data("plain"))), ""):
+            self.heads[slot] = head
+        return self.resolve_one(meant, slot).names
+
+    def list_past(self) -> list[str]:
+        """Objects that the last goal is about, as far as they are here."""
+        texts = self.vocabulary.past[-1].accept if self.vocabulary.past else ()
+        named = dict.fromkeys(name for text in texts for name in find_entities(text)[:1])
+        return [name for name in named if name in self.vocabulary.things]
 
     def find_them(self, noun: Node, _: Slot) -> tuple[str, ...]:
         """The movable objects of the latest clause with several; else all that were moved."""
@@ -220,6 +257,7 @@ class Discourse:
 
     def _find_quantified(self, noun: Node, slot: Slot, lent: str, *, forbids: bool, is_pair: bool) -> Named:
         *quantities, plain = list_children(noun)
+        asked = len(self.questions)
         things, is_plural, by_colour = self._find_candidates(plain, slot, lent)
         found, kind, number, words = tuple(each.name for each in things), "the", 0, self.quote(noun)
         for quantity in quantities:  # one at most
@@ -235,7 +273,7 @@ class Discourse:
         if slot is Slot.LOOSE:
             is_all = kind == "all" and not number
             return Named(names=found, number=self._count_contents(found) if is_all else number)
-        if not found:
+        if not found and len(self.questions) == asked:
             self.lack(RequestProblemKind.THING, words, self.vocabulary.things)
         named = Named(names=found, words=words, by_colour=by_colour)
         if kind == "their" and slot is Slot.PLACE and len(found) > 1 and not by_colour:
@@ -253,7 +291,7 @@ class Discourse:
             return self._choose(named, max(number, 1), keeps_rest=kind == "exactly")
         every = is_plural or (forbids and not quantities)  # `no crumb` is every one
         if kind == "same" or (len(found) > 1 and not every):
-            return Named(names=self.ask(QuestionKind.WHICH, noun, found))
+            return Named(names=self.ask(QuestionKind.WHICH, noun, found, likely=self._guess(plain, found)))
         return replace(named, only=kind == "only")
 
     def _choose(self, named: Named, number: int, *, keeps_rest: bool) -> Named:
@@ -274,16 +312,38 @@ class Discourse:
         head, is_plural, is_generic = self._read_head(plain)
         if head == LOOSE and slot is Slot.LOOSE and not self._list_alike(head):
             return self.list_fitting(slot), True, False
+        before = lent or self.heads.get(slot, "")
+        is_one_of = bool(lent) or len(self._list_alike(before)) > 1  # `the green one` is no bottle where there is one
         self.heads |= {slot: head} if head else {}
-        found = [] if is_generic else self._list_alike(head or lent or self.heads.get(slot, ""))
+        found = [] if is_generic else self._list_alike(head or (before if is_one_of else ""))
         if not head and not any(adjectives <= thing.words for thing in found):
             found = self.list_fitting(Slot.MOVED if slot is Slot.PLACE and is_generic else slot)
         found = [thing for thing in found if adjectives <= thing.words]
-        if not head and not is_generic:  # `green` alone is the green cube rather than a bottle of green glass
-            found = [thing for thing in found if adjectives <= {*thing.name.split("_")}] or found
-        for tail in (child for child in list_children(plain) if child.data != "head"):
-            found = self._filter(found, tail)
+        parts = [child for child in list_children(plain) if child.data != "head"]
+        for part in sorted(
+            parts, key=lambda part: part.data not in _OWNED
+        ):  # `the largest cube on the tray` is of those
+            found = self._filter(found, part)
         return found, is_plural, by_colour
+
+    def _guess(self, plain: Node, names: Sequence[str]) -> str:
+        """The likeliest of several: `green` alone is the green cube rather than a bottle of green glass."""
+        adjectives = {str(token) for token in plain.children if get_type(token) in {"adj", "elliptic"}}
+        called = [name for name in names if adjectives and adjectives <= {*name.split("_")}]
+        return called[0] if len(called) == 1 else ""
+
+    def _select(self, found: Sequence[Thing], phrase: Node, kind: str, owner: Thing | None) -> list[Thing]:
+        """Those that are most so, or on that side of an object; asked where it depends on who looks."""
+        views = VIEWS.values() if kind in SIDES else (1.0,)
+        if owner is not None and kind in {*SIDES, "beside"}:
+            seen = [list_beside(found, kind, view, owner) for view in views]
+        else:
+            seen = [list_most(found, kind, view, owner.at_m if owner is not None else None) for view in views]
+        names = seen[0]
+        if seen[0] != seen[-1]:
+            likely = dict.fromkeys(name for each in seen[::-1] for name in each)
+            names = [*self.ask(QuestionKind.WHICH, phrase, likely)]
+        return [thing for thing in found if thing.name in names]
 
     def _read_head(self, plain: Node) -> tuple[str, bool, bool]:
         """The noun of the scene in a phrase, empty without one; whether it is a plural, and whether it is `thing`."""
@@ -298,9 +358,15 @@ class Discourse:
 
     def _filter(self, found: Iterable[Thing], tail: Node) -> list[Thing]:
         """Those that are parts of, or stand in or on, what the tail names, as the scene begins."""
+        if not list_children(tail):  # `on the left`, `largest`
+            return self._select(list(found), tail, str(tail.data), None)
         heads = dict(self.heads)
         owners = [owner.name for owner in self._find_candidates(list_children(tail)[0], Slot.ANY, "")[0]]
         self.heads = heads
+        if tail.data not in _OWNED:
+            names = owners if len(owners) == 1 else self.ask(QuestionKind.WHICH, tail, owners)
+            around = [thing for thing in found if thing.name not in names]
+            return self._select(around, tail, str(tail.data), self.get(names[0])) if names else []
         if tail.data == "part_of":
             return [thing for thing in found if thing.part_of in owners]
         return self._list_standing(found, owners)

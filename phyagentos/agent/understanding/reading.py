@@ -31,8 +31,11 @@ _SHORT = (  # contractions and spellings
     (r"\bwo not\b", "will not"),
     (r"\bca not\b|\bcannot\b", "can not"),
     (r"\bi'd\b", "i would"),
-    (r"\b(it|that|there)'s\b", r"\1 is"),
+    (r"\b(it|that|there|where|what)'s\b", r"\1 is"),
     (r"\bcolor", "colour"),
+    (r"\b(?!same\b|correspondingly\b)(\w+)[- ]coloured\b", r"\1"),
+    (r"(\d)(cm|mm|m|°)\b", r"\1 \2"),
+    (r"(?:,| and|, and) ([^,;.!?]+?) (?:afterwards|after that)\s*(?=$|[.;!])", r" then \1"),
     (r"\bgray\b", "grey"),
     (r"_", " "),
     (r"(?<!\d)[.!:?]+|[.!:?]+(?!\d)", " ; "),
@@ -70,8 +73,17 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     content = sorted({word for word in words if len(word) >= LEAST_NEAR} | adjectives | nouns)
     strange = [word for word in _WORD.findall(text) if word not in words and not re.fullmatch(r"[\d.]+|[+-]", word)]
     if near := {word: find_nearest(word, content) or "" for word in strange}:
+        usual = [*content, *(word for word in sorted(words - {*content}) if len(word) > 1)]
         return Impossible(
-            lacks=tuple(RequestProblem(kind=RequestProblemKind.WORD, words=word, nearest=near[word]) for word in near)
+            lacks=tuple(
+                RequestProblem(
+                    kind=RequestProblemKind.WORD,
+                    words=word,
+                    nearest=near[word],
+                    possible=tuple(each for each in usual if is_slip(word, each)),
+                )
+                for word in near
+            )
         )
     if len(text) > MOST_LETTERS:
         return refuse(RequestProblemKind.SENTENCE, text[MOST_LETTERS:])
@@ -84,6 +96,15 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
         return refuse(RequestProblemKind.SENTENCE, text)
     trees = CollapseAmbiguities().transform(forest)
     return Readings(text=text, trees=tuple(dict.fromkeys(trees)), unsaid=unsaid)
+
+
+def is_slip(word: str, meant: str) -> bool:
+    """Whether a word is another one with a letter wrong, missing, too many, or exchanged with the next; not the first.
+
+    The first letter is hardly ever wrong (Yannakoudakis and Fawthrop 1983, doi:10.1016/0306-4573(83)90045-6).
+    """
+    cuts = ((meant[:at], meant[at:]) for at in range(1, len(meant) + 1))
+    return any(re.fullmatch(f"{a}(.?{b[1:]}|.{b}|{b[1:2]}{b[:1]}{b[2:]})", word) for a, b in cuts)
 
 
 def _count_readings(tree: Tree[Token]) -> int:

@@ -49,6 +49,8 @@ class QuestionKind(_Kind):
     HOW_MANY = "how_many", "How many, or which, are"
     ORDER = "order", "In which order, from below, is"
     READING = "reading", "It can be read in several ways:"
+    SPELLING = "spelling", "Is this meant by the word"
+    VIEW = "view", "Left, right, front and back depend on who looks; who is it in"
 
 
 class RequestProblemKind(_Kind):
@@ -69,13 +71,15 @@ class RequestProblemKind(_Kind):
 class Question:
     """A question to ask back, about some words; any number may be answered where it has no candidates.
 
-    An answer refers to the key: the words, and where in the request they begin.
+    An answer refers to the key: the words, and where in the request they begin. `likely` is the candidate that would be
+    guessed, empty where none is likelier than others.
     """
 
     kind: QuestionKind
     key: str
     words: str
     candidates: tuple[str, ...] = ()
+    likely: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,7 +124,36 @@ class Impossible:
     lacks: tuple[RequestProblem, ...]
 
 
-Understanding = Understood | Ambiguous | Impossible
+class InquiryKind(StrEnum):
+    """What a question wants to know."""
+
+    WHETHER = "whether"
+    """Whether all of some statements are true."""
+    WHICH = "which"
+    """Of which objects a statement is true."""
+    COUNT = "count"
+    """Of how many."""
+    WHERE = "where"
+    """In or on what objects are, and at which point."""
+    SIDE = "side"
+    """What is on a side of an object, as each one sees it who may look."""
+    COLOUR = "colour"
+    WHY = "why"
+    """Why the latest run failed."""
+    ABILITIES = "abilities"
+    """What can be wished for."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inquiry:
+    """A question about the world: the objects it is about, each with the statement that decides, empty without one."""
+
+    kind: InquiryKind
+    words: str
+    statements: Mapping[str, str] = field(default_factory=dict)
+
+
+Understanding = Understood | Ambiguous | Impossible | Inquiry
 
 
 def refuse(kind: RequestProblemKind, *words: str) -> Impossible:

@@ -19,6 +19,7 @@ from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.selector import ANY, find_lacks
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.errors import DefinitionError
+from phyagentos.geometry import Vector
 from phyagentos.protocol.capabilities.targets import is_beside
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import read_yaml
@@ -26,6 +27,8 @@ from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.meaning import normalize
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.world.descriptions import COLORS
+from phyagentos.protocol.world.entity_geometry import AXES, compute_center, compute_extent
+from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 
 REGION = "region"
@@ -48,6 +51,7 @@ class Thing:
         part_of: The object that it is fixed to, or whose lid, door or drawer it is.
         stands: The object in or on which the scene places it at first.
         contents: Number of loose balls in it.
+        at_m: (3,) its middle in the world [m], `half_m` (3,) half of the box around it; None where no world is known.
     """
 
     name: str
@@ -61,6 +65,8 @@ class Thing:
     part_of: str = ""
     stands: str = ""
     contents: int = 0
+    at_m: Vector | None = None
+    half_m: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,8 +88,18 @@ class Vocabulary:
     past: tuple[WantedGoal, ...] = ()
 
     @classmethod
-    def read(cls, catalogue: Catalogue, scene: str, past: Iterable[WantedGoal] = (), robot: str = ANY) -> "Vocabulary":
-        """The vocabulary of a scene; raises DefinitionError where that is unknown or cannot be read."""
+    def read(
+        cls,
+        catalogue: Catalogue,
+        scene: str,
+        past: Iterable[WantedGoal] = (),
+        robot: str = ANY,
+        world: Environment | None = None,
+    ) -> "Vocabulary":
+        """The vocabulary of a scene; raises DefinitionError where that is unknown or cannot be read.
+
+        Where objects are, and how large, is that of `world`; without one no phrase is decided by that.
+        """
         if scene not in catalogue.scenes:
             raise DefinitionError.unknown("scene", "--scene", scene, catalogue.scenes)
         spec = read_scene(catalogue.scenes[scene])
@@ -95,7 +111,7 @@ class Vocabulary:
         postures = (each for _, profile in sorted(catalogue.targets.items()) for each in profile.postures)
         return cls(
             scene=scene,
-            things=_add_synonyms(things),
+            things=_add_synonyms(_locate(things, world) if world is not None else things),
             capabilities=_find_capabilities(catalogue),
             targets=tuple(sorted(catalogue.targets)),
             robot=robot,
@@ -109,6 +125,20 @@ class Vocabulary:
         adjectives = {*COLORS}.union(*(thing.words for thing in things))
         nouns = {LOOSE for thing in things if thing.contents}.union(*(thing.heads for thing in things))
         return frozenset(filter(WORD.fullmatch, adjectives)), frozenset(filter(WORD.fullmatch, nouns))
+
+
+def _locate(things: Mapping[str, Thing], world: Environment) -> dict[str, Thing]:
+    """The objects with their places and sizes."""
+    located = dict(things)
+    for name in things.keys() & world.entities.keys():
+        entity = world.entities[name]
+        x_m, y_m, z_m = ((high - low) / 2 for low, high in (compute_extent(entity, axis) for axis in AXES))
+        located[name] = replace(things[name], at_m=compute_center(entity), half_m=(x_m, y_m, z_m))
+    for name, region in world.regions.items():
+        located |= (
+            {name: replace(things[name], at_m=region.pose.position_m, half_m=region.half_m)} if name in things else {}
+        )
+    return located
 
 
 def _add_synonyms(things: Mapping[str, Thing]) -> dict[str, Thing]:

@@ -1,0 +1,76 @@
+"""Where objects are from where one looks, and which of them is leftmost, nearest or largest.
+
+Left, right, front and back depend on who looks: the robot at its mount, or a person who faces it. Where the two differ,
+a request is not decided but asked back.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+from phyagentos.agent.understanding.vocabulary import Thing
+from phyagentos.geometry import Vector
+
+VIEWS = {"as seen by the robot": 1.0, "as seen by a person who faces the robot": -1.0}
+SIDES: Mapping[str, tuple[float, float]] = {
+    "left": (0.0, 1.0),
+    "right": (0.0, -1.0),
+    "back": (1.0, 0.0),
+    "front": (-1.0, 0.0),
+}  # direction in the world for the robot, which looks along x
+GAP_M = 0.04  # between two objects that are put side by side
+BESIDE_M = 0.15  # between the middles of objects that are next to each other
+_APART_M, _ALIKE = 0.01, 0.05  # places, and shares of a size, that are taken for equal
+_SIZES: Mapping[str, Callable[[Thing], float]] = {
+    "large": lambda thing: math.prod(thing.half_m),
+    "small": lambda thing: -math.prod(thing.half_m),
+    "tall": lambda thing: thing.half_m[2],
+    "long": lambda thing: max(thing.half_m[:2]),
+}
+
+
+def list_most(things: Sequence[Thing], kind: str, view: float, reference: Vector | None) -> list[str]:
+    """Those that are most so, several where they are equally so; all where places are not known.
+
+    `reference` is that from which `near` and `far` are measured: by default the robot, at the origin.
+    """
+    if not things or any(thing.at_m is None for thing in things):
+        return [thing.name for thing in things]
+    if kind in _SIZES:
+        sizes = {thing.name: _SIZES[kind](thing) for thing in things}
+        most = max(sizes.values())
+        return [name for name, size in sizes.items() if most - size <= _ALIKE * abs(most)]
+    ranks = {thing.name: _rank(thing, kind, view, reference) for thing in things}
+    return [name for name, rank in ranks.items() if max(ranks.values()) - rank <= _APART_M]
+
+
+def list_beside(things: Sequence[Thing], kind: str, view: float, owner: Thing) -> list[str]:
+    """Those on a side of an object, or `beside` it; all where places are not known."""
+    others = [thing for thing in things if thing.name != owner.name]
+    if owner.at_m is None or any(thing.at_m is None for thing in others):
+        return [thing.name for thing in others]
+    if kind == "beside":
+        return [each.name for each in others if each.at_m and math.dist(each.at_m[:2], owner.at_m[:2]) <= BESIDE_M]
+    border = _rank(owner, kind, view, None)
+    return [thing.name for thing in others if _rank(thing, kind, view, None) - border > _APART_M]
+
+
+def place_beside(thing: Thing, side: str, view: float, owner: Thing) -> Vector | None:
+    """A point on a side of an object where another one can stand [m]; None where places are not known."""
+    if thing.at_m is None or owner.at_m is None:
+        return None
+    apart_m = math.hypot(*owner.half_m[:2]) + math.hypot(*thing.half_m[:2]) + GAP_M
+    return shift((owner.at_m[0], owner.at_m[1], thing.at_m[2]), side, view, apart_m)
+
+
+def shift(at_m: Vector, side: str, view: float, by_m: float) -> Vector:
+    """A point so far to a side of another one [m]."""
+    x, y = SIDES[side]
+    return (round(at_m[0] + view * x * by_m, 3), round(at_m[1] + view * y * by_m, 3), round(at_m[2], 3))
+
+
+def _rank(thing: Thing, kind: str, view: float, reference: Vector | None) -> float:
+    x_m, y_m, _ = thing.at_m or (0.0, 0.0, 0.0)
+    if kind in SIDES:
+        return view * (SIDES[kind][0] * x_m + SIDES[kind][1] * y_m)
+    away_m = math.dist((x_m, y_m), (reference or (0.0, 0.0, 0.0))[:2])
+    return away_m if kind == "far" else -away_m

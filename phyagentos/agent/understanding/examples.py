@@ -1,0 +1,53 @@
+"""Sentences that are understood over a scene, for a person whose request was not."""
+
+from collections.abc import Iterator
+from itertools import product
+
+from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
+from phyagentos.agent.understanding.nouns import Slot
+from phyagentos.agent.understanding.understanding import Understood
+from phyagentos.agent.understanding.vocabulary import SURFACES, Thing, Vocabulary, read_lexicon
+
+_TRIED = 12  # templates and objects are read by the understander, which takes a tenth of a second
+
+
+def list_examples(vocabulary: Vocabulary, request: str = "", most: int = 2) -> tuple[str, ...]:
+    """Requests that are understood here, the ones most like `request` first, each of another kind where possible."""
+    words = {*request.lower().split()}
+    texts = [text for template in read_lexicon()["examples"] for text in _iter_filled(template, vocabulary)]
+    ordered = sorted(texts, key=lambda text: -len(words & {*text.split()}))
+    firsts = {text.split()[0]: text for text in reversed(ordered)}.values()
+    tried = list(dict.fromkeys([*sorted(firsts, key=ordered.index), *ordered]))[:_TRIED]
+    understander = EmbeddedUnderstander()
+    understood = (text for text in tried if isinstance(understander.understand(text, vocabulary, {}), Understood))
+    return tuple(text for _, text in zip(range(most), understood, strict=False))
+
+
+def _iter_filled(template: str, vocabulary: Vocabulary) -> Iterator[str]:
+    """A template about each object that fits it."""
+    slots = [
+        slot for slot in ("moved", "vessel", "top", "opens", "press", "loose", "region") if f"{{{slot}}}" in template
+    ]
+    fitting = [[each for each in vocabulary.things.values() if _fits(each, slot)] for slot in slots]
+    for things in product(*fitting):
+        names = {slot: thing.name.replace("_", " ") for slot, thing in zip(slots, things, strict=True)}
+        if len({*names.values()}) == len(names):
+            yield template.format(**names)
+
+
+def _fits(thing: Thing, slot: str) -> bool:
+    match slot:
+        case "vessel":
+            return thing.has_interior and not thing.movable and thing.kind != "region"
+        case "top":
+            is_flat = not (thing.movable or thing.has_interior or thing.part_of or thing.opens)
+            return is_flat and thing.kind not in {*SURFACES, "wall", "region", "cabinet", "panel", "stand"}
+        case "press":
+            return thing.opens == "slide" and not thing.has_interior
+        case "opens":
+            return bool(thing.opens) and (thing.opens != "slide" or thing.has_interior)
+        case "region":
+            return thing.kind == "region"
+        case "moved":
+            return thing.movable and not thing.has_interior and thing.kind != "ball"
+    return Slot(slot).takes(thing)

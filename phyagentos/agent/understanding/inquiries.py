@@ -1,0 +1,111 @@
+"""Questions about the world: what a reading asks for, and the answer that a snapshot gives, with its evidence.
+
+Upstream: a reading. Downstream: `paos ask`. An answer is what the predicates of the goal language say of the snapshot;
+what they leave unknown is answered as unknown, and never guessed.
+"""
+
+import msgspec
+
+from phyagentos.agent.understanding.bearings import SIDES
+from phyagentos.agent.understanding.clauses import Clauses
+from phyagentos.agent.understanding.nouns import Node, Slot, list_children
+from phyagentos.agent.understanding.understanding import Inquiry, InquiryKind
+from phyagentos.agent.understanding.vocabulary import read_lexicon
+from phyagentos.protocol.predicates.evaluation import Evaluation
+from phyagentos.protocol.predicates.library import View
+from phyagentos.protocol.predicates.predicate import parse_predicate
+from phyagentos.protocol.predicates.relations import find_places
+from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.truth import Truth
+
+_WORDS = {Truth.TRUE: "yes", Truth.FALSE: "no", Truth.UNKNOWN: "unknown"}
+
+
+class Answer(msgspec.Struct, frozen=True, kw_only=True):
+    """An answer in a line, and a line of evidence for each object."""
+
+    answer: str
+    evidence: tuple[str, ...] = ()
+
+
+def read_inquiry(said: Clauses, asked: Node) -> Inquiry:
+    """What a question is about; what it leaves open, or names without being here, is noted in `said`."""
+    kind, statements = _KINDS[asked.data], dict[str, str]()
+    parts = [part for part in list_children(asked) if part.data != "be"]
+    match str(asked.data), parts:
+        case "ask_state", [things, state]:
+            meaning = read_lexicon()["meanings"][state.data]
+            names = said.resolve(things, Slot(meaning["slot"])).names
+            owners = (said.get(name) for name in names)
+            statements = {
+                each.name: meaning["form"].format(each.name, at="inside" if each.has_interior else "on")
+                for each in owners
+            }
+        case "ask_place", [things, dest]:
+            statements = said.list_placed(said.resolve(things, Slot.ANY).names, dest)
+        case "ask_which", [*nouns, dest]:
+            some = said.list_alike(nouns[0]) if nouns else [each.name for each in said.list_fitting(Slot.MOVED)]
+            is_side = dest.data in SIDES
+            kind = InquiryKind.SIDE if is_side else kind
+            statements = said.list_beside(some, dest) if is_side else said.list_placed(some, dest)
+        case "ask_count", [plain, *dest]:
+            some = said.list_alike(plain)
+            statements = said.list_placed(some, dest[0]) if dest else dict.fromkeys(some, "")
+        case "ask_named", [*nouns, last]:
+            statements = dict.fromkeys(said.list_most(nouns, last), "")
+        case _, [things]:
+            statements = dict.fromkeys(said.resolve(things, Slot.ANY).names, "")
+    return Inquiry(kind=kind, words=said.text.strip(" ;"), statements=statements)
+
+
+_KINDS = {
+    "ask_state": InquiryKind.WHETHER,
+    "ask_place": InquiryKind.WHETHER,
+    "ask_where": InquiryKind.WHERE,
+    "ask_which": InquiryKind.WHICH,
+    "ask_named": InquiryKind.WHICH,
+    "ask_count": InquiryKind.COUNT,
+    "ask_colour": InquiryKind.COLOUR,
+    "ask_why": InquiryKind.WHY,
+    "ask_abilities": InquiryKind.ABILITIES,
+}
+
+
+def answer(inquiry: Inquiry, world: Environment) -> Answer:
+    """The answer of a snapshot to a question about it; why, and what can be wished for, it does not know."""
+    if inquiry.kind is InquiryKind.SIDE:
+        return Answer(answer="; ".join(f"{who}: {names}" for who, names in inquiry.statements.items()))
+    found = {name: _evaluate(text, world) for name, text in inquiry.statements.items() if text}
+    evidence = tuple(f"{inquiry.statements[name]} is {each.truth}: {each.because}" for name, each in found.items())
+    true = [name for name in inquiry.statements if name not in found or found[name].truth is Truth.TRUE]
+    unknown = [name for name, each in found.items() if each.truth is Truth.UNKNOWN]
+    match inquiry.kind:
+        case InquiryKind.WHETHER:
+            worst = min(found.values(), key=lambda each: each.order)
+            return Answer(answer=_WORDS[worst.truth], evidence=evidence)
+        case InquiryKind.WHERE:
+            return Answer(answer="; ".join(_locate(name, world) for name in inquiry.statements))
+        case InquiryKind.COLOUR:
+            known = (world.entities[name] for name in inquiry.statements if name in world.entities)
+            return Answer(answer="; ".join(f"{each.name} is {each.color or 'of no known colour'}" for each in known))
+    listed = ", ".join(true) or "nothing"
+    listed += f"; unknown of {', '.join(unknown)}" if unknown else ""
+    is_count = inquiry.kind is InquiryKind.COUNT
+    return Answer(answer=f"{len(true)}: {listed}" if is_count else listed, evidence=evidence)
+
+
+def _evaluate(text: str, world: Environment) -> Evaluation:
+    return parse_predicate(text).evaluate(View(now=world, initial=world))
+
+
+def _locate(name: str, world: Environment) -> str:
+    if (entity := world.entities.get(name)) is None:
+        point_m = world.regions[name].pose.position_m
+        return f"{name} is a region around {_write(point_m)} m"
+    places = ", ".join(f"{each.name} {each.arguments[-1]}" for each in find_places(entity, world))
+    held = f"held by {entity.held_by}" if entity.held_by else ""
+    return f"{name} is {held or places or 'fixed'}, at {_write(entity.pose.position_m)} m"
+
+
+def _write(point_m: tuple[float, ...]) -> str:
+    return f"({', '.join(f'{each:.2f}' for each in point_m)})"

@@ -1,0 +1,84 @@
+"""Questions, spelling, follow-ups and refusals: each says what it rests on, and none decides what is open."""
+
+import random
+import re
+
+import pytest
+
+from phyagentos.agent.planning.planned import PlannedGoal, plan_goal
+from phyagentos.agent.understanding.examples import list_examples
+from phyagentos.agent.understanding.inquiries import answer
+from phyagentos.agent.understanding.understanding import Ambiguous, Understood
+from phyagentos.agent.understanding.vocabulary import Vocabulary
+from phyagentos.assembly.project import open_library
+from phyagentos.assembly.scene_start import draw_start
+from phyagentos.protocol.predicates.predicate import find_entities
+
+from .conftest import CUBES, get_vocabulary, read_catalogue
+
+PACKING = "tabletop/packing"
+
+
+def get_world(scene: str):
+    return draw_start(open_library(), scene, ["panda"], 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("request_", "takes"), [("clear the table", "table"), ("clear the tray", "tray")])
+def test_a_plan_to_clear_a_place_puts_nothing_back_and_holds_nothing(understand, request_, takes):
+    goal = understand(request_, PACKING).goal
+
+    planned = plan_goal(goal, read_catalogue(), get_world(PACKING), may_hold=False)
+
+    assert isinstance(planned, PlannedGoal)
+    assert not any(takes in step.parameters.values() for step in planned.steps)
+    assert all(step.skill != "pick" for step in planned.steps)
+
+
+def test_a_bare_colour_of_several_objects_is_asked_and_the_likely_one_said(understand):
+    (question,) = understand("keep the bottle upright and put green into the red tray").questions
+
+    assert set(question.candidates) == {"green_cube", "bottle"}
+    assert question.likely == "green_cube"
+
+
+def test_a_misspelt_word_is_asked_about_and_its_answer_is_read(understand):
+    (question,) = understand("put the red cub into the red tray").questions
+
+    assert question.candidates == ("cube",)
+    answered = understand("put the red cub into the red tray", **{question.key: "cube"})
+    assert answered.goal.accept == ("inside(red_cube, red_tray)",)
+
+
+def test_an_answer_carries_the_evidence_of_each_object(understand):
+    found = answer(understand("what is in the tray?", PACKING), get_world(PACKING))
+
+    assert found.answer == "can"
+    assert any(line.startswith("inside(can, tray) is true") for line in found.evidence)
+
+
+def test_each_scene_has_two_examples_that_are_understood(understand):
+    for scene in (CUBES, "tabletop/stacking", "tabletop/drawer", "tabletop/panel_and_stack", "mobile/dock_hall"):
+        examples = list_examples(get_vocabulary(scene), "make coffee")
+
+        assert len(examples) == 2, scene
+        assert all(isinstance(understand(each, scene), Understood) for each in examples)
+
+
+@pytest.mark.slow
+def test_every_object_of_a_random_sentence_is_in_its_goal_or_it_is_none(understand):
+    chance = random.Random(7)
+    for scene in (CUBES, "tabletop/workbench", "tabletop/stacking", PACKING):
+        vocabulary = Vocabulary.read(read_catalogue(), scene, world=get_world(scene))
+        names = [name for name, thing in vocabulary.things.items() if thing.kind != "floor"]
+        for _ in range(40):
+            first, second, third = chance.sample(names, 3)
+            form = chance.choice(["put A on B", "put A into B and leave C alone", "A and C into B", "pick A up, no, C"])
+            said = re.sub("[ABC]", lambda each: {"A": first, "B": second, "C": third}[each[0]], form)  # noqa: B023
+            meant = [third] if form.startswith("pick") else [each for each in (first, second, third) if each in said]
+            found = understand(said, vocabulary)
+            if isinstance(found, Understood):
+                goal = found.goal
+                assert {*meant} <= {n for t in (*goal.accept, *goal.constraints) for n in find_entities(t)}, said
+            else:
+                assert found.questions if isinstance(found, Ambiguous) else found.lacks, said
