@@ -55,12 +55,17 @@ def _sharpen(view: View, measured: Iterable[Entity], share: float) -> View:
 
 
 def _iter_looser(formula: syntax.Formula) -> Iterator[syntax.Formula]:
-    """The criterion with every number scaled, and with `above` for `on`."""
+    """The criterion with every number scaled, and with predicates that follow from its own."""
     for factor in FACTORS:
         looser = _scale(formula, factor)
         if looser != formula:
             yield looser
-    yield syntax.map_calls(formula, lambda call: replace(call, name="above") if call.name == "on" else call)
+    yield syntax.map_calls(formula, _follow)
+
+
+def _follow(call: syntax.Call) -> syntax.Call:
+    definition = get_predicate_library().find(call.name)
+    return replace(call, name=definition.implies) if definition is not None and definition.implies else call
 
 
 def _scale(formula: syntax.Formula, factor: float) -> syntax.Formula:
