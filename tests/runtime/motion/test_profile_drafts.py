@@ -3,9 +3,10 @@
 import mujoco
 import numpy as np
 import pytest
+import yaml
 
 from phyagentos.errors import DefinitionError
-from phyagentos.geometry import compute_rotation
+from phyagentos.geometry import compute_rotation, convert_euler, multiply
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml, validate
@@ -93,6 +94,21 @@ def test_a_jaw_that_turns_closes_on_what_stands_still(tmp_path, low, high, side)
     z, y = compute_rotation(profile.tool.quaternion_wxyz)[:, [2, 1]].T
     assert z[2] > 0.9
     assert side * y[1] > 0.9
+
+
+@pytest.mark.parametrize(("turn", "points"), [(90, "-x"), (180, "-z"), (-90, "x")])
+def test_a_tool_that_points_elsewhere_than_its_fingers_is_refused_with_what_to_write(tmp_path, turn, points):
+    profile, _, _ = draft(tmp_path, build_arm() + build_jaws())
+    right = profile.tool.quaternion_wxyz
+    wrong = multiply(right, convert_euler((0.0, np.radians(turn), 0.0)))
+    text = (file := tmp_path / "robots" / "mine" / "target.yaml").read_text()
+    lines = [f"tool: {{body: l6, position_m: {list(profile.tool.position_m)}, quaternion_wxyz: {list(wrong)}}}"
+             if line.startswith("tool:") else line for line in text.splitlines()]  # fmt: skip
+    file.write_text("\n".join(lines))
+    (problem,) = check_profile(file)
+    assert f"fingers that point along {points} of the tool" in str(problem)
+    written = yaml.safe_load(problem.hint.removeprefix("Write ").removesuffix(" there."))["quaternion_wxyz"]
+    assert compute_rotation(written) == pytest.approx(compute_rotation(right), abs=1e-4)
 
 
 def test_an_arm_is_turned_so_that_it_reaches_what_is_in_front(tmp_path):
