@@ -27,7 +27,7 @@ from phyagentos.assembly.paths import choose_folder, serve_alone
 from phyagentos.assembly.planes import Plane, start_watch
 from phyagentos.assembly.planted_faults import find_unstruck, iter_misses
 from phyagentos.assembly.project import admit_python, get_file, get_settings, open_library, parse_overrides
-from phyagentos.assembly.skill_checks import check_skill
+from phyagentos.assembly.skill_checks import check_arguments, check_skill
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem, has_room
 from phyagentos.operations.lint import FileKind, find_other_kind
@@ -35,6 +35,7 @@ from phyagentos.operations.progress import RunFold
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.targets import SHARING, TargetProfile, find_driver_name, is_beside
 from phyagentos.protocol.capabilities.trees import read_tree
+from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
@@ -250,6 +251,7 @@ def check_request(
             problems += iter_misses(faults, bodies, joints, cameras)
     except DefinitionError as error:
         problems += error.problems
+    problems += check_arguments(compiled, read_yaml(graph), catalogue, library)
     files = [library.get_skill(skill) for skill in sorted({choice.skill for choice in compiled.choices.values()})]
     if problems := [*(each for file in files for each in check_skill(file, open_library(file))), *problems]:
         raise DefinitionError(problems)

@@ -1,5 +1,6 @@
-"""What no session can put where it is asked to be: inside of what has no inside, and what stands fixed."""
+"""What no session can put where it is asked to be: inside of a solid, what stands fixed, what is too large."""
 
+import math
 from collections.abc import Iterator
 
 from phyagentos.errors import Problem, format_names
@@ -8,7 +9,10 @@ from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import Statement, read_statement
 from phyagentos.protocol.predicates.predicate import find_formula
 from phyagentos.protocol.predicates.syntax import And, Name
+from phyagentos.protocol.world.body_shapes import Solid
+from phyagentos.protocol.world.environment import ShapeKind
 from phyagentos.protocol.world.scenes import Body, SceneSpec
+from phyagentos.wording import format_length
 
 
 def iter_misplaced(located: Located, path: Address, text: str, scene: SceneSpec) -> Iterator[Problem]:
@@ -32,6 +36,37 @@ def _iter_problems(located: Located, path: Address, name: str, place: str, scene
         found = f"{name!r}, which is fixed, inside {place!r}"
         expected = f"an object that moves: {format_names(moving)}"
         yield located.problem("INVALID_VALUE", path, found, expected, f"Exchange the two, or leave {name!r} out.")
+    elif body is not None and whole is not None and whole.interior is not None:
+        room_m = sorted(2.0 * half for half in whole.interior.half_m[:2])
+        if sides_m := _find_sides(body, room_m):
+            found = f"{name!r} of {_format_sides(sides_m)}, inside {place!r} of {_format_sides(room_m)}"
+            expected = f"an object of which one side is at most {format_length(room_m[0])}"
+            hint = f"Ask for on({name}, {place}), or give {place!r} a wider `interior`."
+            yield located.problem("INVALID_VALUE", path, found, expected, hint)
+
+
+def _find_sides(body: Body, room_m: list[float]) -> list[float]:
+    """Sides of an object's solid where each of them is too wide for an opening however it is turned, else none."""
+    blocks = [each for each in body.shapes if not each.decor]
+    sides_m = [sorted(_list_sides(each)) for each in blocks]
+    if body.interior is not None:  # its walls are thin, and no part of it
+        sides_m = [sorted(2.0 * half for half in body.interior.half_m)]
+    is_wide = all(thin > room_m[0] or middle > math.hypot(*room_m) for thin, middle, _ in sides_m)
+    return max(sides_m, default=[]) if is_wide else []
+
+
+def _list_sides(solid: Solid) -> list[float]:
+    """Sides of a block, diameter and height of a cylinder [m]; what is round dips into an opening that is narrower."""
+    match solid.kind:
+        case ShapeKind.BOX:
+            return [2.0 * half for half in solid.size_m]
+        case ShapeKind.CYLINDER:
+            return [2.0 * solid.size_m[0], 2.0 * solid.size_m[0], 2.0 * solid.size_m[1]]
+    return [0.0, 0.0, 0.0]
+
+
+def _format_sides(sides_m: list[float]) -> str:
+    return " x ".join(map(format_length, sides_m))
 
 
 def _moves(body: Body) -> bool:

@@ -217,6 +217,14 @@ def needs_grasp(node: Node, library: Library, registry: LeafRegistry, above: tup
     return node.kind is NodeKind.SEQUENCE and any(needs_grasp(each, library, registry, above) for each in node.children)
 
 
+def find_ranges(name: str, library: Library, registry: LeafRegistry) -> Mapping[str, Port]:
+    """Key of a tree -> the port that reads it, for each number; empty where the tree cannot be read."""
+    try:
+        return _find_bounds(read_tree(library.get_tree(name)), library, registry, (name,))
+    except DefinitionError:
+        return {}
+
+
 Ports = tuple[Mapping[str, PortInformation], Mapping[str, PortInformation]]  # inputs, outputs
 
 
@@ -283,7 +291,8 @@ def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[st
     for port, information in inputs.items():
         if information.required and not information.has_default and port not in node.wiring:
             found = f"{node.type} without {port!r}"
-            yield tree.located.problem("MISSING_VALUE", node.address, found, f"a value for {port!r}")
+            hint = f"Add {port}: VALUE{' below `with`' if node.kind is NodeKind.SUBTREE else ''}."
+            yield tree.located.problem("MISSING_VALUE", node.address, found, f"a value for {port!r}", hint)
 
 
 def _iter_reference_problems(
