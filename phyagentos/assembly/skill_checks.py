@@ -5,13 +5,14 @@ from pathlib import Path
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph
+from phyagentos.agent.goals.places import iter_too_large
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, read_skill
 from phyagentos.protocol.capabilities.trees import Tree, read_tree
 from phyagentos.protocol.documents.schema import Address, Located
 from phyagentos.protocol.documents.yaml_scalars import format_scalar
-from phyagentos.protocol.predicates.predicate import parse_predicate
+from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.runtime.execution.leaf_registry import read_registry
 from phyagentos.runtime.execution.ports import Port, find_misfit
 from phyagentos.runtime.execution.tree_check import find_ranges
@@ -29,12 +30,18 @@ def check_skill(path: Path, library: Library) -> list[Problem]:
 
 
 def check_arguments(graph: GoalGraph, located: Located, catalogue: Catalogue, library: Library) -> Iterator[Problem]:
-    """Numbers of a graph that are out of the range of the ports that read them, through trees and subtrees."""
-    registry = read_registry(library)
+    """Numbers out of the range of the ports that read them, through trees and subtrees; objects larger than a place."""
+    registry, scene = read_registry(library), catalogue.find_scene(graph.spec.scene)
+    if scene is None:  # which is reported elsewhere
+        return
+    for index, text in enumerate(graph.spec.accept):
+        yield from iter_too_large(located, ("accept", index), text, scene)
     for name, choice in graph.choices.items():
         ranges, path = find_ranges(catalogue.skills[choice.skill].tree, library, registry), graph.nodes[name].path
         for key, value in choice.parameters.items():
             yield from _iter_misfits(located, (*path, "with", key), value, ranges.get(key))
+        for text in catalogue.skills[choice.skill].guarantees:
+            yield from iter_too_large(located, (*path, "with"), substitute(text, choice.parameters), scene)
 
 
 def _iter_misfits(located: Located, path: Address, value: object, port: Port | None) -> Iterator[Problem]:

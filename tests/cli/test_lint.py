@@ -267,3 +267,33 @@ def test_what_the_cameras_of_a_rig_cannot_tell_is_warned_of_with_numbers(paos, w
     assert "0.01)" not in result.err
     write("protocol/perception.yaml", "version: 1\nsensing: truth\npipelines: {}\n")
     assert "NOT_OBSERVED" not in paos("lint", path).err
+
+
+HURRY = """---
+skill: hurry
+description: Move home.
+tree: hurry
+parameters:
+  speed: {type: number, default: 50}
+needs: {observations: [joint_state], actions: [joint_position]}
+---
+# Hurry
+"""
+
+
+def test_a_number_out_of_the_range_of_its_port_and_an_object_larger_than_its_tray_are_refused_before_a_run(paos, write):
+    shipped = (ROOT / "scenes" / "tabletop" / "cubes_and_trays.yaml").read_text()
+    big = shipped.replace("tabletop/cubes_and_trays", "big").replace("[0.02, 0.02, 0.02]", "[0.2, 0.09, 0.19]")
+    write("scenes/big.yaml", big)
+    write("trees/hurry.yaml", 'tree: hurry\ndescription: Move home.\nroot:\n  move_home: {speed: "${speed}"}\n')
+    skill = write("skills/hurry/SKILL.md", HURRY)
+    session = '  hurry: {skill: hurry, target: arm, with: {speed: 150}, accept: ["visible(red_cube)"]}\n'
+    graph = (ROOT / "goal_graphs" / "tidy_table.yaml").read_text().replace("tabletop/cubes_and_trays", "big")
+    path = write("goal_graphs/tidy_table.yaml", graph.replace("sessions:\n", f"sessions:\n{session}"))
+    told = (
+        "found 150; expected a number greater than 0 and of at most 1. Fraction of the velocity limits",
+        "found 'red_cube' of 18 cm x 38 cm x 40 cm, inside 'red_tray' of 11 cm x 18 cm",
+    )
+    assert_refused(paos("lint", path), *told)
+    assert_refused(paos("run", path, "-w", path.parents[1] / "w"), *told)
+    assert_refused(paos("lint", skill), f"{skill}:6:25: INVALID_VALUE: found 50; expected a number greater than 0")

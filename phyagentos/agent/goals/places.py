@@ -17,11 +17,16 @@ from phyagentos.wording import format_length
 
 def iter_misplaced(located: Located, path: Address, text: str, scene: SceneSpec) -> Iterator[Problem]:
     """Problems of the parts of a criterion that all have to be true; none of names that the scene does not have."""
+    for name, place in _iter_inside(text):
+        yield from _iter_problems(located, path, name, place, scene)
+
+
+def _iter_inside(text: str) -> Iterator[tuple[str, str]]:
     formula = find_formula(text)
     for part in formula.parts if isinstance(formula, And) else (formula,):
         match read_statement(part):
             case Statement(Meaning.INSIDE, Name(name), Name(place)):
-                yield from _iter_problems(located, path, name, place, scene)
+                yield name, place
 
 
 def _iter_problems(located: Located, path: Address, name: str, place: str, scene: SceneSpec) -> Iterator[Problem]:
@@ -36,7 +41,14 @@ def _iter_problems(located: Located, path: Address, name: str, place: str, scene
         found = f"{name!r}, which is fixed, inside {place!r}"
         expected = f"an object that moves: {format_names(moving)}"
         yield located.problem("INVALID_VALUE", path, found, expected, f"Exchange the two, or leave {name!r} out.")
-    elif body is not None and whole is not None and whole.interior is not None:
+
+
+def iter_too_large(located: Located, path: Address, text: str, scene: SceneSpec) -> Iterator[Problem]:
+    """Problems of objects that are wider than what they are to be inside of, likewise."""
+    for name, place in _iter_inside(text):
+        body, whole = scene.bodies.get(name), scene.bodies.get(place)
+        if body is None or whole is None or whole.interior is None:
+            continue
         room_m = sorted(2.0 * half for half in whole.interior.half_m[:2])
         if sides_m := _find_sides(body, room_m):
             found = f"{name!r} of {_format_sides(sides_m)}, inside {place!r} of {_format_sides(room_m)}"
