@@ -37,10 +37,12 @@ def check_arguments(graph: GoalGraph, located: Located, catalogue: Catalogue, li
     for index, text in enumerate(graph.spec.accept):
         yield from iter_too_large(located, ("accept", index), text, scene)
     for name, choice in graph.choices.items():
-        ranges, path = find_ranges(catalogue.skills[choice.skill].tree, library, registry), graph.nodes[name].path
+        skill, path = catalogue.skills[choice.skill], graph.nodes[name].path
+        tree = read_tree(library.get_tree(skill.tree)) if skill.kind == "builtin" else None
+        ranges = find_ranges(tree, library, registry) if tree is not None else {}
         for key, value in choice.parameters.items():
             yield from _iter_misfits(located, (*path, "with", key), value, ranges.get(key))
-        for text in catalogue.skills[choice.skill].guarantees:
+        for text in skill.guarantees:
             yield from iter_too_large(located, (*path, "with"), substitute(text, choice.parameters), scene)
 
 
@@ -88,7 +90,7 @@ def _check_tree(skill: SkillRuntime, located: Located, library: Library) -> Iter
         yield from error.problems
         return
     yield from _check_ports(skill, located, tree)
-    ranges = find_ranges(skill.tree, library, read_registry(library))
+    ranges = find_ranges(tree, library, read_registry(library))
     for key, parameter in skill.parameters.items():
         yield from _iter_misfits(located, ("parameters", key, "default"), parameter.default, ranges.get(key))
 

@@ -123,9 +123,7 @@ def _iter_rig_warnings(path: Path, graph: "GoalGraph", catalogue: "Catalogue", l
 
     sensors, perception = (get_settings(name, library, None) for name in ("sensors.yaml", "perception.yaml"))
     scene = catalogue.find_scene(graph.spec.scene)
-    if sensors is None or perception is None or scene is None:
-        return
-    if read_perception(perception).sensing is Sensing.PERCEIVED:
+    if sensors and perception and scene and read_perception(perception).sensing is Sensing.PERCEIVED:
         yield from iter_rig_warnings(graph, read_yaml(path), Rig(scene, read_sensors(sensors)))
 
 

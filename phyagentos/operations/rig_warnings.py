@@ -23,7 +23,6 @@ from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.perception.pose_uncertainty import BIAS_M, BIAS_PER_M, RESIDUAL_M
 from phyagentos.wording import compare_lengths, format_length
 
-Vector = NDArray[np.float64]
 LENGTHS = frozenset({"tol_m", "distance_m"})  # names of arguments of predicates that say how near is near
 
 
@@ -54,7 +53,7 @@ class Rig:
         depth_m = noise.depth_constant_m + noise.depth_quadratic_per_m * (away_m - noise.depth_offset_m) ** 2
         return BIAS_M + BIAS_PER_M * max(depth_m, RESIDUAL_M) ** 2
 
-    def _look(self, camera: CameraSettings, point_m: Vector, radius_m: float) -> float:
+    def _look(self, camera: CameraSettings, point_m: NDArray[np.float64], radius_m: float) -> float:
         """Distance [m] to a body that a camera sees; infinite to one out of its picture."""
         seen = self.scene.cameras[camera.scene_camera] if camera.scene_camera else camera
         at, ahead = np.array(seen.position_m), np.subtract(seen.target_m or point_m, seen.position_m or point_m)
@@ -65,7 +64,7 @@ class Rig:
         is_in = aside_rad - math.atan2(radius_m, away_m) < corner_rad
         return away_m if is_in and camera.range_m[0] < away_m < camera.range_m[1] + radius_m else math.inf
 
-    def _list_places(self, name: str) -> list[Vector]:
+    def _list_places(self, name: str) -> list[NDArray[np.float64]]:
         """The middle of where a body may stand, and the corners."""
         body = self.scene.bodies[name]
         area, before = self.scene.areas.get(body.place.area or ""), body.part_of or body.place.frame
@@ -82,13 +81,12 @@ def iter_rig_warnings(graph: GoalGraph, located: Located, rig: Rig) -> Iterator[
     for node in graph.nodes.values():
         texts |= {(*node.path, "accept", index): text for index, text in enumerate(node.spec.accept)}
     named = {name: path for path, text in reversed(texts.items()) for name in find_entities(text)}
-    for name, path in reversed(named.items()) if rig.cameras else ():
-        if name in rig.scene.bodies:
-            yield from _iter_of_body(name, located, path, rig)
-    for path, text in texts.items():
-        formula = find_formula(text)
-        for call in syntax.iter_calls(formula) if formula is not None else ():
-            yield from _iter_of_call(call, located, path, rig)
+    for name in reversed([each for each in named if each in rig.scene.bodies and rig.cameras]):
+        yield from _iter_of_body(name, located, named[name], rig)
+    formulas = ((path, find_formula(text)) for path, text in texts.items())
+    calls = ((path, call) for path, formula in formulas if formula is not None for call in syntax.iter_calls(formula))
+    for path, call in calls:
+        yield from _iter_of_call(call, located, path, rig)
 
 
 def _iter_of_body(name: str, located: Located, path: Address, rig: Rig) -> Iterator[Problem]:
@@ -105,17 +103,12 @@ def _iter_of_body(name: str, located: Located, path: Address, rig: Rig) -> Itera
 
 
 def _iter_of_call(call: syntax.Call, located: Located, path: Address, rig: Rig) -> Iterator[Problem]:
+    names = [each.text for each in call.terms if isinstance(each, syntax.Name) and each.text in rig.scene.bodies]
+    doubt_m = DOUBT_STDS * math.hypot(*map(rig.estimate_std, names))
     definition = get_predicate_library().find(call.name)
-    stds = {
-        t.text: rig.estimate_std(t.text)
-        for t in call.terms
-        if isinstance(t, syntax.Name) and t.text in rig.scene.bodies
-    }
-    doubt_m = DOUBT_STDS * math.hypot(*stds.values())
     for argument, term in zip(definition.arguments if definition else (), call.terms, strict=False):
         if argument.name in LENGTHS and isinstance(term, syntax.Number) and term.value <= doubt_m:
             asked, least = compare_lengths(term.value, doubt_m)
+            expected = f"more than ±{least}, as well as these cameras place {' and '.join(names)} at best"
             hint = f"Write more than {doubt_m:.2g}, or place a camera nearer in sensors.yaml."
-            found = f"{asked} in {syntax.render(call)!r}"
-            expected = f"more than ±{least}, as well as these cameras place {' and '.join(stds)} at best"
-            yield located.problem("UNDECIDABLE", path, found, expected, hint)
+            yield located.problem("UNDECIDABLE", path, f"{asked} in {syntax.render(call)!r}", expected, hint)

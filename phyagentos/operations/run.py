@@ -242,6 +242,7 @@ def check_request(
             require_models(profile := catalogue.targets[name], (file := library.get_target(name)).parent)
             if find_driver_name(profile) == SHARING and file.parents[1] != find_shipped_root() / "robots":
                 problems += _check_own(profile, file, compiled, catalogue, library, seed)
+        problems += check_arguments(compiled, read_yaml(graph), catalogue, library)
         bodies = read_scene(library.get_scene(compiled.spec.scene)).bodies
         if faults is not None and not problems:
             targets = {catalogue.targets[choice.target] for choice in compiled.choices.values()}
@@ -251,7 +252,6 @@ def check_request(
             problems += iter_misses(faults, bodies, joints, cameras)
     except DefinitionError as error:
         problems += error.problems
-    problems += check_arguments(compiled, read_yaml(graph), catalogue, library)
     files = [library.get_skill(skill) for skill in sorted({choice.skill for choice in compiled.choices.values()})]
     if problems := [*(each for file in files for each in check_skill(file, open_library(file))), *problems]:
         raise DefinitionError(problems)

@@ -9,10 +9,14 @@ from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import Statement, read_statement
 from phyagentos.protocol.predicates.predicate import find_formula
 from phyagentos.protocol.predicates.syntax import And, Name
-from phyagentos.protocol.world.body_shapes import Solid
 from phyagentos.protocol.world.environment import ShapeKind
 from phyagentos.protocol.world.scenes import Body, SceneSpec
 from phyagentos.wording import format_length
+
+_AXES = {
+    ShapeKind.BOX: (0, 1, 2),
+    ShapeKind.CYLINDER: (0, 0, 1),
+}  # of sides; what is round dips into a narrower opening
 
 
 def iter_misplaced(located: Located, path: Address, text: str, scene: SceneSpec) -> Iterator[Problem]:
@@ -59,22 +63,12 @@ def iter_too_large(located: Located, path: Address, text: str, scene: SceneSpec)
 
 def _find_sides(body: Body, room_m: list[float]) -> list[float]:
     """Sides of an object's solid where each of them is too wide for an opening however it is turned, else none."""
-    blocks = [each for each in body.shapes if not each.decor]
-    sides_m = [sorted(_list_sides(each)) for each in blocks]
+    solids = [each for each in body.shapes if not each.decor]
+    sides_m = [sorted(2.0 * each.size_m[axis] for axis in _AXES.get(each.kind, ())) for each in solids]
     if body.interior is not None:  # its walls are thin, and no part of it
         sides_m = [sorted(2.0 * half for half in body.interior.half_m)]
-    is_wide = all(thin > room_m[0] or middle > math.hypot(*room_m) for thin, middle, _ in sides_m)
+    is_wide = all(sides and (sides[0] > room_m[0] or sides[1] > math.hypot(*room_m)) for sides in sides_m)
     return max(sides_m, default=[]) if is_wide else []
-
-
-def _list_sides(solid: Solid) -> list[float]:
-    """Sides of a block, diameter and height of a cylinder [m]; what is round dips into an opening that is narrower."""
-    match solid.kind:
-        case ShapeKind.BOX:
-            return [2.0 * half for half in solid.size_m]
-        case ShapeKind.CYLINDER:
-            return [2.0 * solid.size_m[0], 2.0 * solid.size_m[0], 2.0 * solid.size_m[1]]
-    return [0.0, 0.0, 0.0]
 
 
 def _format_sides(sides_m: list[float]) -> str:

@@ -128,7 +128,7 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
 
 
 def _iter_default_problems(tree: Tree, library: Library, registry: LeafRegistry) -> Iterator[Problem]:
-    own, bounds = tree.located.data.get("inputs", {}), _find_bounds(tree, library, registry, (tree.header.tree,))
+    own, bounds = tree.located.data.get("inputs", {}), find_ranges(tree, library, registry)
     for name, port in tree.header.inputs.items():
         if name in own and port.default is not None:
             declared = _declare(bounds.get(name), PORT_TYPES[port.type])
@@ -217,12 +217,9 @@ def needs_grasp(node: Node, library: Library, registry: LeafRegistry, above: tup
     return node.kind is NodeKind.SEQUENCE and any(needs_grasp(each, library, registry, above) for each in node.children)
 
 
-def find_ranges(name: str, library: Library, registry: LeafRegistry) -> Mapping[str, Port]:
-    """Key of a tree -> the port that reads it, for each number; empty where the tree cannot be read."""
-    try:
-        return _find_bounds(read_tree(library.get_tree(name)), library, registry, (name,))
-    except DefinitionError:
-        return {}
+def find_ranges(tree: Tree, library: Library, registry: LeafRegistry) -> Mapping[str, Port]:
+    """Key of a tree -> the port that reads it, for each number."""
+    return _find_bounds(tree, library, registry, (tree.header.tree,))
 
 
 Ports = tuple[Mapping[str, PortInformation], Mapping[str, PortInformation]]  # inputs, outputs
