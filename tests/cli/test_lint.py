@@ -1,6 +1,7 @@
 """`paos lint`: every problem of every file, with its place, what was found, what is possible, the nearest name."""
 
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -237,3 +238,32 @@ def test_one_of_two_alike_things_is_warned_of_with_both_names(paos, write):
         "SCENE_INVALID: found 'green_cube' in ['red_cube', 'green_cube', 'ghost']",
         "UNKNOWN_NAME (object): found 'ghost'",
     )
+
+
+def test_what_the_cameras_of_a_rig_cannot_tell_is_warned_of_with_numbers(paos, write):
+    """A block of the colours of another, 2.3 mm larger; one out of every picture; distances below what is resolved."""
+    desk = (ROOT / "scenes" / "tabletop" / "cubes_and_trays.yaml").read_text()
+    red = desk[desk.index("  red_cube:") : desk.index("  green_cube:")].replace(" &cube", "")
+    size = re.search(r"size_m: \[(\S+),", red)[1]
+    tin = red.replace("red_cube", "tin").replace(f"[{size},", f"[{float(size) + 0.0023},", 1)
+    far = re.sub(r"place: {[^}]*}", "place: {position_m: [-0.4, 1.9, 0.5]}", red.replace("red_cube", "far"))
+    scene = desk.replace("scene: tabletop/cubes_and_trays", "scene: rig").replace(
+        "  green_cube:", f"{tin}{far}  green_cube:"
+    )
+    write("scenes/rig.yaml", scene)
+    graph = (ROOT / "goal_graphs" / "tidy_table.yaml").read_text().replace("tabletop/cubes_and_trays", "rig")
+    more = '\naccept: ["near(tin, far, 0.1)", "at(green_cube, red_tray, 0.001)", "at(blue_cube, red_tray, 0.01)"]\n'
+    path = write(
+        "goal_graphs/rig.yaml", graph[: graph.index("\naccept:")].replace("goal: tidy_table", "goal: rig") + more
+    )
+    result = paos("lint", path)
+    assert (result.code, "1 file checked, no problem") == (ExitCode.GOAL_MET, result.out.strip())
+    for said in (
+        "NOT_OBSERVED: found 'far', which no standing camera sees; expected a place in view of one of left",
+        "ALIKE: found 'tin', which has the colours of far, red_cube and sides that differ by less than 2 mm",
+        "UNDECIDABLE: found 1 mm in 'at(green_cube, red_tray, 0.001)'; expected more than ±3 mm",
+    ):
+        assert said in result.err
+    assert "0.01)" not in result.err
+    write("protocol/perception.yaml", "version: 1\nsensing: truth\npipelines: {}\n")
+    assert "NOT_OBSERVED" not in paos("lint", path).err

@@ -553,7 +553,7 @@ _state = partial(_define, at_rest=True)
 
 BUILTINS: tuple[PredicateDefinition, ...] = (
     _state("inside", measure_inside, _A, _IN, meaning=Meaning.INSIDE),
-    _state("on", measure_on, _A, _IN, meaning=Meaning.ON),
+    _state("on", measure_on, _A, _IN, implies="above", meaning=Meaning.ON),
     _state("above", measure_above, _A, _IN),
     _state("at", measure_at, _A, _PLACE, Argument("tol_m", ArgumentKind.NUMBER, 0.03), meaning=Meaning.AT),
     _state("centred", measure_centred, _A, _ON, Argument("tol_m", ArgumentKind.NUMBER, 0.03)),

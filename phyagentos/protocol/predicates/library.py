@@ -172,6 +172,7 @@ class PredicateDefinition:
         lasting: Whether it describes a lasting state (`inside`) rather than a passing fact (`holding`, `moved`).
         at_rest: Whether it is unknown while an object that it names moves.
         by_name: True when `measure` takes the names of entities and looks itself.
+        implies: Another predicate that is true of the same objects where this one is, and asks less; empty for none.
         excludes: Other predicates that are false of the same object where this one is true: its opposites.
         meaning: What it says; None for what is measured and judged, and never planned for or repaired by its meaning.
     """
@@ -184,6 +185,7 @@ class PredicateDefinition:
     lasting: bool = True
     at_rest: bool = False
     by_name: bool = False
+    implies: str = ""
     excludes: tuple[str, ...] = ()
     meaning: Meaning | None = None
     description: str = ""
