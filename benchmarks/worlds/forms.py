@@ -258,6 +258,7 @@ def draw_compound(kind: str, rng: Rng) -> Form:
 
 
 COMPOUNDS = ("tee", "cross", "frame", "stand", "capped")
+SAME_FLIPPED = {"ball", *COMPOUNDS} - {"stand"}  # no look tells which side of them is up
 
 
 def make_vessel(x: float, y: float, wall: float, kind: str) -> Form:

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.worlds.cases import Case, Draft, Node
 from benchmarks.worlds.faults import draw_faults
-from benchmarks.worlds.forms import Rng
+from benchmarks.worlds.forms import SAME_FLIPPED, Rng
 from benchmarks.worlds.impossible import draw_impossible
 from benchmarks.worlds.rooms import USUAL, Room, Style, Thing, add_leaning, draw_room, list_twins
 
@@ -182,7 +182,7 @@ def iter_claims(room: Room, thing: Thing, rng: Rng) -> Iterator[str]:
         yield f"inside({thing.name}, {vessel.name})"
         yield f"not inside(*, {vessel.name})"
         yield f"count(inside(*, {vessel.name})) {rng.choice(['>=', '==', '<='])} {int(rng.integers(0, 3))}"
-    if thing.form.kind != "ball":
+    if thing.form.kind not in SAME_FLIPPED:
         yield f"upright({thing.name})"
         yield f"not upright({thing.name})"
         yield f"fallen({thing.name})"
