@@ -296,7 +296,7 @@ def run_worlds(
         for level, tally in tallies.items():
             stage = Stage(world, sensors, level, unnamed, displaced=displaced.get(scene, ()))
             score_scene(stage, f"{scene}, seed {seed}", tally, unnamed)
-        for prior, tally in priors.items() if seed < PRIOR_SEEDS or unnamed else ():
+        for prior, tally in priors.items() if seed < PRIOR_SEEDS or (unnamed and seed < COMPOUND_FROM) else ():
             score_prior(world, sensors, prior, tally)
     for seed in range(seeds):
         world = World(library, "bench/twins", seed)
