@@ -371,7 +371,7 @@ def add_leaning(room: Room, floor: Floor, rng: Rng, style: Style) -> tuple[Room,
 def _place(rng: Rng, floor: Floor, one: Thing, things: dict[str, Thing]) -> Thing | None:
     """On the table, or on a free support, or in a vessel."""
     taken = {thing.on for thing in things.values()}
-    tops = {"shelf", "riser", "tray", "board", *SUPPORTS} - {"steps"}
+    tops = {"shelf", "riser", "tray", "board", *SUPPORTS} - {"steps", "basin", "crate"}
     free = [t for t in things.values() if t.fixed and t.name not in taken and t.form.kind in tops]
     if free and rng.random() < 0.25:
         under = free[int(rng.integers(len(free)))]
