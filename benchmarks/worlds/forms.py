@@ -301,6 +301,10 @@ def draw_support(kind: str, rng: Rng) -> Form:
             *(((x, y, thin), (0, 0, z * n / boards - thin)) for n in range(1, boards + 1)),
             ((x, thin, z / 2), (0, y + thin, z / 2)),
         ],
+        "slatted": [
+            *(((x, y / 10, thin), (0, y * (2 * n - 5) / 5.6, z - thin)) for n in range(6)),
+            *(((0.008, y, z / 2 - thin), (s * (x - 0.02), 0, z / 2 - thin)) for s in (-1, 1)),
+        ],
         "crate": [
             *(((x, y / 8, thin), (0, y * (2 * n - 3) / 4, thin)) for n in range(4)),
             *_iter_walls(x, y, 0.0, wall),
@@ -316,7 +320,7 @@ def draw_support(kind: str, rng: Rng) -> Form:
     return replace(found, interior=inner, top_m=0.0) if deep else found
 
 
-SUPPORTS = ("boarded", "overlapping", "steps", "rimmed", "stool", "rack", "crate", "basin")
+SUPPORTS = ("boarded", "overlapping", "steps", "rimmed", "stool", "rack", "slatted", "crate", "basin")
 
 
 def _join(kind: str, boxes: Sequence[Block], grip_m: float, top_m: float) -> Form:
