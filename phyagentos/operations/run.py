@@ -27,7 +27,7 @@ from phyagentos.assembly.paths import choose_folder, serve_alone
 from phyagentos.assembly.planes import Plane, start_watch
 from phyagentos.assembly.planted_faults import find_unstruck, iter_misses
 from phyagentos.assembly.project import admit_python, get_file, get_settings, open_library, parse_overrides
-from phyagentos.assembly.skill_checks import check_skill
+from phyagentos.assembly.skill_checks import check_arguments, check_skill
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem, has_room
 from phyagentos.operations.lint import FileKind, find_other_kind
@@ -35,6 +35,7 @@ from phyagentos.operations.progress import RunFold
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.targets import SHARING, TargetProfile, find_driver_name, is_beside
 from phyagentos.protocol.capabilities.trees import read_tree
+from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
@@ -242,6 +243,7 @@ def check_request(
             named = file, library.get_scene(compiled.spec.scene)
             if find_driver_name(profile) == SHARING and not all(map(_is_shipped, named)):
                 problems += _check_own(profile, file, compiled, catalogue, library, seed)
+        problems += check_arguments(compiled, read_yaml(graph), catalogue, library)
         bodies = read_scene(library.get_scene(compiled.spec.scene)).bodies
         if faults is not None and not problems:
             targets = {catalogue.targets[choice.target] for choice in compiled.choices.values()}
