@@ -79,7 +79,7 @@ def _iter_gripper_problems(robot: RobotModel, located: Located) -> Iterator[Prob
     between = np.subtract(*(data.geom_xpos[model.geom(name).id] for name in gripper.pads))
     along = np.abs(tool.T @ between) / np.linalg.norm(between)
     if along[1] < ALONG_COS:
-        found = f"pads that face each other along {'xyz'[int(along.argmax())]}"
+        found = f"pads that face each other at {np.degrees(np.arccos(along[1])):.0f} degrees to y"
         hint = "Turn `tool.quaternion_wxyz` about z, which approaches."
         yield located.problem("MODEL_INVALID", ("tool",), found, "along y, the closing axis", hint)
 
