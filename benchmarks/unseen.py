@@ -1,6 +1,7 @@
 """Worlds that nothing was made for: rooms, goals and faults drawn from seeds, judged by code of their own.
 
-    paos bench run unseen --jobs 2 --run runs/unseen-1      # also unseen_slick (friction 0.1) and unseen_grippy (1.0)
+    paos bench run unseen --jobs 2 --run runs/unseen-1      # also unseen_slick (friction 0.1), unseen_grippy (1.0)
+                                                        # and unseen_compound (bodies of several solids)
     python -m benchmarks.unseen runs/unseen-1
 
 A seed is one goal of one to four nodes in one room of three to eight things and more. Seeds below 100 000 are for
@@ -15,10 +16,10 @@ met moved the arm. Half of the goals with equal things say that these are interc
 naming. The others cannot be decided by looks: their nodes are listed, and count for false successes alone. A node that
 was never begun, behind one that cannot be met or claims what is false, is no missed first attempt; it is counted apart.
 
-What scene, goal and fault files cannot say yet is missing here: meshes and curved hollow walls (bowls and mugs are
-rings of flat walls), bodies outside of the inventory (flat coloured prints are seen and not reported), glassy or black
-surfaces without depth, things that begin tilted (some come to lean on a slab), drawers, lids and doors of random
-make, volumes hidden under covers, and predicates on metrics.
+What scene, goal and fault files cannot say yet is missing here: meshes and curved hollow walls (bowls, mugs and basins
+are rings of flat walls), bodies outside of the inventory (flat coloured prints are seen and not reported), glassy or
+black surfaces without depth, drawers, lids and doors of random make, volumes hidden under covers, and predicates on
+metrics. Only rooms of unseen_compound have supports of several solids and things that begin tilted.
 
 The suite runs the goals; this judges every session of a run, and weighs it against what was feasible.
 """
@@ -38,7 +39,7 @@ from benchmarks.worlds.projects import read_case
 from phyagentos.bench.records import EpisodeRecord, read_records
 
 
-def main(run: Annotated[Path, Argument(help="folder of a run of unseen, unseen_slick or unseen_grippy")]) -> int:
+def main(run: Annotated[Path, Argument(help="folder of a run of such a suite")]) -> int:
     """Judge, show everything, and exit with whether every asked figure holds."""
     tally = Tally(judge(run, record) for record in read_records(run))
     tally.show(Console(), str(run))

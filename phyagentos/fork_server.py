@@ -311,8 +311,8 @@ def become(request: Request, files: Sequence[int]) -> None:
     runpy.run_module(module, run_name="__main__", alter_sys=True)
 
 
-def end_with_requester(process: int) -> bool:
-    """In a fork: end as soon as the process that requested it ends; False where that is gone."""
+def end_with_requester(process: int, by: signal.Signals = signal.SIGTERM) -> bool:
+    """In a fork: end by a signal as soon as the process that requested it ends; False where that is gone."""
     try:
         pidfd = os.pidfd_open(process)
     except ProcessLookupError:
@@ -320,7 +320,7 @@ def end_with_requester(process: int) -> bool:
 
     def wait() -> None:
         select.select([pidfd], [], [])
-        os.kill(os.getpid(), signal.SIGTERM)
+        os.kill(os.getpid(), by)
 
     threading.Thread(target=wait, daemon=True, name="end-with-requester").start()
     return True

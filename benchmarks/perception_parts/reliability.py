@@ -1,13 +1,14 @@
 """How often what is stated is true: errors of stated numbers in units of their stated deviations."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from benchmarks.perception_parts.stage import Stage
 from benchmarks.worlds.rooms import Thing
-from phyagentos.geometry import compute_rotation, compute_rotation_vector
+from phyagentos.geometry import compute_rotation, compute_rotation_vector, turn
 from phyagentos.protocol.world.environment import Entity, Environment, Status
 from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.inventory import ObjectModel
@@ -15,6 +16,7 @@ from phyagentos.runtime.perception.unknown_objects import is_unknown_object
 
 STRANGER_M = 0.06  # from a body that has no name: the stranger is that body
 SIDES = ("first", "second", "height")
+ROLLS = 180  # turns about the axis of a round body
 Array = np.ndarray
 
 
@@ -27,12 +29,14 @@ class Stated:
         error: Its distance to the truth, in its own unit.
         std: Its stated standard deviation.
         what: Whose it is, to find it again.
+        kind: Of that body.
     """
 
     number: str
     error: float
     std: float
     what: str
+    kind: str
 
     def is_within(self, deviations: float) -> bool:
         """Whether the truth is so near; a number without doubt is stated as exact."""
@@ -42,6 +46,11 @@ class Stated:
 def compare(stage: Stage, belief: Environment, unnamed: dict[str, Thing]) -> Iterator[Stated]:
     """Every number of a belief that states a doubt, against the world."""
     inventory, where = stage.pipeline.inventory, f"{stage.world.name}:{stage.world.seed}"
+    for name in stage.displaced:
+        if (entity := belief.entities.get(name)) is not None and name in inventory.known:
+            alone = [(np.eye(3), np.zeros(3))]
+            stated = _compare_pose("map", entity, Form.FIXED, alone, *stage.world.find(name), where)
+            yield from (each for each in stated if each.number in {"map z", "map tilt"})  # the others are the map's own
     for name, thing in inventory.things.items():
         entity = belief.entities.get(name)
         if entity is None or entity.status is not Status.SEEN or thing.vessel is not None:
@@ -49,35 +58,53 @@ def compare(stage: Stage, belief: Environment, unnamed: dict[str, Thing]) -> Ite
         names = (name, *entity.alternatives)
         body = min(names, key=lambda each: np.linalg.norm(stage.world.find(each)[0] - entity.pose.position_m))
         group = "thing" if thing.template.movable else "fixed"
-        yield from _compare_pose(group, entity, thing, *stage.world.find(body), f"{where} {name}")
+        yield from _compare_pose(group, entity, thing.form, list(_iter_alike(thing)), *stage.world.find(body), where)
     for name, jointed in inventory.articulated.items():
         entity = belief.entities.get(name)
         if entity is not None and entity.status is Status.SEEN and entity.joint is not None:
             error = abs(entity.joint * jointed.mechanism.travel - stage.world.find_opening(name))
             is_hinge = jointed.mechanism.kind == "hinge"
             std = entity.turn_std_rad if is_hinge else entity.position_std_m
-            yield Stated("angle of a door" if is_hinge else "opening of a drawer", error, std, f"{where} {name}")
+            number = "angle of a door" if is_hinge else "opening of a drawer"
+            yield Stated(number, error, std, f"{where} {name}", entity.kind)
     for entity in belief.entities.values():
         if is_unknown_object(entity.name) and entity.status is Status.SEEN:
             yield from _compare_stranger(stage, entity, unnamed, where)
 
 
 def _compare_pose(
-    group: str, entity: Entity, thing: ObjectModel, position: Array, rotation: Array, what: str
+    group: str,
+    entity: Entity,
+    form: Form,
+    alike: Sequence[tuple[Array, Array]],
+    position: Array,
+    rotation: Array,
+    where: str,
 ) -> Iterator[Stated]:
-    for axis, error in zip("xyz", np.abs(np.array(entity.pose.position_m) - position).tolist(), strict=True):
-        yield Stated(f"{group} {axis}", error, entity.position_std_m, what)
-    if thing.form is Form.BALL:
+    what, believed = (f"{where} {entity.name}", entity.kind), compute_rotation(entity.pose.quaternion_wxyz)
+    turns = [compute_rotation_vector(believed @ turned @ rotation.T) for turned, _ in alike]
+    nearest = int(np.argmin(np.linalg.norm(turns, axis=1))) if form in {Form.BOX, Form.FIXED} else 0
+    turned, shift = alike[nearest]
+    at = entity.pose.position_m + believed @ shift
+    for axis, error in zip("xyz", np.abs(at - position).tolist(), strict=True):
+        yield Stated(f"{group} {axis}", error, entity.position_std_m, *what)
+    if form is Form.BALL:
         return
-    believed = compute_rotation(entity.pose.quaternion_wxyz)
-    alike = [*thing.symmetries, *(turned for turned, _ in thing.lookalikes)]
-    tilt = _tilt(rotation)
-    tilts = [abs(_tilt(believed @ each) - tilt) for each in thing.symmetries]
-    yield Stated(f"{group} tilt", min(tilts), entity.tilt_std_rad, what)
-    if thing.form is Form.ROUND:
-        return
-    turns = [compute_rotation_vector(believed @ each @ rotation.T) for each in alike]
-    yield Stated(f"{group} yaw", abs(float(min(turns, key=np.linalg.norm)[2])), entity.turn_std_rad, what)
+    yield Stated(f"{group} tilt", abs(_tilt(believed @ turned) - _tilt(rotation)), entity.tilt_std_rad, *what)
+    if form is not Form.ROUND:
+        yield Stated(f"{group} yaw", abs(float(turns[nearest][2])), entity.turn_std_rad, *what)
+
+
+def _iter_alike(thing: ObjectModel) -> Iterator[tuple[Array, Array]]:
+    """Turns (3, 3) with shifts (3,) of a body that nobody sees: first none, then those of its form."""
+    yield np.eye(3), np.zeros(3)
+    rolled = [np.eye(3)]
+    if thing.form is Form.BOX and thing.turns.shape[1] == 2:
+        axis = np.cross(*thing.turns.T)
+        rolled = [turn(axis * angle) for angle in np.linspace(0.0, 2 * np.pi, ROLLS, endpoint=False)]
+    for same, roll in product(thing.symmetries, rolled):
+        yield same @ roll, np.zeros(3)
+        yield from ((same @ turned @ roll, same @ shift) for turned, shift in thing.lookalikes)
 
 
 def _tilt(rotation: Array) -> float:
@@ -94,11 +121,11 @@ def _compare_stranger(stage: Stage, entity: Entity, unnamed: dict[str, Thing], w
     position, rotation = places[name]
     if abs(rotation[2, 2]) < 0.999:
         return  # its box is not the one that it was drawn as
-    what = f"{where} {name}"
+    what = f"{where} {name}", unnamed[name].form.kind
     for axis, error in zip("xyz", np.abs(at - position).tolist(), strict=True):
-        yield Stated(f"stranger {axis}", error, entity.position_std_m, what)
+        yield Stated(f"stranger {axis}", error, entity.position_std_m, *what)
     half = np.array(entity.shapes[0].size_m)
     true = np.array(unnamed[name].form.span_m) / 2
     stated = [*sorted(half[:2]), half[2]]
     for side, one, other in zip(SIDES, stated, [*sorted(true[:2]), true[2]], strict=True):
-        yield Stated(f"stranger {side} size", 2 * abs(float(one - other)), entity.size_std_m, what)
+        yield Stated(f"stranger {side} size", 2 * abs(float(one - other)), entity.size_std_m, *what)

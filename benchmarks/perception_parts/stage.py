@@ -11,16 +11,18 @@ from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.scenes import read_scene
+from phyagentos.protocol.world.scenes import Body, read_scene
 from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.drivers.mujoco.simulated_camera import open_cameras, pose_state
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.pipeline import Pipeline
+from phyagentos.runtime.perception.pose_uncertainty import MAP_STDS
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.targets.wire import Frames
 
 LOOK_S = 0.2  # between two looks
+OFF_M = 0.018  # of a body whose height the map has wrong
 Array = np.ndarray
 
 
@@ -70,25 +72,42 @@ class World:
 
 
 class Stage:
-    """A world at one noise level, with a belief; bodies of `unnamed` are not in the inventory."""
+    """A world at one noise level, with a belief.
+
+    Bodies of `unnamed` are not in the inventory. The map has those of `displaced` beside where they are, as far as it
+    states, and the height of a third of them wrong.
+    """
 
     def __init__(
-        self, world: World, sensors: Sensors, level: str, unnamed: Collection[str] = (), prior: Prior = Prior.FULL
+        self,
+        world: World,
+        sensors: Sensors,
+        level: str,
+        unnamed: Collection[str] = (),
+        prior: Prior = Prior.FULL,
+        displaced: Collection[str] = (),
     ) -> None:
-        self.world = world
+        self.world, self.displaced = world, displaced
+        self._rng = np.random.default_rng(world.seed)
         self.noisy = sensors.get_noise(level).varies
         self.cameras = open_cameras(world.physics.model, sensors, seed=world.seed, level=level)
         bodies = {name: body for name, body in world.spec.bodies.items() if name not in unnamed}
+        bodies |= {name: self._displace(bodies[name]) for name in displaced}
         inventory = build_inventory(world.spec.model_copy(update={"bodies": bodies}), prior)
         self.pipeline = Pipeline(inventory, world.mask, world.profile.target, noisy=self.noisy)
         self._scene = Scene(name=world.name, seed=world.seed, episode="bench")
-        self._rng = np.random.default_rng(world.seed)
         self.time_s: float = 1.0
         self.belief: Environment | None = None
         self.latest = Frames(())
         self.ms: list[float] = []
         world.physics.queries.look()
         self.state = world.physics.queries.read_target({})
+
+    def _displace(self, body: Body) -> Body:
+        off = self._rng.normal(0.0, MAP_STDS.repeat(3))
+        off[2] += self._rng.choice([0.0, 0.0, self._rng.uniform(-OFF_M, OFF_M)])
+        place = {"position_m": body.place.position_m + off[:3], "euler_rad": body.place.euler_rad + off[3:]}
+        return body.model_copy(update={"place": body.place.model_copy(update={k: tuple(v) for k, v in place.items()})})
 
     def take_frames(self, cameras: Sequence[str] = ()) -> Frames:
         """What the cameras show, a while after the pictures before."""

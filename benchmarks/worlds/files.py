@@ -99,7 +99,9 @@ def _render_thing(thing: Thing) -> dict[str, object]:
 
 def _render_place(thing: Thing) -> dict[str, object]:
     x, y, z = (float(value) for value in thing.at_m)
-    yaw = [-3.14159, 3.14159] if thing.yaw_rad is None else [thing.yaw_rad, thing.yaw_rad]
+    yaw: object = [-3.14159, 3.14159] if thing.yaw_rad is None else thing.yaw_rad
+    if any(thing.euler_rad):
+        return {"position_m": [x, y, z], "yaw_rad": yaw, "euler_rad": list(thing.euler_rad)}
     if thing.drawn_by == "area":
         return {"area": f"place_of_{thing.name}", "position_m": [0.0, 0.0, z], "yaw_rad": yaw}
     if thing.drawn_by == "frame":

@@ -1,12 +1,12 @@
-"""Twelve kinds of things, built from the four primitive solids that a scene file knows; sizes in metres.
+"""Kinds of bodies, built from the four primitive solids that a scene file knows; sizes in metres.
 
-The origin of a thing is the middle of its height; z points up as it stands. A scene file has no meshes, so that a bowl
-and a mug are rings of flat walls, an L is two boxes, and nothing is soft, hollow with a curved wall, or hinged.
+The origin of a thing is the middle of its height, that of a support its foot; z points up as it stands. What is hollow
+with a curved wall is a ring of flat walls; nothing is soft or hinged.
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -14,10 +14,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Point = tuple[float, float, float]
+Block = tuple[Point, Point]
+"""Half extents of a box, and its middle."""
 Rng = np.random.Generator
 
 WALL_M = 0.004
 RING = 10  # flat walls of a round vessel
+CORNERS = tuple(product((-1, 1), repeat=2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +90,10 @@ class Form:
     def bottom_m(self) -> float:
         """How far its lowest point is below its origin."""
         return float(-min(solid.list_corners()[:, 2].min() for solid in self.solids))
+
+    def find_bottom(self, euler_rad: Point) -> float:
+        """How far the lowest point is below the origin of one that is turned so [m]."""
+        return float(-min((solid.list_corners() @ rotate(euler_rad)[2]).min() for solid in self.solids))
 
     @property
     def volume_m3(self) -> float:
@@ -229,6 +236,31 @@ DRAWS: dict[str, Callable[[Rng], Form]] = {
 KINDS = tuple(DRAWS)
 
 
+def draw_compound(kind: str, rng: Rng) -> Form:
+    """A thing of several boxes that touch or overlap: lying bars, a small stand, or a block with a cap."""
+    thick, wide, long = rng.uniform((0.006, 0.020, 0.025), (0.012, 0.035, 0.045))
+    far = long - thick
+    boxes: dict[str, Sequence[Block]] = {
+        "tee": [((long, thick, thick), (0, 0, 0)), ((thick, wide / 2, thick), (0, thick + wide / 2, 0))],
+        "cross": [((long, thick, thick), (0, 0, 0)), ((thick, wide, thick), (0, 0, 0))],
+        "frame": [
+            *(((long, thick, thick), (0, s * wide, 0)) for s in (-1, 1)),
+            *(((thick, wide, thick), (s * far, 0, 0)) for s in (-1, 1)),
+        ],
+        "stand": [
+            ((long, wide, 0.005), (0, 0, wide)),
+            *(((thick, thick, wide), (a * far, b * (wide - thick), 0)) for a, b in CORNERS),
+        ],
+        "capped": [((wide, wide, long), (0, 0, 0)), ((wide, wide, thick / 2), (0, 0, long + thick / 2))],
+    }
+    is_flat = kind in {"tee", "cross", "frame"}
+    return _join(kind, boxes[kind], 2 * thick if is_flat else 2 * wide, 0.0 if is_flat else wide)
+
+
+COMPOUNDS = ("tee", "cross", "frame", "stand", "capped")
+SAME_FLIPPED = {"ball", *COMPOUNDS} - {"stand"}  # no look tells which side of them is up
+
+
 def make_vessel(x: float, y: float, wall: float, kind: str) -> Form:
     """A tray, box or bin with four walls; x and y are inner sides, `wall` the inner depth. Its origin is its foot."""
     floor, thick = 0.005, 0.005
@@ -247,6 +279,59 @@ def make_shelf(x: float, y: float, height: float) -> Form:
     board = Solid("box", (x / 2, y / 2, thick / 2), (0, 0, height - thick / 2))
     walls = [Solid("box", (x / 2, thick / 2, height / 2), (0, s * (y / 2 - thick / 2), height / 2)) for s in (-1, 1)]
     return Form("shelf", (board, *walls), thick, min(x, y) / 2)
+
+
+def draw_support(kind: str, rng: Rng) -> Form:
+    """A fixed body of two and more solids that touch or overlap, to stand things on or to put them into."""
+    x, y, z, thin = rng.uniform((0.065, 0.065, 0.05, 0.003), (0.10, 0.09, 0.13, 0.006))
+    parts, boards, rim, wall = int(rng.integers(2, 5)), int(rng.integers(2, 5)), 0.012, 0.03
+    boxes: dict[str, Sequence[Block]] = {
+        "boarded": [((x, y, thin), (0, 0, z - thin)), ((x, y, z / 2 - thin), (0, 0, z / 2 - thin))],
+        "overlapping": [((x, y, 0.3 * z), (0, 0, 0.3 * z)), ((x, y, 0.3 * z), (0, 0, 0.7 * z))],
+        "steps": [
+            ((x, y / parts, z * n / parts / 2), (0, y * (2 * n - 1 - parts) / parts, z * n / parts / 2))
+            for n in range(1, parts + 1)
+        ],
+        "rimmed": [((x, y, z / 2), (0, 0, z / 2)), *_iter_walls(x, y, z, rim)],
+        "stool": [
+            ((x, y, thin), (0, 0, z - thin)),
+            *(((0.01, 0.01, z / 2 - thin), (a * (x - 0.01), b * (y - 0.01), z / 2 - thin)) for a, b in CORNERS),
+        ],
+        "rack": [
+            *(((x, y, thin), (0, 0, z * n / boards - thin)) for n in range(1, boards + 1)),
+            ((x, thin, z / 2), (0, y + thin, z / 2)),
+        ],
+        "slatted": [
+            *(((x, y / 10, thin), (0, y * (2 * n - 5) / 5.6, z - thin)) for n in range(6)),
+            *(((0.008, y, z / 2 - thin), (s * (x - 0.02), 0, z / 2 - thin)) for s in (-1, 1)),
+        ],
+        "crate": [
+            *(((x, y / 8, thin), (0, y * (2 * n - 3) / 4, thin)) for n in range(4)),
+            *_iter_walls(x, y, 0.0, wall),
+        ],
+    }
+    if kind == "basin":
+        walls = [replace(each, at_m=(*each.at_m[:2], wall)) for each in _make_ring(x, 2 * wall, 0.0)]
+        inner = ((0.0, 0.0, wall + thin), (0.7 * x, 0.7 * x, wall - thin))
+        return Form(kind, (Solid("cylinder", (x, thin), (0, 0, thin)), *walls), WALL_M, 0.0, False, inner)
+    found = _join(kind, boxes[kind], thin, min(x, y / parts if kind == "steps" else y))
+    level, deep = {"rimmed": (z, rim), "crate": (2 * thin, wall - thin)}.get(kind, (0.0, 0.0))
+    inner = ((0.0, 0.0, level + deep), (x - WALL_M, y - WALL_M, deep))
+    return replace(found, interior=inner, top_m=0.0) if deep else found
+
+
+SUPPORTS = ("boarded", "overlapping", "steps", "rimmed", "stool", "rack", "slatted", "crate", "basin")
+
+
+def _join(kind: str, boxes: Sequence[Block], grip_m: float, top_m: float) -> Form:
+    return Form(kind, tuple(Solid("box", half_m, at_m) for half_m, at_m in boxes), grip_m, top_m)
+
+
+def _iter_walls(x: float, y: float, low: float, half: float) -> Iterator[Block]:
+    """Four walls within these half sides, from a height up."""
+    thin, mid = WALL_M / 2, low + half
+    yield from (((thin, y, half), (s * (x - thin), 0, mid)) for s in (-1, 1))
+    yield from (((x - WALL_M, thin, half), (0, s * (y - thin), mid)) for s in (-1, 1))
 
 
 def make_riser(x: float, y: float, height: float) -> Form:

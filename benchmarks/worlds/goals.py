@@ -12,32 +12,32 @@ import numpy as np
 
 from benchmarks.worlds.cases import Case, Draft, Node
 from benchmarks.worlds.faults import draw_faults
-from benchmarks.worlds.forms import Rng
+from benchmarks.worlds.forms import SAME_FLIPPED, Rng
 from benchmarks.worlds.impossible import draw_impossible
-from benchmarks.worlds.rooms import Room, Thing, add_leaning, draw_room, list_twins
+from benchmarks.worlds.rooms import USUAL, Room, Style, Thing, add_leaning, draw_room, list_twins
 
 AGREED_SHARE = 0.5  # of goals in whose room equal things may stand for each other
 FAULT_SHARE, IMPOSSIBLE_SHARE, LEANING_SHARE = 0.26, 0.16, 0.3
 NODES_MAX = 4
 
 
-def draw_case(seed: int, *, friction: tuple[float, float] = (0.2, 0.6)) -> Case:
+def draw_case(seed: int, style: Style = USUAL) -> Case:
     """The goal of a seed; the same on every machine."""
     rng = np.random.default_rng([20_261_015, seed])
     mood = rng.random()
     for _ in range(50):
-        room, floor = draw_room(seed, rng, friction=friction)
+        room, floor = draw_room(seed, rng, style)
         draft = Draft(room, floor, rng)
         detail = draw_impossible(draft) if mood < IMPOSSIBLE_SHARE else ""
         wanted = int(rng.integers(1, NODES_MAX + 1))
         for _ in range(12):
             if len(draft.nodes) < wanted:
-                NODES[str(rng.choice(list(NODES), p=list(WEIGHTS)))](draft)
+                NODES[str(rng.choice(list(NODES), p=list(style.weights)))](draft)
         if draft.nodes and (mood >= IMPOSSIBLE_SHARE or detail):
             break
     leaning = np.random.default_rng([20_261_015, seed, 1])
     if leaning.random() < LEANING_SHARE:
-        _claim_leaning(draft, leaning, friction)
+        _claim_leaning(draft, leaning, style)
     agrees = np.random.default_rng([20_261_015, seed, 3]).random() < AGREED_SHARE
     twins = list_twins(draft.room) if agrees else ()
     case = Case(seed, draft.room, tuple(_untangle(draft.nodes)), detail, interchangeable=twins)
@@ -72,7 +72,8 @@ def _put(draft: Draft) -> None:
     if thing is None or not vessels:
         return
     vessel = draft.pick(vessels)
-    accept = [f"inside({thing.name}, {vessel})"]
+    relation = "on" if draft.room.things[vessel].form.kind == "rimmed" else "inside"
+    accept = [f"{relation}({thing.name}, {vessel})"]
     others = [t.name for t in draft.room.movable if t.name not in draft.used]
     if thing.form.stands and draft.rng.random() < 0.3:
         accept.append(f"upright({thing.name})")
@@ -93,7 +94,7 @@ def _stack(draft: Draft) -> None:
     thing = draft.choose(lambda t: t.form.kind != "ball")
     if thing is None:
         return
-    under = {each.on for each in draft.room.movable}
+    under = {each.on for each in draft.room.things.values()}
     tops = [
         t.name
         for t in draft.room.things.values()
@@ -146,11 +147,11 @@ def _claim(draft: Draft) -> None:
     draft.add("inspect", {"object": thing.name}, *accept, is_claim=True)
 
 
-def _claim_leaning(draft: Draft, rng: Rng, friction: tuple[float, float]) -> None:
+def _claim_leaning(draft: Draft, rng: Rng, style: Style) -> None:
     """A thing that leans, and what is said of how it stands: near the limits of `upright` and of a tilt."""
     if len(draft.nodes) == NODES_MAX:
         return
-    draft.room, name = add_leaning(draft.room, draft.floor, rng, friction)
+    draft.room, name = add_leaning(draft.room, draft.floor, rng, style)
     if name:
         said = [f"upright({name})", f"not upright({name})", f"tilt({name}) <= 0.12", f"on({name}, table)"]
         draft.add("inspect", {"object": name}, str(rng.choice(said)), is_claim=True)
@@ -181,7 +182,7 @@ def iter_claims(room: Room, thing: Thing, rng: Rng) -> Iterator[str]:
         yield f"inside({thing.name}, {vessel.name})"
         yield f"not inside(*, {vessel.name})"
         yield f"count(inside(*, {vessel.name})) {rng.choice(['>=', '==', '<='])} {int(rng.integers(0, 3))}"
-    if thing.form.kind != "ball":
+    if thing.form.kind not in SAME_FLIPPED:
         yield f"upright({thing.name})"
         yield f"not upright({thing.name})"
         yield f"fallen({thing.name})"
@@ -206,4 +207,3 @@ NODES: dict[str, Callable[[Draft], None]] = {
     "aside": _set_aside,
     "claim": _claim,
 }
-WEIGHTS = (0.38, 0.07, 0.14, 0.05, 0.05, 0.05, 0.26)

@@ -1,6 +1,7 @@
 """Projects as suites draw them from seeds: rooms with goals and faults, and instances of one skill each.
 
-A suite names `draw_unseen`, `draw_slick` or `draw_grippy`, and `draw_press`, `draw_spoilt_press` and so on.
+A suite names `draw_unseen`, `draw_slick`, `draw_grippy` or `draw_compound`; `draw_press`, `draw_spoilt_press` and so
+on.
 """
 
 import pkgutil
@@ -15,9 +16,15 @@ from benchmarks.worlds.cases import Case
 from benchmarks.worlds.files import render_goal, render_scene, write_project
 from benchmarks.worlds.goals import draw_case
 from benchmarks.worlds.instances import DRAWERS, draw
+from benchmarks.worlds.rooms import COMPOUND, USUAL, Style
 
 CASE, TRUTH = "case", "truth"  # of a drawn project: which function made its case, from which seed; what the oracle asks
-FRICTION = {"unseen": (0.2, 0.6), "slick": (0.1, 0.1), "grippy": (1.0, 1.0)}
+STYLES = {
+    "unseen": USUAL,
+    "slick": Style(friction=(0.1, 0.1), is_even=True),
+    "grippy": Style(friction=(1.0, 1.0), is_even=True),
+    "compound": COMPOUND,
+}
 
 
 def write_case(case: Case, folder: Path, maker: str = f"{__name__}:make_unseen", **graph: Any) -> Path:
@@ -43,9 +50,9 @@ def write_instance(skill: str, seed: int, folder: Path, *, spoilt: bool = False)
 
 def __getattr__(name: str) -> Callable[..., Any]:
     action, _, what = name.partition("_")
-    if action == "make" and what in FRICTION:
-        return partial(draw_case, friction=FRICTION[what])
-    if action == "draw" and what in FRICTION:
+    if action == "make" and what in STYLES:
+        return partial(draw_case, style=STYLES[what])
+    if action == "draw" and what in STYLES:
         return lambda seed, folder: write_case(__getattr__(f"make_{what}")(seed), folder, f"{__name__}:make_{what}")
     if action == "draw" and (skill := what.removeprefix("spoilt_")) in DRAWERS:
         return partial(write_instance, skill, spoilt=what != skill)

@@ -10,18 +10,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.worlds.forms import (
+    COMPOUNDS,
     DRAWS,
     KINDS,
+    SUPPORTS,
     Form,
     Point,
     Rng,
+    draw_compound,
+    draw_support,
+    make_box,
     make_riser,
     make_shelf,
     make_vessel,
 )
 
 TABLE_RGB = (0.80, 0.66, 0.50)
-USUAL = (0.2, 0.6)  # friction of things against the pads
 COLORS: dict[str, tuple[float, float, float]] = {
     "red": (0.80, 0.16, 0.14),
     "orange": (0.90, 0.48, 0.12),
@@ -40,6 +44,40 @@ BAND_M = (0.36, 0.68)  # distance from the base of what is meant to be had
 SIDE_RAD = 1.15  # to either side of straight ahead
 TABLE_X_M, TABLE_Y_M = (-0.14, 0.90), (-0.60, 0.70)
 TRIES = 400
+PAIR_M = (0.004, 0.012)  # height of a board of the footprint of what stands on it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Style:
+    """What rooms are made of.
+
+    Attributes:
+        friction: Least and greatest of things against the pads.
+        is_even: Whether every pair of surfaces has this friction, too.
+        vessels: Kinds of one to three of the fixed bodies.
+        kinds: Of things.
+        tilted: Share of the things that begin neither upright nor level.
+        paired: Share of the things that come with a thin board of their footprint.
+        weights: Of the kinds of nodes, as `goals.NODES` lists them.
+    """
+
+    friction: tuple[float, float] = (0.2, 0.6)
+    is_even: bool = False
+    vessels: tuple[str, ...] = ("tray", "tray", "box", "bin")
+    kinds: tuple[str, ...] = KINDS
+    tilted: float = 0.0
+    paired: float = 0.0
+    weights: tuple[float, ...] = (0.38, 0.07, 0.14, 0.05, 0.05, 0.05, 0.26)
+
+
+USUAL = Style()
+COMPOUND = Style(
+    vessels=("tray", *SUPPORTS),
+    kinds=KINDS + 2 * COMPOUNDS,
+    tilted=0.2,
+    paired=0.15,
+    weights=(0.30, 0.04, 0.36, 0.04, 0.03, 0.05, 0.18),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +87,7 @@ class Thing:
     Attributes:
         at_m: Where its origin stands when the room is opened.
         yaw_rad: None where it is drawn by the scene's own seed.
+        euler_rad: Turns about x, y, z before the yaw.
         grip: Least and greatest friction of its surface against the pads of the fingers.
         surface: What it is made of, which decides its friction against everything else.
         drawn_by: How a fixed body's place stands in the scene file: as a point, or as `area` or `frame`.
@@ -67,11 +106,23 @@ class Thing:
     surface: str = "plastic"
     drawn_by: str = "point"
     on: str = "table"
+    euler_rad: Point = (0.0, 0.0, 0.0)
 
     @property
     def top_m(self) -> float:
         """Height of its top."""
         return float(self.at_m[2] - self.form.bottom_m + self.form.span_m[2])
+
+    @property
+    def rise_m(self) -> float:
+        """Height of its origin over what it is put on."""
+        is_tilted = any(self.euler_rad)
+        return self.form.find_bottom(self.euler_rad) if is_tilted else self.form.bottom_m
+
+    @property
+    def radius_m(self) -> float:
+        """Greatest horizontal distance of any part from its origin, however a tilted one comes to rest."""
+        return float(np.linalg.norm(self.form.span_m)) / 2 if any(self.euler_rad) else self.form.radius_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,10 +196,10 @@ class Floor:
         return None
 
 
-def draw_room(seed: int, rng: Rng, *, friction: tuple[float, float] = USUAL) -> tuple[Room, Floor]:
+def draw_room(seed: int, rng: Rng, style: Style = USUAL) -> tuple[Room, Floor]:
     """A room of three to eight things, and the places of it that are taken."""
     floor, things = Floor(rng), dict[str, Thing]()
-    for thing in _draw_fixed(rng, floor):
+    for thing in _draw_fixed(rng, floor, style, things):
         things[_name(things, f"{thing.color}_{thing.form.kind}")] = thing
     things = {name: replace(thing, name=name) for name, thing in things.items()}
     spots = dict[str, Spot]()
@@ -156,13 +207,13 @@ def draw_room(seed: int, rng: Rng, *, friction: tuple[float, float] = USUAL) -> 
         spots["spot"] = Spot("spot", (*place, 0.06), (0.06, 0.06, 0.06))
     used: list[tuple[float, float, float]] = []
     for _ in range(int(rng.integers(3, 9))):
-        for thing in _draw_thing(rng, floor, things, used, friction):
+        for thing in _draw_thing(rng, floor, things, used, style):
             name = _name(things, f"{thing.color}_{thing.form.kind}")
             things[name] = replace(thing, name=name)
             used.append(thing.rgb)
     made = np.random.default_rng([20_261_015, seed, 3])
     things = {name: replace(thing, surface=draw_surface(thing.form.kind, made)) for name, thing in things.items()}
-    extreme = None if friction == USUAL else friction
+    extreme = style.friction if style.is_even else None
     room = Room(seed, things, spots, tuple(_draw_prints(rng)), extreme)
     own = np.random.default_rng([20_261_015, seed, 2])
     return room if own.random() < TWINS_SHARE else _distinguish(room, own), floor
@@ -209,12 +260,12 @@ def _name(things: dict[str, Thing], wish: str) -> str:
     return next(name for name in lettered if name not in things)
 
 
-def _draw_fixed(rng: Rng, floor: Floor) -> Iterator[Thing]:
+def _draw_fixed(rng: Rng, floor: Floor, style: Style, things: dict[str, Thing]) -> Iterator[Thing]:
     """One to three vessels, and perhaps a shelf or a block to stand things on."""
-    kinds = list(rng.choice(["tray", "tray", "box", "bin"], size=int(rng.integers(1, 4))))
+    kinds = list(rng.choice(style.vessels, size=int(rng.integers(1, 4))))
     kinds += ["shelf"] * (rng.random() < 0.25) + ["riser"] * (rng.random() < 0.4)
     for kind in kinds:
-        form = draw_support(str(kind), rng)
+        form = draw_support(str(kind), rng) if kind in SUPPORTS else draw_plain_support(str(kind), rng)
         place = floor.find(form.radius_m, (0.42, 0.64))
         if place is None:
             continue
@@ -223,10 +274,16 @@ def _draw_fixed(rng: Rng, floor: Floor) -> Iterator[Thing]:
         rgb = (pale[0], pale[1], pale[2])
         drawn_by = str(rng.choice(["point", "area", "frame"], p=[0.90, 0.05, 0.05]))
         yaw = float(rng.uniform(-np.pi, np.pi))
-        yield Thing("", form, (*place, 0.0), yaw, color, rgb, fixed=True, drawn_by=drawn_by)
+        yield (one := Thing("", form, (*place, 0.0), yaw, color, rgb, fixed=True, drawn_by=drawn_by))
+        if kind == "riser" and style.paired and rng.random() < 0.5:
+            x, y, z = form.span_m
+            board, rgb = make_box(x, y, rng.uniform(*PAIR_M), "board"), (rgb[1], rgb[2], rgb[0])
+            at_m = (*place, float(z) + board.bottom_m)
+            under = next(reversed(things))
+            yield replace(one, form=board, at_m=at_m, color="pale", rgb=rgb, drawn_by="point", on=under)
 
 
-def draw_support(kind: str, rng: Rng) -> Form:
+def draw_plain_support(kind: str, rng: Rng) -> Form:
     """A tray, box, bin, shelf or riser."""
     if kind == "shelf":
         return make_shelf(rng.uniform(0.12, 0.16), rng.uniform(0.16, 0.22), rng.uniform(0.06, 0.20))
@@ -260,10 +317,16 @@ def _draw_thing(
     floor: Floor,
     things: dict[str, Thing],
     used: list[tuple[float, float, float]],
-    friction: tuple[float, float],
+    style: Style,
 ) -> Iterator[Thing]:
-    """One thing; or two alike; or one that leans on the edge of a slab."""
-    one, mood = _draw_one(str(rng.choice(KINDS)), rng, used, friction), rng.random()
+    """One thing; or two alike; or one that leans on the edge of a slab; or one with a board of its footprint."""
+    one, mood = _draw_one(str(rng.choice(style.kinds)), rng, used, style), rng.random()
+    if style.paired and mood < style.paired and one.form.stands | (one.form.top_m > 0):
+        yield from _pair(rng, floor, one, things)
+        return
+    if style.tilted and mood < style.paired + style.tilted and one.form.kind != "ball":
+        swing = rng.choice([0.0, np.pi / 2, np.pi]) if one.form.solids[0].kind == "box" else 0.0
+        one = replace(one, euler_rad=(float(swing + rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5)), 0.0))
     if mood < 0.10 and one.form.kind in {"cube", "box"} and one.form.span_m[2] > 0.02:
         yield from _lean(rng, floor, one)
         return
@@ -272,17 +335,32 @@ def _draw_thing(
             yield placed
 
 
-def _draw_one(kind: str, rng: Rng, used: list[tuple[float, float, float]], friction: tuple[float, float]) -> Thing:
-    form = DRAWS[kind](rng)
+def _draw_one(kind: str, rng: Rng, used: list[tuple[float, float, float]], style: Style) -> Thing:
+    friction, form = style.friction, DRAWS[kind](rng) if kind in DRAWS else draw_compound(kind, rng)
     (color, rgb), mass = draw_color(rng, used), draw_mass(form, rng)
     low = float(rng.uniform(friction[0], max(friction[0], friction[1] - 0.05)))
     grip = (round(low, 3), round(min(low + 0.05, friction[1]), 3))
     return Thing("", form, (0.0, 0.0, 0.0), None, color, rgb, mass_kg=mass, grip=grip)
 
 
-def add_leaning(room: Room, floor: Floor, rng: Rng, friction: tuple[float, float]) -> tuple[Room, str]:
+def _pair(rng: Rng, floor: Floor, one: Thing, things: dict[str, Thing]) -> Iterator[Thing]:
+    """A thing, and a thin board of its footprint: under it, or elsewhere."""
+    x, y, _ = one.form.span_m
+    board = make_box(float(x), float(y), rng.uniform(*PAIR_M), "board")
+    if (place := floor.find(one.form.radius_m)) is None:
+        return
+    (color, rgb), yaw = draw_color(rng, [one.rgb]), float(rng.uniform(-np.pi, np.pi))
+    at_m, mass = (*place, board.bottom_m + 0.001), draw_mass(board, rng)
+    yield (under := replace(one, form=board, at_m=at_m, yaw_rad=yaw, color=color, rgb=rgb, mass_kg=mass))
+    if rng.random() < 0.5:
+        yield replace(one, at_m=(*place, under.top_m + one.rise_m + 0.001), yaw_rad=yaw, on=next(reversed(things)))
+    elif place := floor.find(one.form.radius_m):
+        yield replace(one, at_m=(*place, one.rise_m + 0.001))
+
+
+def add_leaning(room: Room, floor: Floor, rng: Rng, style: Style) -> tuple[Room, str]:
     """The room with a small thing that leans on the edge of a slab, and its name; empty where there is no place."""
-    one, things = _draw_one("cube", rng, [], friction), dict(room.things)
+    one, things = _draw_one("cube", rng, [], style), dict(room.things)
     for thing in _lean(rng, floor, one):
         name = _name(things, f"{thing.color}_{thing.form.kind}")
         things[name] = replace(thing, name=name)
@@ -293,16 +371,17 @@ def add_leaning(room: Room, floor: Floor, rng: Rng, friction: tuple[float, float
 def _place(rng: Rng, floor: Floor, one: Thing, things: dict[str, Thing]) -> Thing | None:
     """On the table, or on a free support, or in a vessel."""
     taken = {thing.on for thing in things.values()}
-    free = [t for t in things.values() if t.fixed and t.name not in taken and t.form.kind in {"shelf", "riser", "tray"}]
+    tops = {"shelf", "riser", "tray", "board", *SUPPORTS} - {"steps", "basin", "crate"}
+    free = [t for t in things.values() if t.fixed and t.name not in taken and t.form.kind in tops]
     if free and rng.random() < 0.25:
         under = free[int(rng.integers(len(free)))]
         room = min(under.form.interior[1][:2]) if under.form.interior else under.form.top_m
-        if one.form.radius_m < room:
+        if one.radius_m < room:
             level = under.form.interior[0][2] - under.form.interior[1][2] if under.form.interior else under.top_m
             x, y, _ = under.at_m
-            return replace(one, at_m=(x, y, level + one.form.bottom_m + 0.001), on=under.name)
-    place = floor.find(one.form.radius_m)
-    return replace(one, at_m=(*place, one.form.bottom_m + 0.001)) if place else None
+            return replace(one, at_m=(x, y, level + one.rise_m + 0.001), on=under.name)
+    place = floor.find(one.radius_m)
+    return replace(one, at_m=(*place, one.rise_m + 0.001)) if place else None
 
 
 def _lean(rng: Rng, floor: Floor, one: Thing) -> Iterator[Thing]:

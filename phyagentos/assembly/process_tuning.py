@@ -48,9 +48,9 @@ def collect_rarely() -> None:
     gc.enable()
 
 
-def end_with(parent: int) -> bool:
-    """Let this process end when its parent ends; False where that is another one by now, or gone."""
+def end_with(parent: int, by: signal.Signals = signal.SIGTERM) -> bool:
+    """Let this process end `by` a signal when its parent ends; False where that is another one by now, or gone."""
     if os.environ.get(FORKED_FOR) == str(parent):
-        return end_with_requester(parent)
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+        return end_with_requester(parent, by)
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, by)
     return os.getppid() == parent

@@ -1,5 +1,6 @@
 """Commands that move objects, one plane by hand: `agent` and `watch`."""
 
+import signal
 from pathlib import Path
 from typing import Annotated
 
@@ -47,7 +48,7 @@ def agent(
     from phyagentos.assembly.agent_plane import run_agent
 
     about = f"agent of {workspace}: submits, judges; `paos watch -w {workspace}` carries out; Ctrl-C ends"
-    _prepare(with_parent, about)
+    _prepare(with_parent, about, by=signal.SIGKILL)  # a signal to end would cancel the goal, which can be continued
     file, overrides = get_file(graph, "goal_graphs"), parse_overrides(set_)
     admit_python(workspace, file, is_trusted=trust_python, announce=print_note, find=find_foreign_predicates)
     report = run_agent(workspace, file, seed, overrides=overrides, goal=goal, verify=verify, memory=memory)
@@ -85,9 +86,9 @@ def watch(
     )
 
 
-def _prepare(parent: int | None, about: str) -> None:
-    """When asked, end with the parent; without one, say what begins."""
+def _prepare(parent: int | None, about: str, by: signal.Signals = signal.SIGTERM) -> None:
+    """When asked, end `by` a signal with the parent; without one, say what begins."""
     if parent is None:
         print_note(about)
-    elif not end_with(parent):
+    elif not end_with(parent, by):
         raise Exit(ExitCode.INTERRUPTED)

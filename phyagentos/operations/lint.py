@@ -7,12 +7,12 @@ is checked may come from elsewhere: the Python of its skills is executed only wh
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from phyagentos.assembly.project import FOLDERS, open_library
-from phyagentos.assembly.skill_checks import check_skill
+from phyagentos.assembly.project import FOLDERS, get_settings, open_library
+from phyagentos.assembly.skill_checks import check_arguments, check_skill
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
@@ -20,8 +20,14 @@ from phyagentos.protocol.capabilities.targets import TARGETS, find_unshared
 from phyagentos.protocol.capabilities.trees import iter_short_references, load_tree, read_tree
 from phyagentos.protocol.documents.schema import read_text, read_yaml
 from phyagentos.protocol.predicates.project_predicates import load_predicates, name_option
+from phyagentos.protocol.settings.perception import Sensing, read_perception
+from phyagentos.protocol.settings.sensors import read_sensors
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, check_settings
 from phyagentos.store.document_registry import FORMATS, check_document
+
+if TYPE_CHECKING:
+    from phyagentos.agent.goals.catalogue import Catalogue
+    from phyagentos.agent.goals.graph import GoalGraph
 
 
 class FileKind(StrEnum):
@@ -101,12 +107,24 @@ def find_warnings(path: Path) -> list[Problem]:
     try:
         match find_kind(path):
             case FileKind.GOAL_GRAPH:
-                return list(read_goal_graph(path, Catalogue.read(open_library(path))).warnings)
+                catalogue = Catalogue.read(library := open_library(path))
+                graph = read_goal_graph(path, catalogue)
+                return [*graph.warnings, *_iter_rig_warnings(path, graph, catalogue, library)]
             case FileKind.TREE:
                 return list(iter_short_references(read_tree(path)))
     except DefinitionError:
         pass  # `lint_file` has its problems
     return []
+
+
+def _iter_rig_warnings(path: Path, graph: "GoalGraph", catalogue: "Catalogue", library: Library) -> Iterator[Problem]:
+    """What the cameras of the project cannot tell; nothing where the simulator is read instead."""
+    from phyagentos.operations.rig_warnings import Rig, iter_rig_warnings
+
+    sensors, perception = (get_settings(name, library, None) for name in ("sensors.yaml", "perception.yaml"))
+    scene = catalogue.find_scene(graph.spec.scene)
+    if sensors and perception and scene and read_perception(perception).sensing is Sensing.PERCEIVED:
+        yield from iter_rig_warnings(graph, read_yaml(path), Rig(scene, read_sensors(sensors)))
 
 
 def lint_file(
@@ -189,9 +207,11 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
         case FileKind.SETTINGS:
             check_settings(path)
         case FileKind.GOAL_GRAPH:
-            from phyagentos.agent.goals.graph import check_goal_graph
+            from phyagentos.agent.goals.graph import check_goal_graph, read_goal_graph
 
-            return check_goal_graph(path, Catalogue.read(library))
+            if unsound := check_goal_graph(path, catalogue := Catalogue.read(library)):
+                return unsound
+            return [*check_arguments(read_goal_graph(path, catalogue), read_yaml(path), catalogue, library)]
         case FileKind.WANTED:
             from phyagentos.agent.planning.domain import read_wanted
 

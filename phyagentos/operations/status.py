@@ -5,6 +5,7 @@ from pathlib import Path
 
 import msgspec
 
+from phyagentos.agent.goals.amendment import find_graph
 from phyagentos.operations.workspaces import find_running, find_workspaces, read_ledger
 from phyagentos.protocol.sessions.estop import Latch, read_latch
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, read_heartbeats
@@ -13,7 +14,10 @@ from phyagentos.protocol.workspace.workspace import Workspace
 
 
 class WorkspaceStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """What `paos status --json` prints: verdicts by goal, numbers of sessions by state, what the live workers do."""
+    """What `paos status --json` prints: verdicts by goal, numbers of sessions by state, what the live workers do.
+
+    `open_goals` are commands that continue goals without a verdict, by goal.
+    """
 
     workspace: str
     is_running: bool
@@ -21,18 +25,21 @@ class WorkspaceStatus(msgspec.Struct, frozen=True, kw_only=True):
     goals: dict[str, str]
     sessions: dict[str, int]
     workers: tuple[Heartbeat, ...]
+    open_goals: dict[str, str] = {}
 
 
 def read_status(root: Path) -> WorkspaceStatus:
     """How one workspace stands; raises DefinitionError `NOT_A_WORKSPACE`, ExecutionError `JOURNAL_DAMAGED`."""
     place, ledger = Workspace.open(root), read_ledger(root)
     is_running, goals = is_held(place.root / WATCHDOG_LOCK), ledger.goals.values()
+    still_open = [goal for goal in goals if not goal.verdict and not goal.is_cancelled]
     return WorkspaceStatus(
         workspace=str(root),
         is_running=is_running,
         latch=read_latch(place.signals.parent),
         goals={goal.id: goal.verdict or ("cancelled" if goal.is_cancelled else "open") for goal in goals},
         sessions=dict(Counter(str(each.state) for each in ledger.sessions.values())),
+        open_goals={goal.id: f"paos run {find_graph(place, goal)} --seed {goal.seed} -w {root}" for goal in still_open},
         workers=tuple(read_heartbeats(place.heartbeats).values()) if is_running else (),
     )
 

@@ -270,25 +270,50 @@ def test_what_a_star_covers_is_missing_evidence_unless_all_of_it_was_seen():
     assert diagnose(msgspec.structs.replace(bundle, after=after), [told]).cause is Cause.EVIDENCE_MISSING
 
 
+_APART_M = 0.02  # the cube from the middle of its tray
+
+
 @pytest.mark.parametrize(
-    ("stds_m", "said"),
+    ("text", "stds_m", "least", "bounds", "looser"),
     [
-        ((0.001, 0.003), "red_tray is known to 6 mm and 0°: another view of it, a wider criterion or another support"),
-        ((0.004, 0.003), "red_cube is known to 8 mm and 0°: another view of it or a wider criterion"),
-        ((0.0, 0.0), ""),
+        ("centred(red_cube, red_tray, 0.022)", (0.001, 0.003), "red_tray", "6 2", "centred(red_cube, red_tray, 0.027)"),
+        (
+            "centred(red_cube, red_tray, 0.022)",
+            (0.004, 0.003),
+            "red_cube",
+            "8 0.8",
+            "centred(red_cube, red_tray, 0.033)",
+        ),
+        (
+            "distance(red_cube, red_tray) > 0.019",
+            (0.001, 0.003),
+            "red_tray",
+            "6 2",
+            "distance(red_cube, red_tray) > 0.014",
+        ),
+        ("on(red_cube, red_tray)", (0.001, 0.003), "red_tray", "6 5", "above(red_cube, red_tray)"),
+        ("centred(red_cube, red_tray)", (0.001, 0.006), "red_tray", "12 9", "centred(red_cube, red_tray, 0.033)"),
+        ("centred(red_cube, red_tray, 0.022)", (0.0, 0.0), "", "", ""),
     ],
 )
-def test_a_verdict_that_nothing_decided_names_what_would_decide_it(stds_m, said):
+def test_a_verdict_that_nothing_decided_names_what_would_decide_it(text, stds_m, least, bounds, looser):
     world = make_world()
     entities = {
         name: msgspec.structs.replace(world.entities[name], position_std_m=std_m, turn_std_rad=0.0)
         for name, std_m in zip(("red_cube", "red_tray"), stds_m, strict=True)
     }
+    tray = entities["red_tray"].pose.position_m
+    at = msgspec.structs.replace(entities["red_cube"].pose, position_m=(tray[0] + _APART_M, tray[1], 0.03))
+    entities["red_cube"] = msgspec.structs.replace(entities["red_cube"], pose=at)
     after = msgspec.structs.replace(world, entities={**world.entities, **entities})
-    bundle = msgspec.structs.replace(make_bundle(after, ended=Ended.COMPLETED), after=after)
-    found = diagnose(bundle, [criterion("inside(red_cube, red_tray)", Truth.UNKNOWN)])
+    bundle = msgspec.structs.replace(make_bundle(after, ended=Ended.COMPLETED), before=after, after=after)
+    found = diagnose(bundle, [criterion(text, Truth.UNKNOWN)])
     assert found.cause is Cause.UNDECIDABLE
-    assert found.fact == f"inside(red_cube, red_tray) is unknown: seen so{f'; {said} would decide it' if said else ''}"
+    known, _, needed = bounds.partition(" ")
+    said = f"; {least} is known to ±{known} mm and ±0°, the criterion needs ±{needed} mm: another view of {least} "
+    said += f"(by a camera of sensors.yaml), or the criterion {looser}"
+    said += ", or another support would decide it" if least == "red_tray" else " would decide it"
+    assert found.fact == f"{text} is unknown: seen so{said if least else ''}"
 
 
 def test_an_absent_thing_is_gone_unless_it_had_been_taken_hold_of():

@@ -108,6 +108,22 @@ def test_unknown_asks_to_look_at_what_was_not_seen():
     assert "First look again at red_cube. Replan 1 of 2." in attempt.reason
 
 
+@pytest.mark.parametrize(
+    ("mode", "said"),
+    [
+        (VerificationMode.RECOVERY, "First look again at red_cube, red_tray. Replan 1 of 2."),
+        (VerificationMode.ENFORCE, "`--verify recovery` looks again at red_cube, red_tray."),
+    ],
+)
+def test_the_least_certain_body_is_looked_at_again_though_it_is_fixed(mode, said):
+    world, stds_m = perceive(DONE), {"red_cube": 0.001, "red_tray": 0.2}
+    known = {name: msgspec.structs.replace(world.entities[name], position_std_m=std) for name, std in stds_m.items()}
+    world = msgspec.structs.replace(world, entities={**world.entities, **known})
+    attempt = SessionVerifier(mode=mode).judge(make_bundle(world), BUDGET)
+    assert (attempt.cause, attempt.missing_evidence) == ("EVIDENCE_MISSING", ("red_cube", "red_tray"))
+    assert attempt.reason.endswith(said)
+
+
 def test_a_thing_that_is_missing_in_a_perceived_world_is_looked_for_before_it_is_called_gone():
     seen = perceive(DONE)
     seen = msgspec.structs.replace(seen, entities={n: e for n, e in seen.entities.items() if n != "red_cube"})

@@ -224,7 +224,7 @@ def test_interval_is_exact():
     assert find_interval(0, 0) == (0.0, 1.0)
 
 
-@pytest.mark.parametrize("drawn", [projects.draw_unseen, projects.draw_slick, draw_trial])
+@pytest.mark.parametrize("drawn", [projects.draw_unseen, projects.draw_slick, projects.draw_compound, draw_trial])
 def test_a_drawn_project_tells_its_scorer_which_case_it_is_and_passes_lint(drawn, tmp_path):
     seed = 1_500_006
     graph = drawn(seed, tmp_path / "project")

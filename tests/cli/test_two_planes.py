@@ -2,6 +2,7 @@
 
 import json
 import os
+import select
 import shutil
 import signal
 import subprocess
@@ -83,19 +84,27 @@ def test_one_interrupt_cancels_every_session_and_leaves_records_though_heartbeat
     assert read_ledger(root).goals["count-0"].is_cancelled
 
 
-def test_a_goal_whose_watchdog_was_killed_is_continued_by_the_next_run(begin, tmp_path):
+@pytest.mark.parametrize("killed", ["watchdog", "run"])
+def test_a_goal_of_which_a_process_was_killed_is_continued_by_the_next_run(begin, tmp_path, killed):
     here, root = copy_endless_counter(tmp_path / "library"), tmp_path / "w"
     graph = here / "goal_graphs" / "count.yaml"
     run = begin("run", graph, "-w", root, "--no-pictures", cwd=here)
     wait_for(run, "a: running")
     watch = find_sole(root / WATCHDOG_LOCK)
-    signal.pidfd_send_signal(watch, signal.SIGKILL)
-    os.close(watch)
+    if killed == "run":
+        run.kill()
+    else:
+        signal.pidfd_send_signal(watch, signal.SIGKILL)
     _, err = run.communicate(timeout=LIMIT_S)
-    assert run.returncode == ExitCode.INTERNAL_ERROR, err
-    assert f"The goal is not over. Continue it: paos run {graph} --seed 0 -w {root}" in err
+    assert select.select([watch], [], [], LIMIT_S)[0], "a plane outlives its run"
+    os.close(watch)
+    if killed == "watchdog":
+        assert run.returncode == ExitCode.INTERNAL_ERROR, err
+        assert f"The goal is not over. Continue it: paos run {graph} --seed 0 -w {root}" in err
+    shown, _ = begin("status", "-w", root, cwd=here).communicate(timeout=LIMIT_S)
+    again = shown.partition("count-0 has no verdict yet; continue it: paos ")[2].split()
 
-    begin("run", graph, "-w", root, "--no-pictures", cwd=here)
+    begin(*again, "--no-pictures", cwd=here)
 
     wait_until(lambda: find_states(root).get("count-0.a.r1") == "running", "another attempt")
     assert list(read_ledger(root).goals) == ["count-0"]

@@ -3,7 +3,6 @@
 It reads the trace, the end of the execution and the change of the world; never the injected faults.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
@@ -11,11 +10,12 @@ from itertools import takewhile
 from msgspec import UNSET
 
 from phyagentos.agent.judging.causes import Cause, CauseClass
+from phyagentos.agent.judging.deciding import describe_what_decides
 from phyagentos.agent.judging.judges.judge_registry import FORESEEN
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage, compute_move, find_failed_leaf
 from phyagentos.codes import CODES, Retry
-from phyagentos.protocol.predicates.builtins import DOUBT_STDS, MOVED_M
+from phyagentos.protocol.predicates.builtins import MOVED_M
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import read_statement
 from phyagentos.protocol.predicates.predicate import find_entities, find_formula, find_things
@@ -222,7 +222,8 @@ def _judge_completed(
             return Diagnosis(Cause.SENSOR_STALE, f"{name} was last measured {age_s:.1f} s before the end")
         is_seen = unknown.kind == "accept" and all(after.shows(name) for name in find_things(unknown.text, after))
         cause = Cause.UNDECIDABLE if is_seen else Cause.EVIDENCE_MISSING
-        advice = _describe_what_decides(unknown.text, after) if is_seen else ""
+        view = bundle.session.make_view(after, bundle.before)
+        advice = describe_what_decides(unknown.text, view) if is_seen else ""
         return Diagnosis(cause, f"{unknown.text} is unknown: {unknown.because}{advice}", unknown.text)
     if not execution.is_idle and execution.ticks == 0 and not _has_anything_moved(bundle.before, after):
         return Diagnosis(Cause.NOTHING_CHANGED, "the skill reported success after 0 commands and nothing moved")
@@ -233,19 +234,6 @@ def _judge_completed(
         return Diagnosis(Cause.PLACED_WRONG, f"{name} moved {format_length(moved_m)}, but not to where it was wanted")
     commands = count(execution.ticks, "command")
     return Diagnosis(Cause.WITHOUT_EFFECT, f"{name or 'nothing'} moved {format_length(moved_m)} in {commands}")
-
-
-def _describe_what_decides(text: str, world: Environment) -> str:
-    """What would decide a criterion of measured objects, by the least certain one; empty where all are sure."""
-    known = [world.entities[name] for name in find_things(text, world) if name in world.entities]
-    least = max(known, key=lambda each: each.position_std_m, default=None)
-    if least is None or least.position_std_m <= 0.0:
-        return ""
-    bounds = (
-        f"{format_length(DOUBT_STDS * least.position_std_m)} and {math.degrees(DOUBT_STDS * least.turn_std_rad):.0f}°"
-    )
-    remedy = " or a wider criterion" if least.movable else ", a wider criterion or another support"
-    return f"; {least.name} is known to {bounds}: another view of it{remedy} would decide it"
 
 
 def _is_out_of_reach(timeline: ManipulationTimeline, *, is_recorded: bool = True) -> bool:

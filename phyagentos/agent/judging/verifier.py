@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.agent.judging.causes import Cause
+from phyagentos.agent.judging.deciding import find_least_certain
 from phyagentos.agent.judging.diagnosis import Diagnosis, diagnose
 from phyagentos.agent.judging.judges.judge_registry import FORESEEN, Judge, make_unknown
 from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
@@ -111,7 +112,8 @@ class SessionVerifier:
         if diagnosis.is_hopeless:
             return "Another attempt cannot help."
         if self.mode is VerificationMode.ENFORCE:
-            return "Nothing is replanned: verification only enforces."
+            other = f"; `--verify recovery` looks again at {', '.join(missing)}" if missing else ""
+            return f"Nothing is replanned: verification only enforces{other}."
         if history.replans >= history.max_replans:
             return f"The budget of {count(history.max_replans, 'replan')} is spent."
         look = f"First look again at {', '.join(missing)}. " if missing else ""
@@ -168,7 +170,9 @@ def find_missing_evidence(criteria: Sequence[Criterion], after: Environment | No
     for things in (find_things(each.text, after) for each in unknown):
         unseen = [name for name in things if not after.shows(name)]
         if not unseen and after.sensing != "truth":  # seen, not sharply
-            unseen = [name for name in things if name in after.entities and after.entities[name].movable]
+            seen = [after.entities[name] for name in things if name in after.entities]
+            least = find_least_certain(seen)  # of what is fixed it alone is worth a look
+            unseen = [each.name for each in seen if each.movable or each is least]
         found |= dict.fromkeys(unseen)
     return tuple(found)[:MOST_MISSING]
 

@@ -22,7 +22,7 @@ class _Look:
     euler_rad: tuple[float, float, float]
     material: Material
 
-    def is_like(self, other: "_Look") -> bool:
+    def is_like(self, other: "_Look", within_m: float = ALIKE_M) -> bool:
         if self.kind is not other.kind or self.material.texture != other.material.texture:
             return False
         shades = zip(self.material.rgba[:3], other.material.rgba[:3], strict=True)
@@ -30,18 +30,18 @@ class _Look:
         turns = zip(self.euler_rad, other.euler_rad, strict=True)
         return (
             all(abs(a - b) <= ALIKE_RGB for a, b in shades)
-            and all(abs(a - b) <= ALIKE_M for a, b in lengths)
+            and all(abs(a - b) <= within_m for a, b in lengths)
             and all(abs(math.remainder(a - b, math.pi)) <= ALIKE_RAD for a, b in turns)
         )
 
 
-def find_alike(spec: SceneSpec, name: str) -> frozenset[str]:
-    """Other movable bodies of the same solids in the same colours."""
+def find_alike(spec: SceneSpec, name: str, within_m: float = ALIKE_M) -> frozenset[str]:
+    """Other movable bodies of the same solids, but for so much of each length [m], in the same colours."""
     own = spec.bodies[name]
     movable = {other: body for other, body in spec.bodies.items() if other != name and body.listed and not body.fixed}
     others = {} if own.fixed else {other: body for other, body in movable.items() if body.look == own.look}
     looks = _list_looks(spec, own)
-    return frozenset(other for other, body in others.items() if _are_like(looks, _list_looks(spec, body)))
+    return frozenset(other for other, body in others.items() if _are_like(looks, _list_looks(spec, body), within_m))
 
 
 def find_turned(spec: SceneSpec, name: str) -> str:
@@ -62,9 +62,9 @@ def find_turned(spec: SceneSpec, name: str) -> str:
     return next(there, f"{name} turned around")
 
 
-def _are_like(one: Sequence[_Look], other: Sequence[_Look]) -> bool:
+def _are_like(one: Sequence[_Look], other: Sequence[_Look], within_m: float = ALIKE_M) -> bool:
     """Whether each solid of one is there in the other, and no more."""
-    return len(one) == len(other) and all(any(each.is_like(found) for found in other) for each in one)
+    return len(one) == len(other) and all(any(each.is_like(found, within_m) for found in other) for each in one)
 
 
 def _list_looks(spec: SceneSpec, body: Body, *, turned: bool = False) -> list[_Look]:

@@ -32,6 +32,10 @@ PACK_STEP_M = 0.015  # between packed sites along a wall
 ROOM_SHARE = 3.0  # of the area of a payload with its gaps, from which on a container is packed
 HOLLOW_STEP_M = 0.004  # between points at which the side of a hollow is looked for
 WALL_BAND_M = 0.02  # a wall is this near to the side of an interior
+LEVEL_BAND_M = 0.005  # solids of one floor end at heights that differ by no more
+TIPPED_M = 0.005  # what stands with its middle this near to an edge may tip over it
+_ANGLES = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+WAYS = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES), np.zeros(16)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +47,7 @@ class Space:
         supports: Entities that carry what stands there.
         walled: Whether its sides bound what stands there.
         depth_m: Height of the lowest of its four walls above the support; 0 where a side is open.
+        floor: Solids of the support that end at its height; between them are gaps. Empty where these are not known.
     """
 
     center_m: Array
@@ -51,6 +56,7 @@ class Space:
     supports: frozenset[str]
     walled: bool
     depth_m: float = 0.0
+    floor: tuple[Box, ...] = ()
 
     @property
     def rotation(self) -> Array:
@@ -127,11 +133,12 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
     if entity is not None and request.relation == Meaning.ON:
         box = _choose_top(entity)
         space = _level_space(box, box.top_m, [entity], walled=False)
-        return replace(space, depth_m=_measure_hollow(space, entity))
+        return replace(space, depth_m=_measure_hollow(space, entity), floor=_list_level(entity, space.center_m[2]))
     if entity is not None and entity.interior is not None:
         box = _place_box(compute_matrix(entity.pose), entity.interior.center_m, entity.interior.half_m)
         space = _level_space(box, box.bottom_m, [entity, *_carriers(others, box)], walled=True)
-        return replace(space, depth_m=_measure_depth(space, box, [entity]))
+        floor = _list_level(entity, space.center_m[2])
+        return replace(space, depth_m=_measure_depth(space, box, [entity]), floor=floor)
     if region is not None:
         box = _place_box(compute_matrix(region.pose), (0.0, 0.0, 0.0), region.half_m)
         carriers = _carriers(others, box)
@@ -143,10 +150,38 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
 
 
 def _choose_top(entity: Entity) -> Box:
-    """The solid that carries what is put on an entity: the highest under its middle, so not the rim of a plate."""
+    """Around the solids that carry what is put on an entity: the highest under its middle, so not the rim of a plate.
+
+    Those that end at the same height carry with it, as slats do.
+    """
     boxes, middle_m = compute_shape_boxes(entity), compute_entity_box(entity).pose[:2, 3]
     under = [box for box in boxes if box.compute_distance(np.append(middle_m, box.pose[2, 3])) <= 0.0]
-    return max(under or boxes, key=lambda box: (round(box.top_m, 6), float(np.prod(box.half_m))))
+    best = max(under or boxes, key=lambda box: (round(box.top_m, 6), float(np.prod(box.half_m))))
+    level = _list_level(entity, best.top_m)
+    if len(level) == 1:
+        return best
+    R = best.pose[:3, :3]
+    at = np.array([R.T @ box.pose[:3, 3] for box in level])
+    reach = np.array([np.abs(R.T @ box.pose[:3, :3]) @ box.half_m for box in level])
+    low, high = (at - reach).min(axis=0), (at + reach).max(axis=0)
+    pose = best.pose.copy()
+    pose[:3, 3] = R @ (low + high) / 2.0
+    return Box(pose, (high - low) / 2.0)
+
+
+def _list_level(entity: Entity, height_m: float) -> tuple[Box, ...]:
+    """The solids of an entity that end at a height."""
+    return tuple(box for box in compute_shape_boxes(entity) if abs(box.top_m - height_m) <= LEVEL_BAND_M)
+
+
+def is_borne(placing: "Placing", site: FreePlacement) -> bool:
+    """Whether what stands at a site has a solid of the floor under its middle, or some on all sides of that."""
+    floor, reach_m = placing.space.floor, placing.footprint.inner_m
+    if not floor or any(all(_is_beside(box, site.point_m + off, 0.0) for off in TIPPED_M * WAYS[::4]) for box in floor):
+        return True
+    around = np.concatenate([share * reach_m * WAYS for share in (0.3, 0.55, 0.8)])
+    borne = [off for off in around if any(_is_beside(box, site.point_m + off, 0.0) for box in floor)]
+    return bool(borne) and bool(np.all((WAYS @ np.array(borne).T).max(axis=1) > TIPPED_M))
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,12 +249,14 @@ def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> li
                     break
         if sites:
             break
+    sites = [site for site in sites if is_borne(placing, site)]
     if not space.walled:
         return [Sites(iter(sites))]
     packed = Sites(
         site
         for degrees, R in attitudes.items()
         for site in pack(space, measure_rectangle(placing.held, R), degrees, placing.near, neighbours)
+        if is_borne(placing, site)
     )
     is_single = np.all(space.half_m < 2.0 * footprint.outer_m + 0.5 * TILE_GAP_M + GAP_M) and np.isinf(farthest_m)
     is_wide = float(np.prod(space.half_m)) > ROOM_SHARE * float(np.prod(footprint.half_m + GAP_M))

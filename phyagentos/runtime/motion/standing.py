@@ -17,7 +17,7 @@ from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.shapes import compute_bounds, compute_shape_boxes
-from phyagentos.runtime.motion.sites import FreePlacement, Placing, Sites, Space, measure_rectangle
+from phyagentos.runtime.motion.sites import FreePlacement, Placing, Sites, Space, is_borne, measure_rectangle
 from phyagentos.runtime.motion.solids import add_geoms
 
 GAPS_M = (0.006, 0.003)  # to everything beside it; the second where the first leaves no room
@@ -59,7 +59,9 @@ def find_standing_sites(placing: Placing, attitudes: Mapping[int, Array], job: J
             job.checkpoint()
             for rank, x, y in _spread(ranked, checker, start, space.rotation, job):
                 name = f"stand{round(1e3 * x):+04d}{round(1e3 * y):+04d}"
-                sites.append((rank, FreePlacement(name, space.center_m + space.rotation @ (x, y, 0.0), (degrees,))))
+                site = FreePlacement(name, space.center_m + space.rotation @ (x, y, 0.0), (degrees,))
+                if is_borne(placing, site):
+                    sites.append((rank, site))
         if sites:
             return Sites(iter([site for _, site in sorted(sites, key=lambda each: each[0])]))
     return Sites(iter(()))

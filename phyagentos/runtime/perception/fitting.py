@@ -8,16 +8,23 @@ see through adds cost.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 
 import cv2
 import numpy as np
 
-from phyagentos.geometry import turn
+from phyagentos.geometry import compute_rotation_vector, turn
 from phyagentos.protocol.world.mechanisms import compute_twist
 from phyagentos.runtime.perception.articulated import Path
 from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.inventory import ObjectModel
-from phyagentos.runtime.perception.pose_uncertainty import FREE, UPRIGHT_STDS, PoseUncertainty, compute_uncertainty
+from phyagentos.runtime.perception.pose_uncertainty import (
+    FREE,
+    OUTLINE_M,
+    UPRIGHT_STDS,
+    PoseUncertainty,
+    compute_uncertainty,
+)
 from phyagentos.runtime.perception.solid_distance import linearise
 from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
 from phyagentos.runtime.perception.views import Cloud, Views, Visibility, compute_visibility
@@ -35,6 +42,7 @@ FEW_M = 0.008  # that cost, where few pixels show it: from afar, or at the edge 
 DOWN_M = 0.0012  # of an object upside down, where that looks the same
 TURNED_M, TURNED_STDS = 0.0004, 2.0  # by which a turned pose must fit better before a tracked object has turned so
 ALIKE_M, ALIKE_STDS = 0.0001, 1.0  # two poses whose costs differ by less, or by less than their noise, fit equally well
+OPEN_M = 0.9 * OUTLINE_M  # a position that the points know less well is known by where the object ends alone
 CONTRADICTION_M = 0.012  # cost of a surface that is seen through altogether
 UPRIGHT = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0])
 DOWN = (1.0, -1.0, -1.0)
@@ -190,7 +198,8 @@ def fit(
                 other_tilt_rad = max(other_tilt_rad, abs(_tilt(thing, other.rotation) - own))
                 least = min(least, other, key=lambda each: _tilt(thing, each.rotation))
     best = replace(best if stays else least, other_tilt_rad=other_tilt_rad)  # few objects lie on their heads
-    return compare_lookalikes(thing, patch, views, best, obstacle, keep=prior is not None)
+    best = compare_lookalikes(thing, patch, views, best, obstacle, keep=prior is not None)
+    return _compare_beside(thing, patch, views, best, obstacle)
 
 
 def track(
@@ -209,7 +218,10 @@ def track(
         again = fit(thing, seen, views)
         found = again if again is not None and again.cost_m < found.cost_m - ALIKE_M else found
     is_good = found.cost_m < TRACKED_M and float(np.linalg.norm(found.position_m - prior[1])) < TRACK_REACH_M
-    return compare_lookalikes(thing, patch, views, found, obstacle, keep=True) if is_good else None
+    if not is_good:
+        return None
+    found = compare_lookalikes(thing, patch, views, found, obstacle, keep=True)
+    return _compare_beside(thing, patch, views, found, obstacle)
 
 
 def evaluate_prior_pose(
@@ -248,6 +260,28 @@ def compare_lookalikes(
     own = _tilt(thing, best.rotation)
     other_tilt_rad = max(abs(each - own) for each in tilts)
     return replace(best, other_tilt_rad=max(other_tilt_rad, found.other_tilt_rad))
+
+
+def _compare_beside(thing: ObjectModel, patch: Patch, views: Views, found: Fit, obstacle: Solids | None) -> Fit:
+    """The fit, or a better one beside it, with how far those that fit as well are: where the points leave that open.
+
+    What hides most of an object hides where it ends, too; what is visible of it slides within it then.
+    """
+    if found.uncertainty.total[0] < OPEN_M or thing.path is not None:
+        return found
+    fits = [found]
+    for along, step in product(np.linspace(0.0, 2 * np.pi, 8, endpoint=False), (0.25, 0.5)):
+        shift = step * thing.width_m * np.array([np.cos(along), np.sin(along), 0.0])
+        fits.append(_finish(thing, patch, views, found.rotation, found.position_m + shift, obstacle))
+    alike_m, best = _compute_alike(found.rms_m, found.count), min(fits, key=lambda each: each.cost_m)
+    if best.cost_m > found.cost_m - alike_m:
+        best = found
+    off = np.zeros(2)
+    for each in fits:
+        if each.cost_m < best.cost_m + alike_m:
+            turned = compute_rotation_vector(each.rotation @ best.rotation.T)
+            off = np.maximum(off, measure_lengths(np.array((each.position_m - best.position_m, turned))))
+    return replace(best, uncertainty=best.uncertainty.of_hidden(off), other_tilt_rad=found.other_tilt_rad)
 
 
 def _compute_alike(rms_m: float, count: int) -> float:

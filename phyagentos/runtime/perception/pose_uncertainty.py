@@ -38,8 +38,11 @@ class PoseUncertainty:
 
     def of_measured(self, size_std_m: float) -> "PoseUncertainty":
         """The same for an object whose own sides are known to this deviation [m]: its middle is off by half of it."""
-        parts = np.array([size_std_m / 2.0, 0.0])
-        return PoseUncertainty(np.hypot(self.total, parts), np.hypot(self.common, parts))
+        return self.of_hidden(np.array([size_std_m, 0.0]))
+
+    def of_hidden(self, other: Array) -> "PoseUncertainty":
+        """The same where another pose, so far away (2,), fits as well; no look at what hides the object tells which."""
+        return PoseUncertainty(np.hypot(self.total, other / 2.0), np.hypot(self.common, other / 2.0))
 
     def compute_gain(self, before: Array) -> Array:
         """(2,) weights of this look in the mean with those before, whose deviations are `before` (2,)."""

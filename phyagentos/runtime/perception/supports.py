@@ -8,7 +8,7 @@ Each camera gives a plane of its own: what these differ by shows their calibrati
 not contradict it; then its uncertainty contains what they differ from it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -27,11 +27,12 @@ from phyagentos.runtime.targets.wire import Frame
 SOURCE = "rgbd support"
 SURFACE, SURFACE_HALF_M = "surface", (2.0, 2.0, 1.0)  # of a world without a map; what is below it is not looked for
 SURFACE_SPAN_M, SURFACE_STEP_M = (-0.4, 0.4), 0.004  # heights at which it may be, from the robot's base
-EVERY = 3  # of so many rows and columns one is read
+EVERY = 3  # of so many rows and columns one is read; every one of a face that fewer than two cameras show well
 REACH_M, EDGE_M = 0.04, 0.012  # of a face: so far above and below it is looked for, and not so near to its edges
 EDGE_SHARE = 1 / 3  # of half its width: of a narrow face less is left out
+NARROW_M = 0.006  # half width of an edge: noise brings points of the sides of a wall over its top
 CLEAR_M, MARCHES, MARCH_M = 0.002, 16, 0.004  # of a line of sight: distance to the body, steps along it, and the least
-POINTS_MIN, ROUNDS = 60, 6
+POINTS_MIN, CAMERAS_MIN, ROUNDS = 60, 2, 6
 BIWEIGHT, SCALE_MIN_M = 4.7, 0.0005
 PRIOR_M, PRIOR_RAD = 0.02, 0.02  # how wrong a map may be before a face is looked for elsewhere
 CALIBRATION, CALIBRATION_SHARE = 0.0005, 0.3  # of one camera, in height [m] and slope, and what grows with its noise
@@ -59,14 +60,16 @@ def measure_supports(
 
     `labels` (h, w) are palette indices of the pixels of each frame; `before` is the belief.
     """
-    seen = [_take_points(*each) for each in zip(frames, views, labels, strict=True)]
+    pictures = list(zip(frames, views, labels, strict=True))
+    seen = [_take_points(*each) for each in pictures]
     found = {}
     for name, nominal in inventory.known.items():
-        own = (points[is_among(labels, inventory.map_parts[name].colors)] for points, labels in seen)
-        pairs = zip(own, views, strict=True)
-        planes = [plane for each, view in pairs if (plane := _fit_plane(nominal, each, view.position_m)) is not None]
+        colors = inventory.map_parts[name].colors
+        planes = _fit_planes(nominal, (points[is_among(labels, colors)] for points, labels in seen), views)
+        if len(planes) < CAMERAS_MIN:
+            planes = _fit_planes(nominal, (_take_points(*each, 1, colors)[0] for each in pictures), views)
         was = before.get(name, nominal)
-        found[name] = _place(nominal, was, _combine(planes), len(planes)) if planes else was
+        found[name] = _place(nominal, was, _combine(planes), len(planes)) if planes else _state_map(was)
     return found
 
 
@@ -90,11 +93,28 @@ def replace_surface(
     return replace(inventory, known=nominal, map_parts=part, map=join_map(nominal, part))
 
 
-def _take_points(frame: Frame, view: CameraView, labels: NDArray[np.uint8]) -> tuple[Array, NDArray[np.uint8]]:
-    """(n, 3) measured points in the world, and their labels."""
-    rows, columns = np.nonzero(np.isfinite(frame.depth_m[::EVERY, ::EVERY]))
-    rows, columns = rows * EVERY, columns * EVERY
+def _take_points(
+    frame: Frame, view: CameraView, labels: NDArray[np.uint8], every: int = EVERY, colors: Sequence[int] = ()
+) -> tuple[Array, NDArray[np.uint8]]:
+    """(n, 3) measured points in the world, and their labels; those of some colours alone, unless empty."""
+    is_read = np.isfinite(frame.depth_m[::every, ::every])
+    if colors:
+        is_read &= is_among(labels[::every, ::every], colors)
+    rows, columns = (each * every for each in np.nonzero(is_read))
     return measure_points(frame, view, rows, columns), labels[rows, columns]
+
+
+def _fit_planes(nominal: Entity, own: Iterable[Array], views: Sequence[CameraView]) -> list[Plane]:
+    """Of the cameras with enough `own` points (n, 3) each."""
+    pairs = zip(own, views, strict=True)
+    return [plane for each, view in pairs if (plane := _fit_plane(nominal, each, view.position_m)) is not None]
+
+
+def _state_map(was: Entity) -> Entity:
+    """The body as it is believed, at least as uncertain as the map is."""
+    place_m, turn_rad = np.maximum(MAP_STDS, (was.position_std_m, was.turn_std_rad)).tolist()
+    tilt_rad = max(turn_rad, was.tilt_std_rad)
+    return msgspec.structs.replace(was, position_std_m=place_m, turn_std_rad=turn_rad, tilt_std_rad=tilt_rad)
 
 
 def _fit_plane(nominal: Entity, points: Array, eye_m: Array) -> Plane | None:
@@ -145,11 +165,14 @@ def _find_over(pose: Array, shape: Shape, points: Array, own: Solids | None, eye
         return np.zeros((0, 4))
     local = (points - pose[:3, 3]) @ pose[:3, :3]
     if shape.kind is ShapeKind.CYLINDER:
-        half_m, inside = shape.size_m[1], np.hypot(local[:, 0], local[:, 1]) < _inset(shape.size_m[0])
+        half_m, wide = shape.size_m[1], np.array(shape.size_m[:1])
+        inside = np.hypot(local[:, 0], local[:, 1]) < _inset(wide)[0]
     else:
-        half_m = shape.size_m[upright]
         others = [axis for axis in range(3) if axis != upright]
-        inside = np.all(np.abs(local[:, others]) < _inset(np.array(shape.size_m)[others]), axis=1)
+        half_m, wide = shape.size_m[upright], np.array(shape.size_m)[others]
+        inside = np.all(np.abs(local[:, others]) < _inset(wide), axis=1)
+    if wide.min() < NARROW_M:
+        return np.zeros((0, 4))
     up = pose[:3, upright] * np.sign(pose[2, upright])
     height_m = local[:, upright] * np.sign(pose[2, upright]) - half_m
     over = np.flatnonzero(inside & (np.abs(height_m) < REACH_M))
@@ -158,9 +181,10 @@ def _find_over(pose: Array, shape: Shape, points: Array, own: Solids | None, eye
     return np.column_stack((points[over, :2], height_m[over], over))
 
 
-def _inset(half_m: Array | float) -> Array | float:
-    """Half the width of a face without its edges."""
-    return half_m - np.minimum(EDGE_M, EDGE_SHARE * np.asarray(half_m))
+def _inset(half_m: Array) -> Array:
+    """Half the widths (n,) of a face without its edges."""
+    inset: Array = half_m - np.minimum(EDGE_M, EDGE_SHARE * half_m)
+    return inset
 
 
 def _is_shown(own: Solids, feet_m: Array, up: Array, eye_m: Array) -> NDArray[np.bool_]:

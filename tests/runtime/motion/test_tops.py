@@ -2,8 +2,11 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+import pytest
+
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
-from phyagentos.runtime.motion.sites import find_space
+from phyagentos.runtime.motion.sites import FreePlacement, Placing, find_space, is_borne, measure_footprint
 
 
 @dataclass
@@ -25,10 +28,16 @@ def box(size_m, at_m):
     return Shape(ShapeKind.BOX, size_m, Pose(at_m))
 
 
-def find_height(*shapes):
+CUBE = Entity(name="cube", kind="cube", pose=Pose(), shapes=(box((0.02, 0.02, 0.02), (0.0, 0.0, 0.0)),))
+
+
+def find_top(*shapes):
     thing = Entity(name="thing", kind="plate", pose=Pose((0.5, 0.0, 0.0)), shapes=shapes)
-    cube = Entity(name="cube", kind="cube", pose=Pose(), shapes=(box((0.02, 0.02, 0.02), (0.0, 0.0, 0.0)),))
-    return find_space(Request(World((thing, cube))), cube).center_m[2]
+    return find_space(Request(World((thing, CUBE))), CUBE)
+
+
+def find_height(*shapes):
+    return find_top(*shapes).center_m[2]
 
 
 def test_the_rim_of_a_plate_carries_nothing():
@@ -44,3 +53,21 @@ def test_the_highest_of_those_under_the_middle_carries():
 
 def test_where_nothing_is_under_the_middle_the_highest_solid_carries():
     assert find_height(box((0.01, 0.05, 0.02), (-0.1, 0.0, 0.02)), box((0.01, 0.05, 0.03), (0.1, 0.0, 0.03))) == 0.06
+
+
+SLATS = [box((0.1, 0.01, 0.005), (0.0, y, 0.045)) for y in (-0.06, -0.02, 0.02, 0.06)]
+
+
+def test_slats_carry_together():
+    np.testing.assert_allclose(find_top(*SLATS).half_m, (0.1, 0.07))
+
+
+@pytest.mark.parametrize(
+    ("half_m", "y_m", "expected"),
+    [(0.012, 0.02, True), (0.012, 0.0, False), (0.02, 0.0, True), (0.012, 0.028, False), (0.012, 0.072, False)],
+)
+def test_what_stands_between_slats_or_beside_their_middle_is_borne_if_it_reaches_the_next_one(half_m, y_m, expected):
+    cube = Entity(name="cube", kind="cube", pose=Pose(), shapes=(box((half_m,) * 3, (0.0, 0.0, 0.0)),))
+    space, footprint = find_top(*SLATS), measure_footprint(cube, np.eye(3))
+    placing = Placing(None, space, cube, footprint, np.zeros(3))
+    assert is_borne(placing, FreePlacement("at", np.array([0.5, y_m, 0.05]))) == expected

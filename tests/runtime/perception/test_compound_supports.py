@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.worlds.table import render_table
+from phyagentos.runtime.perception.pose_uncertainty import MAP_STDS
 from tests.runtime.perception.conftest import FLOOR, Stage, open_library
 
 pytestmark = pytest.mark.sim
@@ -24,6 +25,12 @@ BODIES = {  # boxes of half sizes at places, from the middle of the foot [m]
     "rack": [*(((0.1, 0.07, 0.005), (0, 0, z)) for z in (0.03, 0.065, 0.1)), ((0.1, 0.005, 0.055), (0, 0.075, 0.055))],
     "slats": [((0.11, 0.012, 0.006), (0, 0.035 * n - 0.1225, 0.06)) for n in range(8)],
     "board": [((0.1, 0.08, 0.05), (0, 0, 0.05)), ((0.1, 0.08, 0.003), (0, 0, 0.103))],
+    "small": [((0.04, 0.035, 0.02), (0, 0, 0.02))],
+    "crate": [
+        *(((0.07, 0.009, 0.004), (0, 0.035 * n - 0.0525, 0.03)) for n in range(4)),
+        *(((0.003, 0.07, 0.03), (x, 0, 0.03)) for x in (-0.067, 0.067)),
+        *(((0.064, 0.003, 0.03), (0, y, 0.03)) for y in (-0.067, 0.067)),
+    ],
 }
 
 
@@ -69,3 +76,10 @@ def test_a_support_of_several_solids_that_is_lower_than_the_map_is_measured_ther
         off_m = support.pose.position_m[2] - stage.find("support")[2]
         assert support.source == "rgbd support", (seed, off_m)
         assert abs(off_m) < 2 * support.position_std_m < 0.01, (seed, off_m, support.position_std_m)
+
+
+def test_a_support_that_no_camera_sees_is_as_exact_as_its_map(library):
+    stage = Stage(library, "test/small")
+    stage.physics.model.geom_size[stage.physics.model.body("support").geomadr[0]] = 0.0001
+    support = stage.look().entities["support"]
+    assert (support.position_std_m, support.turn_std_rad) == tuple(MAP_STDS)

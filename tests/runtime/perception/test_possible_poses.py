@@ -8,7 +8,7 @@ from phyagentos.geometry import Pose, turn
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.perception.association import associate
-from phyagentos.runtime.perception.fitting import Fit, measure_sunk
+from phyagentos.runtime.perception.fitting import Fit, fit, measure_sunk
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.pose_uncertainty import PoseUncertainty
 from phyagentos.runtime.perception.separate_overlaps import SUNK_M, separate_overlaps
@@ -151,3 +151,11 @@ def test_depths_of_a_wall_seen_at_a_grazing_angle_are_dropped_and_a_thin_rod_is_
     assert kept[:, 10:16].mean() < 0.4
     assert kept[20:22, 30:32].all()
     assert kept[:, :9].all()
+
+
+def test_where_an_object_ends_is_open_where_only_a_patch_of_its_face_is_visible(waiter):
+    coaster = waiter.things["coaster"]
+    u, v = np.meshgrid(np.linspace(0.008, 0.028, 9), np.linspace(0.008, 0.028, 9))
+    patch = make_cloud(coaster, np.column_stack((0.45 + u.ravel(), v.ravel(), np.full(u.size, 0.04))))
+    found = fit(coaster, patch, (look_from((0.45, 0.0, 1.4)),))
+    assert np.linalg.norm(found.position_m[:2] - (0.45, 0.0)) < 2 * found.uncertainty.total[0]
