@@ -48,6 +48,6 @@ def _fits(thing: Thing, slot: str) -> bool:
             return bool(thing.opens) and (thing.opens != "slide" or thing.has_interior)
         case "region":
             return thing.kind == "region"
-        case "moved":
+        case Slot.MOVED:
             return thing.movable and not thing.has_interior and thing.kind != "ball"
     return Slot(slot).takes(thing)
