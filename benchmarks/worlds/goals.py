@@ -136,7 +136,8 @@ def _set_aside(draft: Draft) -> None:
 
 
 def _claim(draft: Draft) -> None:
-    things = [t for t in draft.room.movable if t.name not in draft.used]
+    under = {each.on for each in draft.room.movable}
+    things = [t for t in draft.room.movable if t.name not in draft.used | under]
     if not things:
         return
     thing = things[int(draft.rng.integers(len(things)))]
