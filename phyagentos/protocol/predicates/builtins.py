@@ -34,6 +34,7 @@ from phyagentos.protocol.world.entity_geometry import (
     compute_least_turn,
     compute_lowest,
     compute_reach,
+    find_bridged_top,
     find_tops_below,
 )
 from phyagentos.protocol.world.environment import CLOSED_M, CLOSES_AT, FRESH_S, OPENS_AT, Entity, Status, TargetState
@@ -187,8 +188,18 @@ def _find_sure_top(view: View, a: Entity, b: str, doubt_m: float, near_m: float)
         possible = _find_top(view, a, b, FOOTPRINT_SLACK_M + doubt_m)
         found = [abs(top.measure_gap(a)) for top in (sure, possible) if top is not None]
         if len(found) == 1 and found[0] <= near_m:
+            if bridged := _find_bridged(view, a, b, doubt_m):
+                return bridged
             raise FactMarginal(f"whether {a.name} is above {b} is within the uncertainty of the measurement")
-    return _find_top(view, a, b, FOOTPRINT_SLACK_M)
+    top = _find_top(view, a, b, FOOTPRINT_SLACK_M)
+    is_off = top is None or abs(top.measure_gap(a)) > CONTACT_M + doubt_m
+    return (_find_bridged(view, a, b, doubt_m) or top) if is_off else top
+
+
+def _find_bridged(view: View, a: Entity, b: str, doubt_m: float) -> Top | None:
+    """Solids of b that carry a, whose middle is over a gap between them."""
+    of = view.now.entities.get(b)
+    return None if of is None else find_bridged_top(of, a, to_parent(a.pose, compute_centroid(a)), doubt_m)
 
 
 def _find_between(view: View, a: Entity, b: str, top_m: float, most_m: float) -> Entity | None:
