@@ -98,7 +98,7 @@ def _stack(draft: Draft) -> None:
     tops = [
         t.name
         for t in draft.room.things.values()
-        if t.form.top_m > 0.012 and t.name not in draft.used | under and not t.form.interior
+        if t.form.top_m > 0.012 and t.name not in draft.used | under and not t.form.interior and not any(t.euler_rad)
     ]
     if not tops:
         draft.used.discard(thing.name)
