@@ -3,12 +3,19 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.graph import GoalGraph
+from phyagentos.agent.goals.places import iter_too_large
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, read_skill
 from phyagentos.protocol.capabilities.trees import Tree, read_tree
 from phyagentos.protocol.documents.schema import Address, Located
-from phyagentos.protocol.predicates.predicate import parse_predicate
+from phyagentos.protocol.documents.yaml_scalars import format_scalar
+from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
+from phyagentos.runtime.execution.leaf_registry import read_registry
+from phyagentos.runtime.execution.ports import Port, find_misfit
+from phyagentos.runtime.execution.tree_check import find_ranges
 
 TARGET_WORD = "target"  # `${target}` is the session's own target
 
@@ -20,6 +27,28 @@ def check_skill(path: Path, library: Library) -> list[Problem]:
     except DefinitionError as error:
         return list(error.problems)
     return [*_check_predicates(skill, located), *_check_tree(skill, located, library)]
+
+
+def check_arguments(graph: GoalGraph, located: Located, catalogue: Catalogue, library: Library) -> Iterator[Problem]:
+    """Numbers out of the range of the ports that read them, through trees and subtrees; objects larger than a place."""
+    registry, scene = read_registry(library), catalogue.find_scene(graph.spec.scene)
+    if scene is None:  # which is reported elsewhere
+        return
+    for index, text in enumerate(graph.spec.accept):
+        yield from iter_too_large(located, ("accept", index), text, scene)
+    for name, choice in graph.choices.items():
+        skill, path = catalogue.skills[choice.skill], graph.nodes[name].path
+        tree = read_tree(library.get_tree(skill.tree)) if skill.kind == "builtin" else None
+        ranges = find_ranges(tree, library, registry) if tree is not None else {}
+        for key, value in choice.parameters.items():
+            yield from _iter_misfits(located, (*path, "with", key), value, ranges.get(key))
+        for text in skill.guarantees:
+            yield from iter_too_large(located, (*path, "with"), substitute(text, choice.parameters), scene)
+
+
+def _iter_misfits(located: Located, path: Address, value: object, port: Port | None) -> Iterator[Problem]:
+    if port is not None and (expected := find_misfit(value, port)):
+        yield located.problem("INVALID_VALUE", path, format_scalar(value), expected, port.description)
 
 
 def _check_predicates(skill: SkillRuntime, located: Located) -> Iterator[Problem]:
@@ -35,7 +64,8 @@ def _check_predicates(skill: SkillRuntime, located: Located) -> Iterator[Problem
             for name in predicate.variables:
                 if name not in known:
                     found = f"'${{{name}}}' in {text!r}"
-                    yield located.unknown("parameter", address, name, known, found)
+                    fix = f"Declare {name!r} among the parameters, or write one of these."
+                    yield Problem.unknown("parameter", located.address_of(address), name, known, found, fix=fix)
 
 
 def _check_tree(skill: SkillRuntime, located: Located, library: Library) -> Iterator[Problem]:
@@ -60,6 +90,9 @@ def _check_tree(skill: SkillRuntime, located: Located, library: Library) -> Iter
         yield from error.problems
         return
     yield from _check_ports(skill, located, tree)
+    ranges = find_ranges(tree, library, read_registry(library))
+    for key, parameter in skill.parameters.items():
+        yield from _iter_misfits(located, ("parameters", key, "default"), parameter.default, ranges.get(key))
 
 
 def _check_ports(skill: SkillRuntime, located: Located, tree: Tree) -> Iterator[Problem]:

@@ -45,9 +45,8 @@ def _render(found: WorkspaceStatus) -> Iterator[str]:
     yield f"{found.workspace}: {', '.join([*parts, *(f'{n} {each}' for each, n in found.sessions.items())])}"
     if found.latch is not None:
         yield f"  emergency stop by {found.latch.by or '?'}: {found.latch.reason or 'no reason given'}"
-    for goal in found.open_goals if not found.is_running else ():
-        again = f"paos run {goal.graph} --seed {goal.seed} -w {found.workspace}"
-        yield f"  {goal.id} has no verdict yet; continue it: {again}"
+    for goal, again in found.open_goals.items() if not found.is_running else ():
+        yield f"  {goal} has no verdict yet; continue it: {again}"
     for beat in found.workers:
         doing = f"{beat.session} {beat.leaf}, {beat.sim_time_s:.1f} s simulated" if beat.session else ""
         yield f"  {beat.target}: {beat.phase} {doing}".rstrip()

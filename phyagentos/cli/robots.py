@@ -16,7 +16,8 @@ from phyagentos.operations.robots import DraftedProfile, KnownRobot, ProfileChec
 from phyagentos.protocol.documents.markdown import render_table
 from phyagentos.wording import count
 
-FAR_M = 1.0  # how far a robot reaches that needs no smaller scenes
+FAR_M, LEAST = 1.0, 0.5  # how far a robot reaches that needs no smaller scenes; how small they become
+NEARER = 0.4  # of what it then lacks
 Name = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a target, as `paos robot list` prints it.")]
 
 
@@ -60,7 +61,8 @@ def try_(
     notes = [f"wrote {to}"]
     if found.band_m is not None:
         near_m, far_m = found.band_m
-        placing = f" and placement: {{scale: {max(far_m / FAR_M, 0.5):.2f}}}" if far_m < FAR_M else ""
+        nearer = f", move_m: [{NEARER * (far_m - LEAST):.3f}, 0, 0]" if far_m < LEAST * FAR_M else ""
+        placing = f" and placement: {{scale: {max(far_m / FAR_M, LEAST):.2f}{nearer}}}" if far_m < FAR_M else ""
         notes.append(f"write into its profile: grasp_band_m: [{near_m:.2f}, {far_m:.2f}]{placing}")
         notes.append(f"next: paos run tidy_table --set targets.arm={robot}")
     code = ExitCode.GOAL_MET if all(each.well for each in found.findings) else ExitCode.GOAL_NOT_MET

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from phyagentos.assembly.project import FOLDERS, get_settings, open_library
-from phyagentos.assembly.skill_checks import check_skill
+from phyagentos.assembly.skill_checks import check_arguments, check_skill
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
@@ -123,9 +123,7 @@ def _iter_rig_warnings(path: Path, graph: "GoalGraph", catalogue: "Catalogue", l
 
     sensors, perception = (get_settings(name, library, None) for name in ("sensors.yaml", "perception.yaml"))
     scene = catalogue.find_scene(graph.spec.scene)
-    if sensors is None or perception is None or scene is None:
-        return
-    if read_perception(perception).sensing is Sensing.PERCEIVED:
+    if sensors and perception and scene and read_perception(perception).sensing is Sensing.PERCEIVED:
         yield from iter_rig_warnings(graph, read_yaml(path), Rig(scene, read_sensors(sensors)))
 
 
@@ -209,9 +207,11 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
         case FileKind.SETTINGS:
             check_settings(path)
         case FileKind.GOAL_GRAPH:
-            from phyagentos.agent.goals.graph import check_goal_graph
+            from phyagentos.agent.goals.graph import check_goal_graph, read_goal_graph
 
-            return check_goal_graph(path, Catalogue.read(library))
+            if unsound := check_goal_graph(path, catalogue := Catalogue.read(library)):
+                return unsound
+            return [*check_arguments(read_goal_graph(path, catalogue), read_yaml(path), catalogue, library)]
         case FileKind.WANTED:
             from phyagentos.agent.planning.domain import read_wanted
 

@@ -6,9 +6,9 @@ An estimate at best: nothing hides anything, and each body stands where its near
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.errors import Problem, format_names
@@ -17,30 +17,13 @@ from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.builtins import DOUBT_STDS
 from phyagentos.protocol.predicates.library import get_predicate_library
 from phyagentos.protocol.predicates.predicate import find_entities, find_formula
-from phyagentos.protocol.settings.sensors import WORLD, NoiseLevel, Sensors
+from phyagentos.protocol.settings.sensors import WORLD, CameraSettings, Sensors
 from phyagentos.protocol.world.alike import ALIKE_M, find_alike
-from phyagentos.protocol.world.scenes import Body, SceneSpec
+from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.perception.pose_uncertainty import BIAS_M, BIAS_PER_M, RESIDUAL_M
 from phyagentos.wording import compare_lengths, format_length
 
 LENGTHS = frozenset({"tol_m", "distance_m"})  # names of arguments of predicates that say how near is near
-
-
-@dataclass(frozen=True, slots=True)
-class _StandingCamera:
-    name: str
-    position_m: np.ndarray
-    target_m: np.ndarray
-    half_rad: float  # from the axis to a corner of the picture
-    range_m: tuple[float, float]
-
-    def measure(self, point_m: np.ndarray, radius_m: float) -> float:
-        """Distance [m] to a body that it sees; infinite to one out of its picture."""
-        ahead, to = self.target_m - self.position_m, point_m - self.position_m
-        away_m = float(np.linalg.norm(to))
-        aside_rad = math.acos(min(1.0, float(ahead @ to) / (float(np.linalg.norm(ahead)) * max(away_m, 1e-9))))
-        is_in = aside_rad - math.atan2(radius_m, away_m) < self.half_rad
-        return away_m if is_in and self.range_m[0] < away_m + radius_m < self.range_m[1] + radius_m else math.inf
 
 
 class Rig:
@@ -48,36 +31,47 @@ class Rig:
 
     def __init__(self, scene: SceneSpec, sensors: Sensors) -> None:
         self.scene, self._noise = scene, sensors.get_noise()
-        self.cameras = [*_iter_standing(scene, sensors)]
-        self._away_m: dict[str, float] = {}
+        standing = {
+            name: each.camera for name, each in sensors.cameras.items() if each.camera and each.camera.mount == WORLD
+        }
+        self.cameras = {
+            name: each for name, each in standing.items() if not each.scene_camera or each.scene_camera in scene.cameras
+        }
 
     def measure(self, name: str) -> float:
         """Distance of a body to the nearest camera that may see it [m]; infinite where none does."""
-        if name not in self._away_m:
-            places, radius_m = self._list_places(name), _measure_radius(self.scene.bodies[name])
-            seen = (each.measure(place, radius_m) for each in self.cameras for place in places)
-            self._away_m[name] = min(seen, default=math.inf)
-        return self._away_m[name]
+        solids = self.scene.bodies[name].shapes
+        radius_m = max(math.hypot(*each.position_m) + math.hypot(*each.size_m) for each in solids)
+        ways = itertools.product(self.cameras.values(), self._list_places(name))
+        return min((self._look(camera, place, radius_m) for camera, place in ways), default=math.inf)
 
     def estimate_std(self, name: str) -> float:
         """Standard deviation of its measured place at best [m]; 0 of what the scene file places, or none sees."""
-        body = self.scene.bodies[name]
-        if math.isinf(away_m := self.measure(name)) or (body.fixed and not any(body.place.jitter_m)):
+        body, away_m, noise = self.scene.bodies[name], self.measure(name), self._noise
+        if math.isinf(away_m) or (body.fixed and not any(body.place.jitter_m)):
             return 0.0
-        return BIAS_M + BIAS_PER_M * max(_estimate_depth(self._noise, away_m), RESIDUAL_M) ** 2
+        depth_m = noise.depth_constant_m + noise.depth_quadratic_per_m * (away_m - noise.depth_offset_m) ** 2
+        return BIAS_M + BIAS_PER_M * max(depth_m, RESIDUAL_M) ** 2
 
-    def _list_places(self, name: str) -> list[np.ndarray]:
-        """Corners of where it may stand, and the middle."""
+    def _look(self, camera: CameraSettings, point_m: NDArray[np.float64], radius_m: float) -> float:
+        """Distance [m] to a body that a camera sees; infinite to one out of its picture."""
+        seen = self.scene.cameras[camera.scene_camera] if camera.scene_camera else camera
+        at, ahead = np.array(seen.position_m), np.subtract(seen.target_m or point_m, seen.position_m or point_m)
+        away_m = float(np.linalg.norm(to := point_m - at))
+        aside_rad = math.acos(np.clip(ahead @ to / (np.linalg.norm(ahead) * max(away_m, 1e-9)), -1.0, 1.0))
+        tall = camera.height / 2 / camera.fy if camera.fy else math.tan(math.radians(seen.fovy_deg or 0.0) / 2)
+        corner_rad = math.atan(tall * math.hypot(1.0, camera.width / camera.height))
+        is_in = aside_rad - math.atan2(radius_m, away_m) < corner_rad
+        return away_m if is_in and camera.range_m[0] < away_m < camera.range_m[1] + radius_m else math.inf
+
+    def _list_places(self, name: str) -> list[NDArray[np.float64]]:
+        """The middle of where a body may stand, and the corners."""
         body = self.scene.bodies[name]
-        place, area = body.place, self.scene.areas.get(body.place.area or "")
-        before = body.part_of or place.frame
-        own = np.array(place.position_m)
-        reach, middle = np.array(place.jitter_m), own
+        area, before = self.scene.areas.get(body.place.area or ""), body.part_of or body.place.frame
+        middle, reach = np.array(body.place.position_m), np.array(body.place.jitter_m)
         if area is not None:
-            spans = np.array([area.x_m, area.y_m])
-            middle = np.array([*spans.mean(axis=1), own[2]])
-            reach = np.array([*np.ptp(spans, axis=1) / 2, reach[2]])
-        around = [middle + reach * signs for signs in itertools.product((-1, 0, 1), repeat=3)]
+            middle[:2], reach[:2] = np.mean([area.x_m, area.y_m], axis=1), np.ptp([area.x_m, area.y_m], axis=1) / 2
+        around = [middle, *(middle + reach * signs for signs in itertools.product((-1, 1), repeat=3))]
         return [at + each for at in self._list_places(before) for each in around] if before else around
 
 
@@ -87,63 +81,34 @@ def iter_rig_warnings(graph: GoalGraph, located: Located, rig: Rig) -> Iterator[
     for node in graph.nodes.values():
         texts |= {(*node.path, "accept", index): text for index, text in enumerate(node.spec.accept)}
     named = {name: path for path, text in reversed(texts.items()) for name in find_entities(text)}
-    for name, path in reversed(named.items()) if rig.cameras else ():
-        if name in rig.scene.bodies:
-            yield from _iter_of_body(name, located, path, rig)
-    for path, text in texts.items():
-        formula = find_formula(text)
-        for call in syntax.iter_calls(formula) if formula is not None else ():
-            yield from _iter_of_call(call, located, path, rig)
+    for name in reversed([each for each in named if each in rig.scene.bodies and rig.cameras]):
+        yield from _iter_of_body(name, located, named[name], rig)
+    formulas = ((path, find_formula(text)) for path, text in texts.items())
+    calls = ((path, call) for path, formula in formulas if formula is not None for call in syntax.iter_calls(formula))
+    for path, call in calls:
+        yield from _iter_of_call(call, located, path, rig)
 
 
 def _iter_of_body(name: str, located: Located, path: Address, rig: Rig) -> Iterator[Problem]:
     if math.isinf(rig.measure(name)):
         hint = "Move it, or place a camera in sensors.yaml; a camera on a hand looks only where that reaches."
-        seeing = f"a place in view of one of {format_names([each.name for each in rig.cameras])}"
+        seeing = f"a place in view of one of {format_names(rig.cameras)}"
         yield located.problem("NOT_OBSERVED", path, f"{name!r}, which no standing camera sees", seeing, hint)
     apart_m = max(DOUBT_STDS * math.sqrt(2.0) * rig.estimate_std(name), ALIKE_M)
     if others := find_alike(rig.scene, name, apart_m) - find_alike(rig.scene, name):
-        found = f"{name!r}, which has the colours of {format_names(others)} and sides that differ by less than"
+        sides = f"sides that differ by less than {format_length(apart_m)}, which is what these cameras resolve"
+        found = f"{name!r}, which has the colours of {format_names(others)} and {sides}"
         hint = "Give one of them another colour, or a size that differs by more."
-        found = f"{found} {format_length(apart_m)}, which is what these cameras resolve"
         yield located.problem("ALIKE", path, found, "an object that differs from the others", hint)
 
 
 def _iter_of_call(call: syntax.Call, located: Located, path: Address, rig: Rig) -> Iterator[Problem]:
+    names = [each.text for each in call.terms if isinstance(each, syntax.Name) and each.text in rig.scene.bodies]
+    doubt_m = DOUBT_STDS * math.hypot(*map(rig.estimate_std, names))
     definition = get_predicate_library().find(call.name)
-    stds = {
-        t.text: rig.estimate_std(t.text)
-        for t in call.terms
-        if isinstance(t, syntax.Name) and t.text in rig.scene.bodies
-    }
-    doubt_m = DOUBT_STDS * math.hypot(*stds.values())
     for argument, term in zip(definition.arguments if definition else (), call.terms, strict=False):
         if argument.name in LENGTHS and isinstance(term, syntax.Number) and term.value <= doubt_m:
             asked, least = compare_lengths(term.value, doubt_m)
+            expected = f"more than ±{least}, as well as these cameras place {' and '.join(names)} at best"
             hint = f"Write more than {doubt_m:.2g}, or place a camera nearer in sensors.yaml."
-            found = f"{asked} in {syntax.render(call)!r}"
-            expected = f"more than ±{least}, as well as these cameras place {' and '.join(stds)} at best"
-            yield located.problem("UNDECIDABLE", path, found, expected, hint)
-
-
-def _iter_standing(scene: SceneSpec, sensors: Sensors) -> Iterator[_StandingCamera]:
-    for name, sensor in sensors.cameras.items():
-        settings = sensor.camera
-        if settings is None or settings.mount != WORLD:
-            continue
-        shown = scene.cameras.get(settings.scene_camera) if settings.scene_camera else settings
-        if shown is None or shown.position_m is None or shown.target_m is None:
-            continue
-        fovy_deg = settings.fovy_deg or getattr(shown, "fovy_deg", None)
-        tall = math.tan(math.radians(fovy_deg) / 2) if fovy_deg else settings.height / (2 * (settings.fy or 1.0))
-        half_rad = math.atan(math.hypot(tall, tall * settings.width / settings.height))
-        yield _StandingCamera(name, np.array(shown.position_m), np.array(shown.target_m), half_rad, settings.range_m)
-
-
-def _measure_radius(body: Body) -> float:
-    return max(math.hypot(*solid.position_m) + math.hypot(*solid.size_m) for solid in body.shapes)
-
-
-def _estimate_depth(noise: NoiseLevel, away_m: float) -> float:
-    """Standard deviation of depth at a distance [m]."""
-    return noise.depth_constant_m + noise.depth_quadratic_per_m * (away_m - noise.depth_offset_m) ** 2
+            yield located.problem("UNDECIDABLE", path, f"{asked} in {syntax.render(call)!r}", expected, hint)

@@ -27,7 +27,7 @@ from phyagentos.assembly.paths import choose_folder, serve_alone
 from phyagentos.assembly.planes import Plane, start_watch
 from phyagentos.assembly.planted_faults import find_unstruck, iter_misses
 from phyagentos.assembly.project import admit_python, get_file, get_settings, open_library, parse_overrides
-from phyagentos.assembly.skill_checks import check_skill
+from phyagentos.assembly.skill_checks import check_arguments, check_skill
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem, has_room
 from phyagentos.operations.lint import FileKind, find_other_kind
@@ -35,6 +35,7 @@ from phyagentos.operations.progress import RunFold
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.targets import SHARING, TargetProfile, find_driver_name, is_beside
 from phyagentos.protocol.capabilities.trees import read_tree
+from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
@@ -217,7 +218,7 @@ def check_request(
 ) -> GoalGraph:
     """The graph, once it, the scene, skills and models that it names, and the faults are in order.
 
-    A simulator is loaded for robots of a project alone: those that ship are known to be sound.
+    A simulator is loaded for robots and scenes of a project alone: those that ship are known to be sound.
 
     Ports of trees against leaves, and how the scene begins, are left to preflight. Raises DefinitionError with every
     problem.
@@ -239,8 +240,10 @@ def check_request(
     try:
         for name in sorted({choice.target for choice in compiled.choices.values()}):
             require_models(profile := catalogue.targets[name], (file := library.get_target(name)).parent)
-            if find_driver_name(profile) == SHARING and file.parents[1] != find_shipped_root() / "robots":
+            named = file, library.get_scene(compiled.spec.scene)
+            if find_driver_name(profile) == SHARING and not all(map(_is_shipped, named)):
                 problems += _check_own(profile, file, compiled, catalogue, library, seed)
+        problems += check_arguments(compiled, read_yaml(graph), catalogue, library)
         bodies = read_scene(library.get_scene(compiled.spec.scene)).bodies
         if faults is not None and not problems:
             targets = {catalogue.targets[choice.target] for choice in compiled.choices.values()}
@@ -256,10 +259,14 @@ def check_request(
     return compiled
 
 
+def _is_shipped(file: Path) -> bool:
+    return any(file.is_relative_to(find_shipped_root() / folder) for folder in ("robots", "scenes"))
+
+
 def _check_own(
     profile: TargetProfile, file: Path, graph: GoalGraph, catalogue: Catalogue, library: Library, seed: int
 ) -> list[Problem]:
-    """What `paos robot check` finds, and whether objects that are all to be grasped are all out of reach.
+    """What `paos robot check` finds of a project's robot, and whether all objects, all to be grasped, are out of reach.
 
     Nothing where the model is brought together with those that ship.
     """
@@ -270,7 +277,7 @@ def _check_own(
 
     if is_beside(profile.model) and not (file.parent / profile.model).is_file():
         return []
-    if problems := check_profile(file):
+    if not _is_shipped(file) and (problems := check_profile(file)):
         return problems
     trees, registry = {catalogue.skills[each.skill].tree for each in graph.choices.values()}, read_registry(library)
     if not all(tree and needs_grasp(read_tree(library.get_tree(tree)).root, library, registry) for tree in trees):

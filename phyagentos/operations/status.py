@@ -13,16 +13,11 @@ from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
 from phyagentos.protocol.workspace.workspace import Workspace
 
 
-class OpenGoal(msgspec.Struct, frozen=True, kw_only=True):
-    """A goal without a verdict, and what `paos run` needs to continue it."""
-
-    id: str
-    graph: str
-    seed: int
-
-
 class WorkspaceStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """What `paos status --json` prints: verdicts by goal, numbers of sessions by state, what the live workers do."""
+    """What `paos status --json` prints: verdicts by goal, numbers of sessions by state, what the live workers do.
+
+    `open_goals` are commands that continue goals without a verdict, by goal.
+    """
 
     workspace: str
     is_running: bool
@@ -30,7 +25,7 @@ class WorkspaceStatus(msgspec.Struct, frozen=True, kw_only=True):
     goals: dict[str, str]
     sessions: dict[str, int]
     workers: tuple[Heartbeat, ...]
-    open_goals: tuple[OpenGoal, ...] = ()
+    open_goals: dict[str, str] = {}
 
 
 def read_status(root: Path) -> WorkspaceStatus:
@@ -44,9 +39,7 @@ def read_status(root: Path) -> WorkspaceStatus:
         latch=read_latch(place.signals.parent),
         goals={goal.id: goal.verdict or ("cancelled" if goal.is_cancelled else "open") for goal in goals},
         sessions=dict(Counter(str(each.state) for each in ledger.sessions.values())),
-        open_goals=tuple(
-            OpenGoal(id=goal.id, graph=str(find_graph(place, goal)), seed=goal.seed) for goal in still_open
-        ),
+        open_goals={goal.id: f"paos run {find_graph(place, goal)} --seed {goal.seed} -w {root}" for goal in still_open},
         workers=tuple(read_heartbeats(place.heartbeats).values()) if is_running else (),
     )
 

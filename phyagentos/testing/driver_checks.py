@@ -355,6 +355,8 @@ def offers_what_it_describes(subject: DriverSubject) -> None:
     live = client.ask(wire.Describe())
     _refuse(client.ask(wire.InvokeTool("no such tool")), "REQUEST_INVALID")
     _refuse(client.ask(wire.Capture(cameras=("no such camera",))), "REQUEST_INVALID")
+    frames = client.ask(wire.Capture()).frames if live.depth_cameras else ()
+    assert all((each.number >= 0) == live.counts_frames for each in frames), "frames count unlike its description"
     if live.ground_truth:
         _require(client.ask(wire.Observe(truth=True)), wire.Observation, "Observe")
     else:

@@ -15,7 +15,7 @@ from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadRequest, 
 from phyagentos.protocol.sessions.session import Ended, Execution
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
-from phyagentos.protocol.world.environment import FRESH_S
+from phyagentos.protocol.world.environment import FRESH_S, SensorHealth
 from phyagentos.protocol.world.truth import Truth
 
 from .conftest import make_world, put
@@ -48,6 +48,13 @@ def test_acceptance_needs_facts_that_were_observed_at_the_end():
     (criterion,) = PredicateJudge().judge(make_bundle(late))
     assert criterion.truth is Truth.UNKNOWN
     assert "red_cube was last seen 1.5 s before; up to 1 s is allowed" in criterion.because
+
+
+@pytest.mark.parametrize(("status", "truth"), [("unproven", Truth.UNKNOWN), ("live", Truth.TRUE)])
+def test_no_verdict_rests_on_cameras_without_a_count_of_which_no_picture_has_changed(status, truth):
+    sensors = {"left": SensorHealth(status="unproven"), "right": SensorHealth(status=status)}
+    (criterion,) = PredicateJudge().judge(make_bundle(msgspec.structs.replace(DONE, sensors=sensors)))
+    assert (criterion.truth, "move something in its view" in criterion.because) == (truth, truth is Truth.UNKNOWN)
 
 
 def test_a_snapshot_older_than_the_one_before_the_session_proves_nothing():

@@ -242,28 +242,53 @@ def test_one_of_two_alike_things_is_warned_of_with_both_names(paos, write):
 
 def test_what_the_cameras_of_a_rig_cannot_tell_is_warned_of_with_numbers(paos, write):
     """A block of the colours of another, 2.3 mm larger; one out of every picture; distances below what is resolved."""
-    desk = (ROOT / "scenes" / "tabletop" / "cubes_and_trays.yaml").read_text()
+    desk = (
+        (ROOT / "scenes" / "tabletop" / "cubes_and_trays.yaml").read_text().replace("tabletop/cubes_and_trays", "rig")
+    )
     red = desk[desk.index("  red_cube:") : desk.index("  green_cube:")].replace(" &cube", "")
-    size = re.search(r"size_m: \[(\S+),", red)[1]
-    tin = red.replace("red_cube", "tin").replace(f"[{size},", f"[{float(size) + 0.0023},", 1)
+    tin = red.replace("red_cube", "tin").replace("[0.02,", "[0.0223,", 1)
     far = re.sub(r"place: {[^}]*}", "place: {position_m: [-0.4, 1.9, 0.5]}", red.replace("red_cube", "far"))
-    scene = desk.replace("scene: tabletop/cubes_and_trays", "scene: rig").replace(
-        "  green_cube:", f"{tin}{far}  green_cube:"
-    )
-    write("scenes/rig.yaml", scene)
+    write("scenes/rig.yaml", desk.replace("  green_cube:", f"{tin}{far}  green_cube:"))
     graph = (ROOT / "goal_graphs" / "tidy_table.yaml").read_text().replace("tabletop/cubes_and_trays", "rig")
-    more = '\naccept: ["near(tin, far, 0.1)", "at(green_cube, red_tray, 0.001)", "at(blue_cube, red_tray, 0.01)"]\n'
-    path = write(
-        "goal_graphs/rig.yaml", graph[: graph.index("\naccept:")].replace("goal: tidy_table", "goal: rig") + more
-    )
+    more = '"near(tin, far, 0.1)", "at(green_cube, red_tray, 0.001)", "at(blue_cube, red_tray, 0.01)"'
+    path = write("goal_graphs/tidy_table.yaml", f"{graph[: graph.index('accept:' + chr(10))]}accept: [{more}]")
     result = paos("lint", path)
     assert (result.code, "1 file checked, no problem") == (ExitCode.GOAL_MET, result.out.strip())
-    for said in (
+    told = (
         "NOT_OBSERVED: found 'far', which no standing camera sees; expected a place in view of one of left",
         "ALIKE: found 'tin', which has the colours of far, red_cube and sides that differ by less than 2 mm",
         "UNDECIDABLE: found 1 mm in 'at(green_cube, red_tray, 0.001)'; expected more than ±3 mm",
-    ):
-        assert said in result.err
-    assert "0.01)" not in result.err
+    )
+    assert [each for each in told if each not in result.err] == []
     write("protocol/perception.yaml", "version: 1\nsensing: truth\npipelines: {}\n")
-    assert "NOT_OBSERVED" not in paos("lint", path).err
+    assert (paos("lint", path).err.count("NOT_OBSERVED"), result.err.count("0.01)")) == (0, 0)
+
+
+HURRY = """---
+skill: hurry
+description: Move home.
+tree: hurry
+parameters:
+  speed: {type: number, default: 50}
+needs: {observations: [joint_state], actions: [joint_position]}
+---
+# Hurry
+"""
+
+
+def test_a_number_out_of_the_range_of_its_port_and_an_object_larger_than_its_tray_are_refused_before_a_run(paos, write):
+    shipped = (ROOT / "scenes" / "tabletop" / "cubes_and_trays.yaml").read_text()
+    big = shipped.replace("tabletop/cubes_and_trays", "big").replace("[0.02, 0.02, 0.02]", "[0.2, 0.09, 0.19]")
+    write("scenes/big.yaml", big)
+    write("trees/hurry.yaml", 'tree: hurry\ndescription: Move home.\nroot:\n  move_home: {speed: "${speed}"}\n')
+    skill = write("skills/hurry/SKILL.md", HURRY)
+    session = '  hurry: {skill: hurry, target: arm, with: {speed: 150}, accept: ["visible(red_cube)"]}\n'
+    graph = (ROOT / "goal_graphs" / "tidy_table.yaml").read_text().replace("tabletop/cubes_and_trays", "big")
+    path = write("goal_graphs/tidy_table.yaml", graph.replace("sessions:\n", f"sessions:\n{session}"))
+    told = (
+        "found 150; expected a number greater than 0 and of at most 1. Fraction of the velocity limits",
+        "found 'red_cube' of 18 cm x 38 cm x 40 cm, inside 'red_tray' of 11 cm x 18 cm",
+    )
+    assert_refused(paos("lint", path), *told)
+    assert_refused(paos("run", path, "-w", path.parents[1] / "w"), *told)
+    assert_refused(paos("lint", skill), f"{skill}:6:25: INVALID_VALUE: found 50; expected a number greater than 0")

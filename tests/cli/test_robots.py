@@ -7,6 +7,8 @@ import pytest
 
 from phyagentos.assembly.robot_trial import find_band
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.protocol.capabilities.library import find_shipped_root
+from tests.models_here import read_profile_here
 
 MODEL = """<mujoco model="scara">
   <compiler angle="radian"/>
@@ -90,3 +92,18 @@ def test_a_robot_is_tried_alone_before_it_is_trusted(paos, tmp_path, monkeypatch
 def test_the_band_of_grasps_has_no_gap(found, band_m):
     cells = {(k / 10, 0.0): k in found for k in (1, 2, 3, 4)} | {(-0.5, 0.0): True}
     assert find_band(cells) == (pytest.approx(band_m) if band_m else None)
+
+
+def test_a_scene_of_the_project_in_which_no_object_has_a_grasp_ends_a_run_at_once(paos, tmp_path, monkeypatch):
+    read_profile_here("panda")
+    monkeypatch.chdir(tmp_path)
+    near, far = "{area: start, position_m: [0.0, 0.0, 0.021]", "{position_m: [3.0, 0.0, 0.021]"
+    for file in ("scenes/tabletop/cubes_and_trays.yaml", "goal_graphs/tidy_table.yaml"):
+        (here := Path(file.split("/")[0])).mkdir()
+        text = (find_shipped_root() / file).read_text().replace("tabletop/cubes_and_trays", "far")
+        (here / "far.yaml").write_text(text.replace(near, far))
+    refused = paos("run", "goal_graphs/far.yaml")
+    assert refused.code == ExitCode.INVALID_INPUT
+    assert (
+        "OUT_OF_REACH: found no posture for any grasp of blue_cube, green_cube, red_cube" in refused.out + refused.err
+    )

@@ -202,7 +202,7 @@ def test_two_sessions_stand_side_by_side_with_what_differed(visit):
         "yaw+000",
         "GRASP_LOST",
         "joint path",
-        "is 0.009 m",
+        " mm from its tightest bound",
     ):
         assert words in text
     assert page.locator("svg.chart polyline").count() == 2 * page.locator("svg.chart").count() > 8
@@ -281,7 +281,7 @@ def test_the_keyboard_alone_finds_a_session_and_presses_the_stop(acting, visits)
     shoot(page, "keyboard_stop", whole=False)
     page.keyboard.press("Enter")
     try:
-        page.locator("#result").get_by_text("latched").wait_for()
+        page.locator("#result").get_by_text("kind: estop").wait_for()
         assert is_latched(workspace.signals.parent)
     finally:
         reset(workspace.signals.parent, "the test is over", SystemClock())

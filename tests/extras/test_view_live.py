@@ -142,7 +142,7 @@ def test_one_press_of_the_stop_ends_the_session_and_its_reset_asks_for_a_reason(
             wait_until(lambda: is_moving(workspace) or run.poll() is not None, "a robot that moves", PATIENCE_S)
             assert run.poll() is None, (workspace.root / "said.txt").read_text()
             page.get_by_role("button", name="EMERGENCY STOP").click()
-            page.locator("#result").get_by_text("latched").wait_for()
+            page.locator("#result").get_by_text("kind: estop").wait_for()
             assert read_latch(signals).by.startswith("page")
             wait_until(lambda: not is_moving(workspace), "a robot that rests", PATIENCE_S)
             wait_until(lambda: list_ended(workspace), "the end of the session", PATIENCE_S)
@@ -163,7 +163,7 @@ def test_one_press_of_the_stop_ends_the_session_and_its_reset_asks_for_a_reason(
             shoot(page, "reset_refused", whole=False)
             reason.fill("the table is free")
             page.get_by_role("button", name="Reset").click()
-            page.locator("#result").get_by_text("reset; kept in").wait_for()
+            page.locator("#result").get_by_text("kind: reset").wait_for()
             assert not is_latched(signals)
             await_true(page, "!document.querySelector('#panel-runtime').textContent.includes('emergency stop')")
 

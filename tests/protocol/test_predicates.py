@@ -95,7 +95,7 @@ def test_and_binds_stronger_than_or_and_not_stronger_than_both():
         ("insde(a, b)", r"UNKNOWN_NAME \(predicate\): found 'insde' at column 1.*Did you mean 'inside'\?"),
         ("inside(a b)", r"SYNTAX: found 'b' at column 10 .*expected ',' or '\)'"),
         ("inside(a, b", r"found the end at column 12"),
-        ("inside(a)", r"INVALID_VALUE: found 1 arguments at column 1 .*expected inside\(a, b\)"),
+        ("inside(a)", r"INVALID_VALUE: found 1 argument at column 1 .*expected inside\(a, b\)"),
         ("inside(3, b)", r"INVALID_VALUE: found 3 at column 8 .*expected entity 'a'"),
         ("near(a, b, c)", r"INVALID_VALUE: found c at column 12 .*expected number 'distance_m'"),
         ("tilt(a)", r"INVALID_VALUE: found 'tilt' at column 1"),

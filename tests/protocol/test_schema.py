@@ -74,7 +74,7 @@ def test_a_misspelt_key_stands_in_for_the_one_that_is_needed():
     [
         ("a: 1\na: 2\n", r"f.yaml:2:1: DUPLICATE_NAME: found 'a'"),
         ("a: [1\n", r"f.yaml:2:1: SYNTAX"),
-        ("- 1\n", r"f.yaml:1:1: INVALID_VALUE: found list; expected a mapping \(Outer\)"),
+        ("- 1\n", r"f.yaml:1:1: INVALID_VALUE: found \[1\]; expected a mapping. Write {name: …}."),
     ],
 )
 def test_text_that_is_no_mapping_is_told(text, message):

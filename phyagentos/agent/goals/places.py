@@ -1,5 +1,6 @@
-"""What no session can put where it is asked to be: inside of what has no inside, and what stands fixed."""
+"""What no session can put where it is asked to be: inside of a solid, what stands fixed, what is too large."""
 
+import math
 from collections.abc import Iterator
 
 from phyagentos.errors import Problem, format_names
@@ -8,16 +9,28 @@ from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import Statement, read_statement
 from phyagentos.protocol.predicates.predicate import find_formula
 from phyagentos.protocol.predicates.syntax import And, Name
+from phyagentos.protocol.world.environment import ShapeKind
 from phyagentos.protocol.world.scenes import Body, SceneSpec
+from phyagentos.wording import format_length
+
+_AXES = {
+    ShapeKind.BOX: (0, 1, 2),
+    ShapeKind.CYLINDER: (0, 0, 1),
+}  # of sides; what is round dips into a narrower opening
 
 
 def iter_misplaced(located: Located, path: Address, text: str, scene: SceneSpec) -> Iterator[Problem]:
     """Problems of the parts of a criterion that all have to be true; none of names that the scene does not have."""
+    for name, place in _iter_inside(text):
+        yield from _iter_problems(located, path, name, place, scene)
+
+
+def _iter_inside(text: str) -> Iterator[tuple[str, str]]:
     formula = find_formula(text)
     for part in formula.parts if isinstance(formula, And) else (formula,):
         match read_statement(part):
             case Statement(Meaning.INSIDE, Name(name), Name(place)):
-                yield from _iter_problems(located, path, name, place, scene)
+                yield name, place
 
 
 def _iter_problems(located: Located, path: Address, name: str, place: str, scene: SceneSpec) -> Iterator[Problem]:
@@ -32,6 +45,34 @@ def _iter_problems(located: Located, path: Address, name: str, place: str, scene
         found = f"{name!r}, which is fixed, inside {place!r}"
         expected = f"an object that moves: {format_names(moving)}"
         yield located.problem("INVALID_VALUE", path, found, expected, f"Exchange the two, or leave {name!r} out.")
+
+
+def iter_too_large(located: Located, path: Address, text: str, scene: SceneSpec) -> Iterator[Problem]:
+    """Problems of objects that are wider than what they are to be inside of, likewise."""
+    for name, place in _iter_inside(text):
+        body, whole = scene.bodies.get(name), scene.bodies.get(place)
+        if body is None or whole is None or whole.interior is None:
+            continue
+        room_m = sorted(2.0 * half for half in whole.interior.half_m[:2])
+        if sides_m := _find_sides(body, room_m):
+            found = f"{name!r} of {_format_sides(sides_m)}, inside {place!r} of {_format_sides(room_m)}"
+            expected = f"an object of which one side is at most {format_length(room_m[0])}"
+            hint = f"Ask for on({name}, {place}), or give {place!r} a wider `interior`."
+            yield located.problem("INVALID_VALUE", path, found, expected, hint)
+
+
+def _find_sides(body: Body, room_m: list[float]) -> list[float]:
+    """Sides of an object's solid where each of them is too wide for an opening however it is turned, else none."""
+    solids = [each for each in body.shapes if not each.decor]
+    sides_m = [sorted(2.0 * each.size_m[axis] for axis in _AXES.get(each.kind, ())) for each in solids]
+    if body.interior is not None:  # its walls are thin, and no part of it
+        sides_m = [sorted(2.0 * half for half in body.interior.half_m)]
+    is_wide = all(sides and (sides[0] > room_m[0] or sides[1] > math.hypot(*room_m)) for sides in sides_m)
+    return max(sides_m, default=[]) if is_wide else []
+
+
+def _format_sides(sides_m: list[float]) -> str:
+    return " x ".join(map(format_length, sides_m))
 
 
 def _moves(body: Body) -> bool:

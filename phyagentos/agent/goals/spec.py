@@ -247,4 +247,8 @@ class WantedGoal(Authored):
 
 def is_wanted(data: object) -> bool:
     """Whether a YAML mapping is a goal without a plan, which has `accept`; a goal graph has `sessions`."""
-    return isinstance(data, dict) and {"goal", "accept"} <= data.keys() and "sessions" not in data
+    return (
+        isinstance(data, dict)
+        and {"goal", "accept"} <= data.keys()
+        and not any(str(key).startswith("session") for key in data)
+    )

@@ -3,13 +3,14 @@
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import msgspec
 
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.builtins import DOUBT_STDS
 from phyagentos.protocol.predicates.evaluation import evaluate
-from phyagentos.protocol.predicates.library import View, get_predicate_library
+from phyagentos.protocol.predicates.library import PredicateDefinition, View, get_predicate_library
 from phyagentos.protocol.predicates.predicate import find_formula, find_things
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.protocol.world.truth import Truth
@@ -55,33 +56,29 @@ def _sharpen(view: View, measured: Iterable[Entity], share: float) -> View:
 
 
 def _iter_looser(formula: syntax.Formula) -> Iterator[syntax.Formula]:
-    """The criterion with every number scaled, and with predicates that follow from its own."""
-    for factor in FACTORS:
-        looser = _scale(formula, factor)
-        if looser != formula:
-            yield looser
-    yield syntax.map_calls(formula, _follow)
+    """The criterion with its numbers scaled, and with predicates that follow from its own."""
+    looser = (_scale(formula, factor) for factor in FACTORS)
+    yield from (each for each in looser if each != formula)
+    yield syntax.map_calls(formula, lambda call: replace(call, name=_find(call).implies or call.name))
 
 
-def _follow(call: syntax.Call) -> syntax.Call:
+def _find(call: syntax.Call) -> PredicateDefinition:
     definition = get_predicate_library().find(call.name)
-    return replace(call, name=definition.implies) if definition is not None and definition.implies else call
+    assert definition is not None  # the criterion was evaluated
+    return definition
 
 
 def _scale(formula: syntax.Formula, factor: float) -> syntax.Formula:
-    def scale(number: float) -> float:
-        return float(f"{factor * number:.2g}")
+    """The number of a comparison, else those of all arguments."""
+    if isinstance(formula, syntax.Compare):
+        return replace(formula, bound=float(f"{factor * formula.bound:.2g}"))
+    return syntax.map_calls(formula, partial(_scale_call, factor))
 
-    def change(call: syntax.Call) -> syntax.Call:
-        definition = get_predicate_library().find(call.name)
-        left_out = definition.arguments[len(call.terms) :] if definition is not None else ()
-        terms = (*call.terms, *(syntax.Number(each.default or 0.0) for each in left_out))
-        scaled = (replace(each, value=scale(each.value)) if isinstance(each, syntax.Number) else each for each in terms)
-        return replace(call, terms=tuple(scaled))
 
-    match formula:
-        case syntax.Compare(left, _, bound) if isinstance(left, syntax.Call):
-            return replace(formula, bound=scale(bound))
-        case syntax.And(parts) | syntax.Or(parts):
-            return replace(formula, parts=tuple(_scale(part, factor) for part in parts))
-    return syntax.map_calls(formula, change)
+def _scale_call(factor: float, call: syntax.Call) -> syntax.Call:
+    left_out = (syntax.Number(each.default or 0.0) for each in _find(call).arguments[len(call.terms) :])
+    terms = (
+        replace(each, value=float(f"{factor * each.value:.2g}")) if isinstance(each, syntax.Number) else each
+        for each in (*call.terms, *left_out)
+    )
+    return replace(call, terms=tuple(terms))

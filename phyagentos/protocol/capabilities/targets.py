@@ -242,7 +242,7 @@ class Gripper(Authored):
     pads: tuple[str, ...]
     pad_boxes: tuple[PadBox, ...] = ()
     pad_surface: Surface | None = None
-    max_width_m: float
+    max_width_m: float = pydantic.Field(ge=0.0)
     stiffness_n_m: float
     damping_ns_m: float
     force_n: float

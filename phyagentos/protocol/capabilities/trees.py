@@ -22,8 +22,7 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.skill_runtimes import Output, Parameter, read_skill
 from phyagentos.protocol.documents.plain_data import Fields
-from phyagentos.protocol.documents.schema import Address, Authored, Located, read_yaml, salvage, validate
-from phyagentos.protocol.documents.yaml_scalars import format_scalar
+from phyagentos.protocol.documents.schema import Address, Authored, Located, read_yaml, salvage, show_value, validate
 
 _OF_PORTS = {"type", "description", "optional", "default"}
 PortType = Literal[
@@ -269,7 +268,7 @@ def _read_state(path: Path | None) -> tuple[int, int]:
 def parse_tree(located: Located, path: Path | None = None) -> tuple[Tree | None, tuple[Problem, ...]]:
     """As `load_tree`, of data in memory; its name is compared with that of a file where it has one."""
     header, problems = salvage(TreeHeader, located)
-    if header is None:
+    if header is None or "root" not in located.data:  # perhaps misspelt
         return None, tuple(problems)
     parts = header.tree.split("/")
     if path is not None and path.as_posix().removesuffix(".yaml").split("/")[-len(parts) :] != parts:
@@ -315,7 +314,7 @@ def _build(located: Located, address: Address, problems: list[Problem], default_
     if is_bare:
         data = {data: None}
     if not isinstance(data, dict) or len(data) != 1:
-        shown = f"a mapping with keys {', '.join(map(str, data))}" if isinstance(data, dict) else type(data).__name__
+        shown = f"a mapping with keys {', '.join(map(str, data))}" if isinstance(data, dict) else show_value(data)
         expected = "a mapping with one key: a node kind or a leaf"
         hint = "Write each as an entry of its own." if isinstance(data, dict) and data else ""
         problems.append(located.problem("INVALID_VALUE", address, shown, expected, hint))
@@ -333,7 +332,7 @@ def _build_condition(
     located: Located, place: Address, body: Any, problems: list[Problem], default_name: str
 ) -> Node | None:
     if not isinstance(body, str) or not body.strip():
-        problems.append(located.problem("INVALID_VALUE", place, repr(body), "a predicate in quotes"))
+        problems.append(located.problem("INVALID_VALUE", place, show_value(body), "a predicate in quotes"))
         return None
     return Node(kind=NodeKind.CONDITION, type="condition", name=default_name or "condition", address=place, text=body)
 
@@ -342,7 +341,9 @@ def _build_leaf(
     located: Located, leaf: str, place: Address, body: Any, problems: list[Problem], default_name: str
 ) -> Node | None:
     if body is not None and not isinstance(body, dict):
-        problems.append(located.problem("INVALID_VALUE", place, repr(body), "a mapping of ports"))
+        problems.append(
+            located.problem("INVALID_VALUE", place, show_value(body), "a mapping of ports", "Write {PORT: VALUE}.")
+        )
         return None
     wiring = {str(port): _parse_value(value) for port, value in (body or {}).items()}
     name = _check_name(located, (*place, "name"), wiring.pop("name", ""), problems)
@@ -355,9 +356,7 @@ def _check_name(located: Located, place: Address, name: object, problems: list[P
         return name or ""
     fitting = re.sub(r"[^\w.-]+", "_", str(name)).strip("_")
     hint = f"Write '{fitting}'." if fitting else "Leave 'name' out."
-    problems.append(
-        located.problem("INVALID_VALUE", place, format_scalar(name), "a name of one line without '/'", hint)
-    )
+    problems.append(located.problem("INVALID_VALUE", place, show_value(name), "a name of one line without '/'", hint))
     return fitting
 
 

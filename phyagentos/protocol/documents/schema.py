@@ -205,9 +205,9 @@ def validate(model: type[ModelT], located: Located, path: Address = ()) -> Model
     for step in path:
         data = data[step]
     if not isinstance(data, dict):
-        raise DefinitionError(
-            located.problem("INVALID_VALUE", path, type(data).__name__, f"a mapping ({model.__name__})")
-        )
+        needed = [f"{name}: …" for name, field in model.model_fields.items() if field.is_required()]
+        hint = f"Write {{{', '.join(needed)}}}." if needed else _STEPS["dict_type"]
+        raise DefinitionError(located.problem("INVALID_VALUE", path, show_value(data), "a mapping", hint))
     try:
         return model.model_validate(data)
     except pydantic.ValidationError as error:
@@ -309,7 +309,7 @@ def _to_problem(model: type[Authored], located: Located, base: Address, item: Er
         return located.problem("MISSING_VALUE", path, "nothing", f"key {key!r}", f"Add {key!r}.")
     if kind == "misfit":
         path, found = ((*path, facts["key"]), found.get(facts["key"])) if facts["key"] else (path, found)
-        return located.problem("INVALID_VALUE", path, _show(found), facts["wanted"], facts["hint"])
+        return located.problem("INVALID_VALUE", path, show_value(found), facts["wanted"], facts["hint"])
     if kind in {"union_tag_invalid", "union_tag_not_found"}:
         tag = facts["discriminator"].strip("'")
         if kind == "union_tag_not_found":
@@ -320,7 +320,10 @@ def _to_problem(model: type[Authored], located: Located, base: Address, item: Er
     hint = advise_form(found, _FORMS.get(kind.partition("_")[0], ""))
     hint = hint or (format_hint(found, names) if isinstance(found, str) else "")
     key = next((step for step in reversed(loc) if isinstance(step, str)), "")  # of a list, that of its owner
-    return located.problem("INVALID_VALUE", path, _show(found), expected, hint or _advise(kind, key, facts, found))
+    hint = hint or _advise(kind, key, facts, found)
+    if not hint and "expected" in facts:
+        hint = f"Write {names[0]}." if len(names) == 1 else "Write one of these."
+    return located.problem("INVALID_VALUE", path, show_value(found), expected, hint)
 
 
 def _strip_tags(data: Any, path: Address) -> Address:
@@ -364,7 +367,17 @@ _FORMS = {
 }  # pydantic's names: those of ports
 
 
+_PATTERNS = {
+    r"^[a-z][a-z0-9_]*$": "small letters, digits and '_', with a letter first",
+    r"^[a-z][a-z0-9_/]*$": "small letters, digits, '_' and '/', with a letter first",
+    r"^[a-z0-9][a-z0-9_]*$": "small letters, digits and '_'",
+    r"^https?://\S+$": "an address that begins with http:// or https://",
+}
+
+
 def _phrase(kind: str, facts: Mapping[str, Any]) -> str:
+    if facts.get("pattern") in _PATTERNS:
+        return _PATTERNS[facts["pattern"]]
     kind = kind.removesuffix("_type").removesuffix("_parsing")
     return _PHRASES.get(kind, f"another value ({kind.replace('_', ' ')})").format_map(facts)
 
@@ -383,6 +396,8 @@ _STEPS = {  # by pydantic's kind of error
     "dict_type": "Write 'key: value' below it.",
     "model_type": "Write 'key: value' below it.",
     "string_type": "Write a text, or leave the key out.",
+    "bool_type": "Write true or false.",
+    "too_short": "Add one, or leave the key out.",
 }
 
 
@@ -391,17 +406,26 @@ def _advise(kind: str, key: str, facts: Mapping[str, Any], found: object) -> str
     if kind == "too_long":
         more = facts["max_length"] - facts["actual_length"]
         return f"Add {more}." if more > 0 else f"Remove {-more}."
-    if kind in _STEPS and (found is not None or kind == "string_type"):
-        shown = f'"{found}"' if isinstance(found, str) else "…" if isinstance(found, dict) else f"{_show(found)}, …"
-        return _STEPS[kind].format_map({**facts, "found": shown})
     _, mark, unit = key.rpartition("_")
-    return f"{key!r} is in {unit}; write the number alone." if mark and unit in _UNITS else ""
+    if mark and unit in _UNITS and isinstance(found, str):
+        return f"{key!r} is in {unit}; write the number alone."
+    if kind == "string_pattern_mismatch":
+        snake = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|[^A-Za-z0-9_/]+", "_", str(found)).strip("_/").lower()
+        return f"Write {snake!r}." if re.match(facts["pattern"], snake) else ""
+    if kind == "string_type" and isinstance(found, list) and len(found) == 1:
+        return f"Write {show_value(found[0])}, without brackets."
+    if kind in _STEPS and (found is not None or kind == "string_type"):
+        shown = (
+            f'"{found}"' if isinstance(found, str) else "…" if isinstance(found, dict) else f"{show_value(found)}, …"
+        )
+        return _STEPS[kind].format_map({**facts, "found": shown})
+    return "Write a number such as 1." if kind.partition("_")[0] in {"int", "float"} else ""
 
 
-def _show(value: object) -> str:
+def show_value(value: object) -> str:
     """A value as it stands in a file; only the kind of what is long or nested."""
     if isinstance(value, list | tuple) and len(value) <= SHOWN and not any(isinstance(each, dict) for each in value):
-        return f"[{', '.join(map(_show, value))}]"
+        return f"[{', '.join(map(show_value, value))}]"
     if isinstance(value, list | tuple | dict):
         return "a mapping" if isinstance(value, dict) else "a list"
     return format_scalar(value)

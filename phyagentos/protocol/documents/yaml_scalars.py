@@ -5,6 +5,7 @@ point and an exponent as in JSON, or is `0x1f`, `.inf` or `.nan`; other forms ar
 `on` and `off` are truth values as values, and words as keys. Writers quote a text that this reads as a number.
 """
 
+import datetime
 import math
 import re
 from collections.abc import Callable
@@ -89,6 +90,8 @@ def format_scalar(value: object) -> str:
     """A value as a file has it: `.nan`, `true`, and text in quotes."""
     if isinstance(value, float) and not math.isfinite(value):
         return ".nan" if math.isnan(value) else f"{'-' * (value < 0)}.inf"
+    if isinstance(value, datetime.date):
+        return value.isoformat()
     return str(value).lower() if isinstance(value, bool) else "nothing" if value is None else repr(value)
 
 

@@ -20,6 +20,17 @@ from typing import TypeVar
 from phyagentos.protocol.predicates import syntax
 
 _Part = TypeVar("_Part")
+_UNITLESS = "Write numbers without units: metres, radians, seconds."
+_SIGNS = {
+    "=": "Write '==' for equal.",
+    "&": "Write 'and'.",
+    "|": "Write 'or'.",
+    "!": "Write 'not'.",
+    "'": "Write names without quotes.",
+    '"': "Write names without quotes.",
+    ";": "Join predicates with 'and'.",
+    "°": _UNITLESS,
+}
 RELATIONS = (">=", "<=", "==", "!=", ">", "<")
 _KEYWORDS = frozenset({"and", "or", "not", "count"})
 _TOKEN = re.compile(
@@ -58,7 +69,7 @@ def _iter_tokens(text: str) -> Iterator[_Token]:
     position = 0
     while position < len(text):
         if (match := _TOKEN.match(text, position)) is None:
-            hint = "Write '==' for equal." if text[position] == "=" else ""
+            hint = _SIGNS.get(text[position], "")
             expected = "a name, a number, '*', '(', or a comparison"
             raise PredicateSyntaxError(position + 1, repr(text[position]), expected, hint)
         kind = str(match.lastgroup)
@@ -96,11 +107,18 @@ class _Parser:
         """What was probably meant by a piece that does not belong where it stands."""
         before = self._tokens[self._position - 1] if self._position else token
         if token.kind == "end":
-            return "Put the whole predicate in quotes: between [ ] a comma begins the next value."
+            is_open = sum((each.kind == "(") - (each.kind == ")") for each in self._tokens) > 0
+            close = "Close every bracket. " if is_open else ""
+            return f"{close}Put the whole predicate in quotes: between [ ] a comma begins the next value."
         if token.kind == "name" and before.kind == "number":
-            return "Write numbers without units: metres, radians, seconds."
+            return _UNITLESS
+        if token.kind == "," and before.kind == "number":
+            return "Write a point in a number, not a comma."
+        if before.kind == ")" and token.kind == "name":
+            return "Join predicates with 'and' or 'or'."
         both = token.kind == before.kind == "name" and token is not before
-        return f"Write '{before.text}_{token.text}': names have no spaces." if both else ""
+        first = " A predicate stands before its arguments: inside(a, b)." if self._position == 1 else ""
+        return f"Write '{before.text}_{token.text}': names have no spaces.{first}" if both else ""
 
     def _take(self, *kinds: str) -> _Token | None:
         return self.expect(*kinds) if self._now.kind in kinds else None
@@ -168,7 +186,7 @@ class _Parser:
 
     def _parse_coordinate(self, then: str) -> float:
         value = self._parse_number("a coordinate [m]")
-        self.expect(then)
+        self.expect(then, what="',' and another number, three in all" if then == "," else "")
         return value
 
     def _parse_number(self, what: str) -> float:

@@ -6,6 +6,7 @@ Installed packages announce a `PredicateDefinition`, or several, by the entry po
 Importing this module registers nothing.
 """
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -149,7 +150,7 @@ Resolved = Entity | Place | str | float
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """One argument: name, kind, a default for numbers that may be left out, and what it is in the statement.
+    """One argument: name, kind, default and least value of a number, and its part in the statement.
 
     Where no argument of a predicate states its part, the first object is the object, and the next one the place.
     """
@@ -158,6 +159,7 @@ class Argument:
     kind: ArgumentKind
     default: float | None = None
     part: Part | None = None
+    least: float = -math.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,6 +23,7 @@ from phyagentos.protocol.predicates.evaluation import Evaluation, evaluate, wors
 from phyagentos.protocol.predicates.language import PredicateSyntaxError, parse
 from phyagentos.protocol.predicates.library import ArgumentKind, PredicateDefinition, View, get_predicate_library
 from phyagentos.protocol.world.environment import Environment
+from phyagentos.wording import count
 
 __all__ = [
     "Evaluation",
@@ -207,10 +208,13 @@ def _iter_call_findings(call: syntax.Call, template: bool) -> Iterator[_Finding]
         return
     least = sum(argument.default is None for argument in definition.arguments)
     if not least <= len(call.terms) <= len(definition.arguments):
-        yield call.column, Problem("INVALID_VALUE", "", f"{len(call.terms)} arguments", definition.signature)
+        yield call.column, Problem("INVALID_VALUE", "", count(len(call.terms), "argument"), definition.signature)
     for argument, term in zip(definition.arguments, call.terms, strict=False):
         if argument.kind not in _TAKES[type(term)]:
             yield term.column, Problem("INVALID_VALUE", "", format_term(term), f"{argument.kind} {argument.name!r}")
+        elif isinstance(term, syntax.Number) and term.value < argument.least:
+            expected = f"a number of at least {argument.least:g} for {argument.name!r}"
+            yield term.column, Problem("INVALID_VALUE", "", format_term(term), expected, f"Write {-term.value:g}.")
         elif isinstance(term, syntax.Variable) and not template:
             expected, hint = (
                 "a parameter that is known here",

@@ -273,13 +273,16 @@ class Change(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     by_m: float = 0.0
 
 
+UNPROVEN = "unproven"  # status of a camera, see `SensorHealth`
+
+
 class SensorHealth(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The state of one camera.
 
     Attributes:
         status: `live`, `stale` (its frames do not advance), `frozen` (new stamps, the same picture), `dark` (no depth
             at all), `displaced` (its depth disagrees with the map or with other cameras), `missing`, `unread` (no
-            detector could read it).
+            detector could read it), `unproven` (without noise and count, and no picture has differed from its first).
         time_s: Stamp of its latest frame [s].
         digest: Hash of its latest whole frame.
         shown_rad: (n_joints,) of the robot when it first gave that frame [rad]; empty where noise renews all frames.

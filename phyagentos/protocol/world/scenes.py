@@ -232,6 +232,12 @@ class Camera(Authored):
     target_m: Number3
     fovy_deg: float = 45.0
 
+    @pydantic.model_validator(mode="after")
+    def _check_direction(self) -> "Camera":
+        if math.dist(self.position_m, self.target_m) < 1e-6:
+            raise misfit("target_m", "another point than position_m", "Write a point that it looks at.")
+        return self
+
 
 class Light(Authored):
     """A lamp."""

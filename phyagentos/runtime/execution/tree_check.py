@@ -128,7 +128,7 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
 
 
 def _iter_default_problems(tree: Tree, library: Library, registry: LeafRegistry) -> Iterator[Problem]:
-    own, bounds = tree.located.data.get("inputs", {}), _find_bounds(tree, library, registry, (tree.header.tree,))
+    own, bounds = tree.located.data.get("inputs", {}), find_ranges(tree, library, registry)
     for name, port in tree.header.inputs.items():
         if name in own and port.default is not None:
             declared = _declare(bounds.get(name), PORT_TYPES[port.type])
@@ -217,6 +217,11 @@ def needs_grasp(node: Node, library: Library, registry: LeafRegistry, above: tup
     return node.kind is NodeKind.SEQUENCE and any(needs_grasp(each, library, registry, above) for each in node.children)
 
 
+def find_ranges(tree: Tree, library: Library, registry: LeafRegistry) -> Mapping[str, Port]:
+    """Key of a tree -> the port that reads it, for each number."""
+    return _find_bounds(tree, library, registry, (tree.header.tree,))
+
+
 Ports = tuple[Mapping[str, PortInformation], Mapping[str, PortInformation]]  # inputs, outputs
 
 
@@ -283,7 +288,8 @@ def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[st
     for port, information in inputs.items():
         if information.required and not information.has_default and port not in node.wiring:
             found = f"{node.type} without {port!r}"
-            yield tree.located.problem("MISSING_VALUE", node.address, found, f"a value for {port!r}")
+            hint = f"Add {port}: VALUE{' below `with`' if node.kind is NodeKind.SUBTREE else ''}."
+            yield tree.located.problem("MISSING_VALUE", node.address, found, f"a value for {port!r}", hint)
 
 
 def _iter_reference_problems(

@@ -12,6 +12,7 @@ import yaml
 
 from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.models.compiling import compile_model
 from phyagentos.runtime.models.hand_drafting import PAD_M, HandDraft, Placed, draft_hand, find_flange
 from phyagentos.runtime.models.robot import read_model, read_profile
@@ -22,6 +23,7 @@ _PLAIN = re.compile(r"(?!(?:y|n|yes|no|on|off|true|false|null)$)[A-Za-z_][\w.-]*
 _PATH = re.compile(r"[\w:./+@-]+")
 GUESSED_TORQUE_NM, GUESSED_SPEED_RAD_S, GUESSED_LOAD_KG = 20.0, 1.0, 1.0
 STIFFNESS_PER_TORQUE, DAMPING_SHARE = 40.0, 0.1  # of a servo that holds its arm within a few milliradians
+UNMOVED = Pose((0.0, 0.0, 0.0))
 ARM, LEG = 4, 3  # hinges after which what branches is a hand; that make one of several arms
 CLEAR_M = 0.006  # that the fingertips keep from what an object stands on
 
@@ -49,6 +51,7 @@ class ProfileDraft:
         home_rad: One for each joint of the chain.
         band_m: Least and greatest distance from the base at which an object can be taken.
         width_m: Opening of the hand.
+        mount: Where its base stands.
         carried: A hand of another model, at the end of the last link.
         remarks: On the model, for people.
     """
@@ -67,6 +70,7 @@ class ProfileDraft:
     remarks: tuple[str, ...]
     band_m: tuple[float, float] = (0.3, 0.6)
     width_m: float = 0.002
+    mount: Pose = UNMOVED
     carried: CarriedHand | None = None
 
     def render(self) -> str:
@@ -91,6 +95,7 @@ class ProfileDraft:
             f"model: {self.model if _PATH.fullmatch(self.model) else json.dumps(self.model)}",
             f"arguments: {json.dumps(dict(self.arguments))}" if self.arguments else "",
             *tool,
+            *(_list_mount(self.mount) if self.mount != UNMOVED else ()),
             f"grasp_band_m: {_show(self.band_m)}   # check: paos robot try {self.name} measures it",
             _map("ranges", endless, "the model lets them turn without end"),
             _map("parked_rad", parked, "joints of the model that this target does not move"),
@@ -127,11 +132,19 @@ class ProfileDraft:
         hint = "# check: z approaches, y is the closing axis; see paos robot render"
         tool = [f"tool: {{body: {_quote(body)}{at}}}   {hint}"]
         if hand is None:
-            return "", GUESSED_LOAD_KG, tool, _NO_HAND
+            why = f"no two sides of {format_names(self.fingers)} close: write `gripper`, or " if self.fingers else ""
+            asks = f"end_effector: none   # check: {why}draft it anew with --hand menagerie:robotiq_2f85/2f85.xml"
+            return "", GUESSED_LOAD_KG, tool, [asks]
         return ", gripper_width", GUESSED_LOAD_KG, tool, _list_gripper(hand, self.width_m)
 
 
-_NO_HAND = ["end_effector: none   # check: draft it anew with --hand menagerie:robotiq_2f85/2f85.xml"]
+def _list_mount(mount: Pose) -> list[str]:
+    high = "true   # a column" if mount.position_m[2] else "false"
+    return [
+        f"mount_position_m: {_show(mount.position_m)}   # check: it reaches what is in front so, along x",
+        f"mount_quaternion_wxyz: {_show(mount.quaternion_wxyz)}",
+        f"stands_on_column: {high}",
+    ]
 
 
 def _list_gripper(hand: HandDraft, width_m: float) -> list[str]:
@@ -251,6 +264,9 @@ def _find_chain(model: mujoco.MjModel, wanted: int) -> tuple[list[int], list[lis
 
 
 def _drop_jaws(model: mujoco.MjModel, run: list[int]) -> list[int]:
+    end = int(model.jnt_bodyid[run[-1]]) if run else 0
+    if any(_is_below(model, joint, end) for joint in range(model.njnt) if joint not in run):
+        return run  # what carries fingers is none
     while run and _JAW.search(model.joint(run[-1]).name):
         run = run[:-1]
     return run

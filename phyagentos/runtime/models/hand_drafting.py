@@ -1,8 +1,11 @@
-"""A gripper of two fingers, guessed from the solids of a model: its drive, its pads, and the frame of the tool."""
+"""A gripper of two fingers, or a jaw that turns against what stands still, guessed from the solids of a model.
+
+What is guessed is its drive, its pads, and the frame of the tool.
+"""
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -11,13 +14,18 @@ from numpy.typing import NDArray
 from phyagentos.geometry import compute_quaternion
 
 Array = NDArray[np.float64]
+Geoms = NDArray[np.intp]
 Placed = tuple[Array, tuple[float, float, float, float]]  # position (3,) [m], quaternion wxyz
-SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
+HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 TIP_M, PAD_M, PROUD_M = (
     0.03,
     (0.01, 0.004, 0.01),
     0.001,
 )  # of a finger that grips; half a pad, and how far it stands out
+BESIDE_M = 0.01  # aside of the tip of a jaw is still what it closes on
+STRAIGHT_COS = 0.8  # between the axis of the last joint and where a hand points
+NEAR_RAD = 2.0  # what is further round the hinge than that is no jaw
+MOST = 0.75  # of a jaw's length: open by 45 degrees
 FAR_M = 1.0
 
 
@@ -32,6 +40,7 @@ class HandDraft:
         tool: On the arm's last link.
         palm_m: From the tool centre point back to the solids between the fingers.
         tip_m: From the tool centre point to the end of the fingers.
+        most_m: Opening beyond which a jaw that turns is too far from level with the other.
     """
 
     joints: tuple[str, ...]
@@ -40,30 +49,33 @@ class HandDraft:
     tool: Placed
     palm_m: float
     tip_m: float
+    most_m: float = np.inf
 
 
 def draft_hand(model: mujoco.MjModel, last: int, fingers: Sequence[int]) -> HandDraft | None:
-    """The gripper at a body, of joints below it; None unless two branches with solids close on each other."""
+    """The gripper at a body, of joints below it; None unless two sides with solids close on each other."""
     tops = {_find_top(model, int(model.jnt_bodyid[joint]), last) for joint in fingers}
     solid, data = (model.geom_contype | model.geom_conaffinity) > 0, mujoco.MjData(model)
+    if len(fingers) == 1 and int(model.jnt_type[fingers[0]]) == HINGE:
+        return _draft_jaw(model, data, last, fingers[0], solid)
     mujoco.mj_kinematics(model, data)
     found = []
     for top in sorted(tops):
         bodies = [body for body in range(model.nbody) if _is_below(model, body, top)]
         held = np.flatnonzero(solid & np.isin(model.geom_bodyid, bodies))
         if len(held):
-            corners = np.vstack([_list_corners(model, data, int(geom)) for geom in held])
-            away = float(np.linalg.norm(corners - data.xpos[last], axis=1).max())
-            found.append((away, held, next(j for j in fingers if int(model.jnt_bodyid[j]) in bodies)))
+            clouds = [_list_corners(model, data, int(geom)) - data.xpos[last] for geom in held]
+            away = np.array([np.linalg.norm(cloud, axis=1).max() for cloud in clouds])
+            drive = next(j for j in fingers if int(model.jnt_bodyid[j]) in bodies)
+            found.append((float(away.max()), held, drive, int(held[away.argmax()])))
     if len(tops) not in {2, 4} or len(found) < 2:
         return None  # of four, two are the inner bars of linkages
     found = sorted(found, key=lambda each: -each[0])[:2]
-    geoms, drives = [each[1] for each in found], [each[2] for each in found]
+    geoms, drives, tips = ([each[1] for each in found], [each[2] for each in found], [each[3] for each in found])
 
     def measure(ends: tuple[int, ...]) -> float:
         _pose(model, data, drives, [float(model.jnt_range[j][end]) for j, end in zip(drives, ends, strict=True)])
-        gaps = (mujoco.mj_geomDistance(model, data, a, b, FAR_M, None) for a in geoms[0] for b in geoms[1])
-        return float(min(gaps))
+        return float(mujoco.mj_geomDistance(model, data, *tips, FAR_M, None))
 
     wide = max(itertools.product((0, 1), repeat=2), key=measure)
     narrow_m, wide_m = measure((1 - wide[0], 1 - wide[1])), measure(wide)
@@ -72,7 +84,13 @@ def draft_hand(model: mujoco.MjModel, last: int, fingers: Sequence[int]) -> Hand
     slides = int(model.jnt_type[drives[0]]) == SLIDE
     shares = [1.0 if slides else (wide_m - narrow_m) / 2 / float(np.ptp(model.jnt_range[joint])) for joint in drives]
     travel = tuple(share * (2 * end - 1) for share, end in zip(shares, wide, strict=True))
-    return _place_pads(model, data, last, drives, geoms, travel)
+    clouds = [_stack(model, data, each) for each in geoms]
+    middles = [(cloud.min(axis=0) + cloud.max(axis=0)) / 2 for cloud in clouds]
+    closing = (middles[1] - middles[0]) / np.linalg.norm(middles[1] - middles[0])
+    approach = (middles[0] + middles[1]) / 2 - data.xpos[last]
+    approach -= closing * (approach @ closing)
+    R = _build_frame(_find_approach(model, data, last, approach / np.linalg.norm(approach)), closing)
+    return _place_pads(model, data, last, drives, list(zip(geoms, clouds, strict=True)), R, travel)
 
 
 def find_flange(model: mujoco.MjModel, chain: Sequence[int]) -> Placed:
@@ -94,22 +112,114 @@ def find_flange(model: mujoco.MjModel, chain: Sequence[int]) -> Placed:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Jaw:
+    """A jaw in one pose, seen along its hinge at `anchor` (3,).
+
+    Attributes:
+        axis: (3,) of the hinge.
+        plane: (3, 2) across it, to the tip first.
+        tip: (n, 3) points of its end, from the anchor.
+        near: (k, 3) points of solids that stand still near the tip, by geom.
+        lever_m: Its length.
+    """
+
+    axis: Array
+    anchor: Array
+    plane: Array
+    tip: Array
+    near: dict[int, Array]
+    lever_m: float
+
+    def measure_angles(self, points: Array) -> Array:
+        """(n,) of points about the hinge, from the middle of the tip [rad]."""
+        along: Array = points @ self.plane
+        return np.arctan2(along[:, 1], along[:, 0])
+
+    @property
+    def rest(self) -> Array:
+        """(k, 3) all points of what stands still."""
+        return np.vstack([np.empty((0, 3)), *self.near.values()])
+
+
+def _view_jaw(
+    model: mujoco.MjModel, data: mujoco.MjData, joint: int, at_rad: float, turning: Geoms, standing: Geoms
+) -> _Jaw:
+    _pose(model, data, [joint], [at_rad])
+    axis, anchor = np.array(data.xaxis[joint]), np.array(data.xanchor[joint])
+    clouds = {int(geom): _list_corners(model, data, int(geom)) - anchor for geom in (*turning, *standing)}
+    jaw = np.vstack([clouds[int(geom)] for geom in turning])
+    away_m = np.linalg.norm(np.cross(jaw, axis), axis=1)
+    tip = jaw[away_m > away_m.max() - TIP_M]
+    x = np.cross(axis, np.cross(tip.mean(axis=0), axis))
+    view = _Jaw(axis, anchor, np.column_stack((x, np.cross(axis, x))) / np.linalg.norm(x), tip, {}, float(away_m.max()))
+    low_m, high_m = (tip @ axis).min() - BESIDE_M, (tip @ axis).max() + BESIDE_M
+    for geom in map(int, standing):
+        points = clouds[geom]
+        is_near = np.abs(np.linalg.norm(np.cross(points, axis), axis=1) - view.lever_m) < TIP_M
+        is_near &= (low_m < points @ axis) & (points @ axis < high_m) & (np.abs(view.measure_angles(points)) < NEAR_RAD)
+        if is_near.any():
+            view.near[geom] = points[is_near]
+    return view
+
+
+def _draft_jaw(
+    model: mujoco.MjModel, data: mujoco.MjData, last: int, joint: int, solid: NDArray[np.bool_]
+) -> HandDraft | None:
+    """A jaw that turns against the solids of `last`: they meet where its tip comes nearest to them."""
+    moved = [body for body in range(model.nbody) if _is_below(model, body, int(model.jnt_bodyid[joint]))]
+    turning = np.flatnonzero(solid & np.isin(model.geom_bodyid, moved))
+    standing = np.flatnonzero(solid & (model.body_weldid[model.geom_bodyid] == model.body_weldid[last]))
+    if not len(turning):
+        return None
+    low, high = map(float, model.jnt_range[joint])
+    view = _view_jaw(model, data, joint, start_rad := min(max(0.0, low), high), turning, standing)
+    if not view.near:
+        return None
+    way = -float(np.sign(view.measure_angles(view.rest).mean()))  # in which it opens
+    over = (way * view.measure_angles(view.rest)).max() - (way * view.measure_angles(view.tip)).min()
+    view = _view_jaw(model, data, joint, float(np.clip(start_rad + way * over, low, high)), turning, standing)
+    face_rad = way * (way * view.measure_angles(view.rest)).max()
+    approach = _find_approach(model, data, last, view.plane @ (np.cos(face_rad), np.sin(face_rad)))
+    R = _build_frame(approach, way * np.cross(view.axis, approach))
+    z = R[:, 2]
+    sides = [(np.array(list(view.near)), view.anchor + view.rest), (turning, view.anchor + view.tip)]
+    travel, palm, most_m = (way * view.lever_m,), float(view.anchor @ z + view.lever_m / 2), MOST * view.lever_m
+    return replace(_place_pads(model, data, last, [joint], sides, R, travel, palm, most_m), most_m=most_m)
+
+
+def _find_approach(model: mujoco.MjModel, data: mujoco.MjData, last: int, guess: Array) -> Array:
+    """The axis of the last joint (3,) if that is near to where a hand seems to point: few arms reach without that."""
+    joint = int(model.body_jntadr[last]) + int(model.body_jntnum[last]) - 1
+    axis: Array = data.xaxis[joint] * np.sign(data.xaxis[joint] @ guess)
+    return axis if axis @ guess > STRAIGHT_COS else guess
+
+
 def _place_pads(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     last: int,
     drives: Sequence[int],
-    geoms: Sequence[NDArray[np.intp]],
+    sides: Sequence[tuple[Geoms, Array]],
+    R: Array,
     travel: tuple[float, ...],
+    palm: float | None = None,
+    opening_m: float = 0.0,
 ) -> HandDraft:
-    """Pads at the inner sides of the tips, in the pose of `data`, which is wide open."""
-    clouds = [np.vstack([_list_corners(model, data, int(geom)) for geom in each]) for each in geoms]
-    middles = [(cloud.min(axis=0) + cloud.max(axis=0)) / 2 for cloud in clouds]
-    closing = (middles[1] - middles[0]) / np.linalg.norm(middles[1] - middles[0])
-    approach = (middles[0] + middles[1]) / 2 - data.xpos[last]
-    approach -= closing * (approach @ closing)
-    approach /= np.linalg.norm(approach)
-    R = np.column_stack((np.cross(closing, approach), closing, approach))
+    """Pads at the inner sides of the tips, in the pose of `data`.
+
+    Args:
+        model: Of the arm.
+        data: Its pose.
+        last: Body that carries the tool.
+        drives: Joints.
+        sides: Solids of each side, and points (n, 3) of its end.
+        R: Orientation of the tool; the second side is on the side of y.
+        travel: As of `HandDraft`.
+        palm: Where the palm is along z; by default where the solids of `last` end.
+        opening_m: By which the second side opens further, alone.
+    """
+    clouds, approach = [cloud for _, cloud in sides], R[:, 2]
     end = min(float((cloud @ approach).max()) for cloud in clouds)
     depth, faces, across = end - PAD_M[2] - 0.002, [], []
     for cloud, side in zip(clouds, (1.0, -1.0), strict=True):
@@ -117,17 +227,25 @@ def _place_pads(
         faces.append(side * float((side * tip[:, 1]).max()))
         across.append(float(tip[:, 0].min() + tip[:, 0].max()) / 2)
     pads = []
-    for geom, face, side in zip(geoms, faces, (1.0, -1.0), strict=True):
-        body = int(max(model.geom_bodyid[geom]))  # the farthest one out
+    for (geoms, _), face, side in zip(sides, faces, (1.0, -1.0), strict=True):
+        body = int(max(model.geom_bodyid[geoms]))  # the farthest one out
         place = R @ np.array((float(np.mean(across)), face - side * (PAD_M[1] - PROUD_M), depth))
         pads.append((model.body(body).name, _express(data, body, place, R)))
-    tool = R @ np.array((float(np.mean(across)), float(np.mean(faces)), depth))
+    tool = R @ np.array((float(np.mean(across)), float(np.mean(faces)) + opening_m / 2, depth))
     held = [
         geom for geom in range(model.ngeom) if model.body_weldid[model.geom_bodyid[geom]] == model.body_weldid[last]
     ]
-    palm = max((float((_list_corners(model, data, geom) @ approach).max()) for geom in held), default=depth - TIP_M)
+    if palm is None:
+        palm = max((float((_list_corners(model, data, geom) @ approach).max()) for geom in held), default=depth - TIP_M)
     names = tuple(model.joint(joint).name for joint in drives)
     return HandDraft(names, travel, tuple(pads), _express(data, last, tool, R), depth - palm, end - depth)
+
+
+def _build_frame(approach: Array, closing: Array) -> Array:
+    """(3, 3) of a tool: z as it approaches (3,), y as near to its closing axis (3,) as that allows."""
+    y = closing - approach * (closing @ approach)
+    y /= np.linalg.norm(y)
+    return np.column_stack((np.cross(y, approach), y, approach))
 
 
 def _express(data: mujoco.MjData, body: int, place: Array, R: Array) -> Placed:
@@ -162,6 +280,11 @@ def _pose(model: mujoco.MjModel, data: mujoco.MjData, joints: Sequence[int], pos
                 value = data.qpos[model.jnt_qposadr[leader]] if leader >= 0 else 0.0
                 data.qpos[model.jnt_qposadr[follower]] = np.polyval(model.eq_data[index][4::-1], value)
     mujoco.mj_kinematics(model, data)
+
+
+def _stack(model: mujoco.MjModel, data: mujoco.MjData, geoms: Geoms) -> Array:
+    """(n, 3) corners of solids in the world [m]."""
+    return np.vstack([_list_corners(model, data, int(geom)) for geom in geoms])
 
 
 def _list_corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:

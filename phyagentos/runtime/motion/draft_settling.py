@@ -7,14 +7,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from phyagentos.errors import DefinitionError
+from phyagentos.geometry import compute_inverse, compute_matrix, convert_euler
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.settings.safety import UNITS
+from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.models.drafting import ProfileDraft
 from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.motion.chain import Chain, build_chain
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
+from phyagentos.runtime.motion.poses import point_tool_down
 from phyagentos.runtime.motion.profile_checks import find_model_problems
 from phyagentos.runtime.motion.requests import Array, World
 from phyagentos.runtime.motion.robot_model import RobotModel, build_robot_model
@@ -22,6 +25,12 @@ from phyagentos.runtime.motion.robot_model import RobotModel, build_robot_model
 LEAST_M = 0.05  # half of a workspace, where the tool stays on the axis of the only joint
 SAMPLES = 300  # postures of which the arm's reach and its home are found
 HOMES = [(x, z) for x in (0.5, 0.4, 0.6, 0.3) for z in (0.3, 0.2, 0.45)]  # of the tool, in shares of the reach
+TURNS_RAD = (0.0, np.pi / 2, -np.pi / 2, np.pi)
+MOUNTS = [Pose((0.0, 0.0, up_m), convert_euler((0.0, 0.0, turn))) for up_m in (0.0, 0.1, 0.2) for turn in TURNS_RAD]
+FRONT = [
+    (x, y) for x in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8) for y in (-0.2, 0.0, 0.2)
+]  # of its work, in shares of the reach
+LEVELS_M = (0.02, 0.12)  # at which it takes objects, and over them
 SHEET = "check: the maker's data sheet"
 
 
@@ -44,10 +53,14 @@ def settle_draft(draft: ProfileDraft, file: Path) -> tuple[ProfileDraft, str]:
 def _settle(draft: ProfileDraft, file: Path) -> tuple[ProfileDraft, str]:
     profile, folder = _write(draft, file), file.parent
     if draft.hand is not None:
-        draft = replace(draft, width_m=np.floor(measure_hand(profile, folder).widths_m[-1] * 1e3) / 1e3)
+        width_m = min(measure_hand(profile, folder).widths_m[-1], draft.hand.most_m)
+        draft = replace(draft, width_m=np.floor(width_m * 1e3) / 1e3)
         profile = _write(draft, file)
     robot = build_robot_model(profile, folder)
     reach_m = measure_reach(robot)
+    if profile.end_effector == "opening" and (mount := _find_mount(robot, reach_m)) != MOUNTS[0]:
+        draft = replace(draft, mount=mount)
+        robot = build_robot_model(_write(draft, file), folder)
     home_rad = _find_home(robot, reach_m)
     draft = replace(draft, home_rad=home_rad.tolist(), band_m=(round(0.4 * reach_m, 2), round(0.8 * reach_m, 2)))
     profile = _write(draft, file)
@@ -72,6 +85,22 @@ def measure_reach(robot: RobotModel) -> float:
     """How far from the base its tool comes [m]."""
     base, chain = np.array(robot.profile.mount_position_m), build_chain(robot)
     return max(float(np.linalg.norm(chain.compute_tcp(q_rad)[:3, 3] - base)) for q_rad in _draw_postures(chain))
+
+
+def _find_mount(robot: RobotModel, reach_m: float) -> Pose:
+    """Where its base stands, and how it is turned, so that its hand points down at most places in front of it."""
+    chain = build_chain(robot)
+    seeds = _draw_postures(chain)[:20]
+
+    def count(mount: Pose) -> float:
+        found, to_base = 0.0, compute_inverse(compute_matrix(mount))
+        for x, y in FRONT:
+            along_rad, ats = float(np.arctan2(y, x)), [np.array((x * reach_m, y * reach_m, z)) for z in LEVELS_M]
+            downs = [[to_base @ point_tool_down(along_rad + turn, at) for at in ats] for turn in TURNS_RAD[:2]]
+            found += any(all(len(chain.solve_all(down, seeds, 0.1)[0]) for down in way) for way in downs)
+        return found - 10.0 * mount.position_m[2]  # one more place for each 10 cm
+
+    return max(MOUNTS, key=count)
 
 
 def _find_home(robot: RobotModel, reach_m: float) -> Array:

@@ -7,14 +7,16 @@ import mujoco
 import numpy as np
 
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.geometry import convert_euler, multiply
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import Located, read_yaml
 from phyagentos.protocol.settings.safety import Safety
 from phyagentos.runtime.models.robot import compile_robot, read_profile
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.requests import World
-from phyagentos.runtime.motion.robot_model import RobotModel, build_robot_model
+from phyagentos.runtime.motion.robot_model import RobotModel, build_robot_model, iter_finger_bounds
 
+_POINTS = {90: "x", 180: "-z", -90: "-x"}  # where fingers point, by the turn about y that mends it
 ALONG_COS = 0.9  # between the way of the fingers and the closing axis
 
 
@@ -79,9 +81,24 @@ def _iter_gripper_problems(robot: RobotModel, located: Located) -> Iterator[Prob
     between = np.subtract(*(data.geom_xpos[model.geom(name).id] for name in gripper.pads))
     along = np.abs(tool.T @ between) / np.linalg.norm(between)
     if along[1] < ALONG_COS:
-        found = f"pads that face each other along {'xyz'[int(along.argmax())]}"
+        found = f"pads that face each other at {np.degrees(np.arccos(along[1])):.0f} degrees to y"
         hint = "Turn `tool.quaternion_wxyz` about z, which approaches."
         yield located.problem("MODEL_INVALID", ("tool",), found, "along y, the closing axis", hint)
+    elif (turn_deg := _find_turn(robot)) and robot.profile.tool is not None:
+        turned = multiply(robot.profile.tool.quaternion_wxyz, convert_euler((0.0, np.radians(turn_deg), 0.0)))
+        found = f"fingers that point along {_POINTS[turn_deg]} of the tool"
+        hint = f"Write quaternion_wxyz: [{', '.join(f'{round(value, 6) + 0.0:g}' for value in turned)}] there."
+        yield located.problem("MODEL_INVALID", ("tool",), found, "along z, which approaches", hint)
+
+
+def _find_turn(robot: RobotModel) -> int:
+    """By how many degrees about y the z axis of the tool is to be turned to point where its fingers do."""
+    bounds = np.array(list(iter_finger_bounds(robot)))
+    if not len(bounds):
+        return 0
+    x, _, z = -(bounds[:, 0].min(axis=0) + bounds[:, 1].max(axis=0))  # they reach further back than beyond the tool
+    ways = {0: z, 90: x, 180: -z, -90: -x}
+    return max(ways, key=lambda turn_deg: ways[turn_deg])
 
 
 def describe_robot(robot: RobotModel) -> dict[str, str]:

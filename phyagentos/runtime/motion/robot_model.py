@@ -84,16 +84,16 @@ class RobotModel:
 
 def measure_fingers(robot: RobotModel) -> Array:
     """(2,) half extents of the closed fingers along the tool's x axis and its closing axis [m]."""
-    high_m = np.max([np.abs(bounds).max(axis=0) for bounds in _iter_finger_bounds(robot)], axis=0)
+    high_m = np.max([np.abs(bounds).max(axis=0) for bounds in iter_finger_bounds(robot)], axis=0)
     return np.array((high_m[0], high_m[1] - 0.5 * robot.profile.gripper.max_width_m))
 
 
 def measure_tips(robot: RobotModel) -> float:
     """How far the fingertips are beyond the tool centre point, along the approach [m]."""
-    return float(max(bounds[1, 2] for bounds in _iter_finger_bounds(robot)))
+    return float(max(bounds[1, 2] for bounds in iter_finger_bounds(robot)))
 
 
-def _iter_finger_bounds(robot: RobotModel) -> Iterator[Array]:
+def iter_finger_bounds(robot: RobotModel) -> Iterator[Array]:
     """(2, 3) least and greatest coordinates of each solid of the open fingers, in the frame of the tool [m]."""
     model, data = robot.model, mujoco.MjData(robot.model)
     mujoco.mj_kinematics(model, data)

@@ -3,8 +3,9 @@
 The noise of a real sensor never repeats: two pictures that are equal bit for bit are one. Between whole pictures a
 small window of each camera is probed now and then, which detects a frozen camera before the next look. A sensor without
 declared noise may show a still scene twice; it is frozen where its picture stays although the robot has moved through
-what it shows, or has carried the camera along. While the robot stands still, no picture proves anything; a sensor that
-counts its exposures is frozen where its stamps advance and its count does not.
+what it shows, or has carried the camera along. While the robot stands still, no picture proves anything: until its
+first change a camera without a count is unproven, and no verdict rests on such cameras alone. A sensor that counts its
+exposures is frozen where its stamps advance and its count does not.
 
 A displaced camera disagrees with the map, or with the other cameras: a shift along a plane of the map leaves its points
 on it, and they differ from the other cameras' in the objects then.
@@ -20,7 +21,7 @@ import msgspec
 import numpy as np
 
 from phyagentos.geometry import compute_rotation, compute_rotation_vector
-from phyagentos.protocol.world.environment import Entity, Pose, SensorHealth, Status, TargetState
+from phyagentos.protocol.world.environment import UNPROVEN, Entity, Pose, SensorHealth, Status, TargetState
 from phyagentos.runtime.perception.forms import sample_surface
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.robot_mask import RobotMask
@@ -69,6 +70,9 @@ def assess(
     for frame in frames.frames:
         was, digest = before.get(frame.camera), compute_digest(frame)
         status, detail = _judge(frame, digest, was, now_s, max_age_s, would_differ)
+        is_same = was is None or (was.status == UNPROVEN and was.digest == digest)
+        if status == "live" and is_same and frame.number < 0 and joints_rad(frame.time_s):
+            status = UNPROVEN
         turned = _turn(was, status, now_s, detail)
         repeats = was is not None and was.digest == digest
         health[frame.camera] = msgspec.structs.replace(
@@ -81,7 +85,7 @@ def assess(
             focal_px=(frame.fx, frame.fy, frame.cx, frame.cy),
             size_px=(frame.width, frame.height),
         )
-        if status == "live":
+        if status in {"live", UNPROVEN}:
             believed.append(frame)
     return tuple(believed), health
 

@@ -85,6 +85,7 @@ class Description(msgspec.Struct, frozen=True, tag=True):
         gripper_force_n: Maximum force of a finger [N], 0 for one that cannot press; NaN when unknown.
         joints: In the order in which they are commanded; empty when unknown.
         depth_cameras: Cameras of sensors.yaml that this scene or robot has.
+        counts_frames: Whether their frames carry the sensor's own count of exposures.
         version: Of the target's wire; 0 when unknown.
         driver: Its name in the registry; a relay prepends its own (`remote/mujoco`).
         shares_time: Whether other targets move in the same simulated time, so that a motion may wait for theirs.
@@ -113,6 +114,7 @@ class Description(msgspec.Struct, frozen=True, tag=True):
     shares_time: bool = False
     end_effector: str = "opening"
     idealisations: tuple[Idealisation, ...] = ()
+    counts_frames: bool = False
 
     def offers_tool(self, name: str) -> bool:
         """Whether there is a tool of this name."""

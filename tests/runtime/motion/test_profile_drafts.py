@@ -3,9 +3,10 @@
 import mujoco
 import numpy as np
 import pytest
+import yaml
 
 from phyagentos.errors import DefinitionError
-from phyagentos.geometry import compute_rotation
+from phyagentos.geometry import compute_rotation, convert_euler, multiply
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml, validate
@@ -24,6 +25,10 @@ LIMIT = '<limit lower="-2.5" upper="2.5" effort="40" velocity="2"/>'
 FINGERS = """<link name="{p}palm">{i}<collision><geometry><box size="0.04 0.12 0.02"/></geometry></collision></link>
 <joint name="{p}flange" type="fixed"><parent link="{p}l6"/><child link="{p}palm"/><origin xyz="0 0 0.2"/></joint>
 {jaws}"""
+TURNING = """<link name="hook">{i}<collision><origin xyz="0 {y} 0.05"/>
+<geometry><box size="0.02 0.01 0.12"/></geometry></collision></link>
+<joint name="jaw" type="revolute"><parent link="palm"/><child link="hook"/><origin xyz="0 {at} 0"/>
+<axis xyz="1 0 0"/><limit lower="{low}" upper="{high}" effort="20" velocity="1"/></joint>"""
 JAW = """<link name="{p}jaw{k}">{i}<collision><origin xyz="0 {y} 0.05"/>
 <geometry><box size="0.02 0.01 0.08"/></geometry></collision></link>
 <joint name="{p}slide{k}" type="{kind}"><parent link="{p}palm"/><child link="{p}jaw{k}"/><origin xyz="0 0 0.01"/>
@@ -77,6 +82,50 @@ def test_a_gripper_of_two_fingers_is_drafted_with_pads_that_close_on_each_other(
     assert "payload_kg: 1   # check" in settled.render()
 
 
+@pytest.mark.parametrize(("low", "high", "side"), [(-1.6, 0.0, 1), (0.0, 1.6, -1), (-3.14, 3.14, 1)])
+def test_a_jaw_that_turns_closes_on_what_stands_still(tmp_path, low, high, side):
+    jaw = TURNING.format(i=INERTIAL, y=0.0, at=side * 0.02, low=low, high=high)
+    finger = f'<origin xyz="0 {-side * 0.005} 0.06"/><geometry><box size="0.02 0.01 0.1"/></geometry>'
+    palm = build_jaws().split('<link name="jaw1')[0].replace("</link>", f"<collision>{finger}</collision></link>", 1)
+    profile, _, _ = draft(tmp_path, build_arm() + palm + jaw)
+    assert profile.gripper.joints == ("jaw",)
+    assert [pad.body for pad in profile.gripper.pad_boxes] == ["palm", "hook"]
+    assert 0.04 < profile.gripper.max_width_m < 0.11
+    z, y = compute_rotation(profile.tool.quaternion_wxyz)[:, [2, 1]].T
+    assert z[2] > 0.9
+    assert side * y[1] > 0.9
+
+
+@pytest.mark.parametrize(("turn", "points"), [(90, "-x"), (180, "-z"), (-90, "x")])
+def test_a_tool_that_points_elsewhere_than_its_fingers_is_refused_with_what_to_write(tmp_path, turn, points):
+    profile, _, _ = draft(tmp_path, build_arm() + build_jaws())
+    right = profile.tool.quaternion_wxyz
+    wrong = multiply(right, convert_euler((0.0, np.radians(turn), 0.0)))
+    text = (file := tmp_path / "robots" / "mine" / "target.yaml").read_text()
+    lines = [f"tool: {{body: l6, position_m: {list(profile.tool.position_m)}, quaternion_wxyz: {list(wrong)}}}"
+             if line.startswith("tool:") else line for line in text.splitlines()]  # fmt: skip
+    file.write_text("\n".join(lines))
+    (problem,) = check_profile(file)
+    assert f"fingers that point along {points} of the tool" in str(problem)
+    written = yaml.safe_load(problem.hint.removeprefix("Write ").removesuffix(" there."))["quaternion_wxyz"]
+    assert compute_rotation(written) == pytest.approx(compute_rotation(right), abs=1e-4)
+
+
+def test_an_arm_is_turned_so_that_it_reaches_what_is_in_front(tmp_path):
+    first = '<joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><origin xyz="0 0.0 0.2"'
+    aside = build_arm().replace(first, f'{first} rpy="0 0 -1.5708"').replace(LIMIT, LIMIT.replace("2.5", "0.5"), 1)
+    bends = aside.replace(LIMIT, LIMIT.replace('"-2.5"', '"0"'), 1)
+    profile, settled, _ = draft(tmp_path, bends + build_jaws())
+    assert profile.mount_quaternion_wxyz == pytest.approx((0.707107, 0.0, 0.0, 0.707107))
+    assert "mount_position_m: [0, 0, 0]   # check" in settled.render()
+
+
+def test_what_carries_fingers_is_of_the_arm_whatever_its_name(tmp_path):
+    profile, _, _ = draft(tmp_path, build_arm().replace("j6", "GripperYaw") + build_jaws())
+    assert profile.arm.joints[-1] == "GripperYaw"
+    assert profile.gripper.joints == ("slide1", "slide2")
+
+
 def test_a_turntable_is_an_arm_of_one_hinge(tmp_path):
     profile, _, _ = draft(tmp_path, build_arm(joints=1))
     assert profile.arm.joints == ("j1",)
@@ -117,7 +166,9 @@ def test_a_hand_that_cannot_be_guessed_stands_still_and_is_asked_for(tmp_path, f
     profile, settled, _ = draft(tmp_path, build_arm() + {"one": one, "three": jaws + third, "torn": apart}[fingers])
     assert profile.end_effector == "none"
     assert "slide2" in dict(profile.parked_rad)
-    assert "end_effector: none   # check: draft it anew with --hand" in settled.render()
+    asks = "close: write `gripper`, or draft it anew with --hand"
+    assert asks in settled.render()
+    assert "slide2" in settled.render().split(asks)[0].splitlines()[-1]
 
 
 def test_a_gripper_alone_is_no_arm(tmp_path):

@@ -17,7 +17,7 @@ from phyagentos.protocol.sessions.evidence import AFTER, Bundle
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, read_lookahead
 from phyagentos.protocol.sessions.session import Ended, Execution
 from phyagentos.protocol.sessions.verdicts import Criterion
-from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.environment import UNPROVEN, Environment
 from phyagentos.protocol.world.truth import Truth
 
 _LOST = {Ended.RUNNER_LOST, Ended.TARGET_LOST}
@@ -74,6 +74,10 @@ def evaluate_criterion(
         return make_unknown(text, kind, AFTER, "the world was not observed after the session")
     if bundle.before is not None and _is_older(bundle.after, bundle.before, bundle.execution):
         return make_unknown(text, kind, AFTER, "the snapshot after the session is older than the one before it")
+    statuses = {each.status for each in bundle.after.sensors.values()}
+    if UNPROVEN in statuses and "live" not in statuses:
+        why = "no camera counts its frames or has shown a change, so each may be frozen: move something in its view"
+        return make_unknown(text, kind, AFTER, why)
     return evaluate_on(text, kind, bundle.session.make_view(bundle.after, bundle.before, metrics), evidence)
 
 

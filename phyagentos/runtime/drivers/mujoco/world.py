@@ -226,6 +226,7 @@ class MujocoDriver(TargetDriver):
             gripper_force_n=profile.gripper.force_n,
             joints=profile.arm.joints,
             depth_cameras=present.rig.names if present else (),
+            counts_frames=True,
             version=wire.WIRE_VERSION,
             driver="mujoco",
             tools=TOOLS,
