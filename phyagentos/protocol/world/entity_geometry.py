@@ -193,12 +193,17 @@ def find_tops_below(entity: Entity, x_m: float, y_m: float, slack_m: float) -> l
     return tops
 
 
-def find_bridged_top(entity: Entity, load: Entity, middle: Vector, sure_m: float) -> Top | None:
-    """Where solids of an entity carry a load whose middle (3,) is over a gap between them, or near one; else None.
+def find_bridged_top(entity: Entity | None, load: Entity, sure_m: float) -> Top | None:
+    """Where solids of an entity carry a load whose middle is over a gap between them, or near one; else None.
 
     They are at its lowest point, under it on all sides of the middle, and reach further than `sure_m` [m] on each.
     """
-    if len(entity.shapes) == 1 or math.dist(middle[:2], entity.pose.position_m[:2]) > _measure_radius(entity):
+    middle = to_parent(load.pose, compute_centroid(load))
+    if (
+        entity is None
+        or len(entity.shapes) == 1
+        or math.dist(middle[:2], entity.pose.position_m[:2]) > _measure_radius(entity)
+    ):
         return None
     reaches_m, borne = [compute_reach(load, way) for way in _WAYS], list[tuple[Vector, Top]]()
     for (i, j, _), share in product(_WAYS, _SHARES):
