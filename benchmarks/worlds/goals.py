@@ -98,7 +98,7 @@ def _stack(draft: Draft) -> None:
     tops = [
         t.name
         for t in draft.room.things.values()
-        if t.form.top_m > 0.012 and t.name not in draft.used | under and not t.form.interior
+        if t.form.top_m > 0.012 and t.name not in draft.used | under and not t.form.interior and not any(t.euler_rad)
     ]
     if not tops:
         draft.used.discard(thing.name)
@@ -136,7 +136,8 @@ def _set_aside(draft: Draft) -> None:
 
 
 def _claim(draft: Draft) -> None:
-    things = [t for t in draft.room.movable if t.name not in draft.used]
+    under = {each.on for each in draft.room.movable}
+    things = [t for t in draft.room.movable if t.name not in draft.used | under]
     if not things:
         return
     thing = things[int(draft.rng.integers(len(things)))]

@@ -52,6 +52,16 @@ def test_a_larger_uncertainty_leaves_more_open():
     assert truth("inside(a, tray)", seen(0.58, std_m=0.006)) is Truth.UNKNOWN
 
 
+@pytest.mark.parametrize(("std_m", "half_m"), [(0.001, 0.03), (0.0, 0.03), (0.001, 0.006)])
+@pytest.mark.parametrize(("y", "z"), [(0.0, 0.05), (0.009, 0.05), (0.011, 0.05), (0.02, 0.05), (0.0, 0.06)])
+def test_what_bridges_the_gap_between_two_slats_is_on_them(y, z, std_m, half_m):
+    slats = tuple(Shape(ShapeKind.BOX, (0.1, 0.01, 0.005), Pose((0.0, side, 0.025))) for side in (-0.02, 0.02))
+    block = (Shape(ShapeKind.BOX, (0.02, half_m, 0.02)),)
+    stacked = world(cube("a", 0.5, y, z, position_std_m=std_m, shapes=block), tray(shapes=slats))
+    is_over = half_m > 0.01 or y == 0.02
+    assert (truth("on(a, tray)", stacked) is Truth.TRUE) == (is_over and z == 0.05)
+
+
 @pytest.mark.parametrize(("y", "expected"), [(0.015, Truth.TRUE), (0.019, Truth.UNKNOWN), (0.03, Truth.FALSE)])
 def test_a_middle_near_an_edge_is_not_surely_over_it(y, expected):
     stacked = world(cube("a", 0.5, y, 0.06, position_std_m=0.001), cube("b", 0.5, position_std_m=0.001))

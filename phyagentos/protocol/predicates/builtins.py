@@ -34,6 +34,7 @@ from phyagentos.protocol.world.entity_geometry import (
     compute_least_turn,
     compute_lowest,
     compute_reach,
+    find_bridged_top,
     find_tops_below,
 )
 from phyagentos.protocol.world.environment import CLOSED_M, CLOSES_AT, FRESH_S, OPENS_AT, Entity, Status, TargetState
@@ -183,12 +184,15 @@ def _name_side(gap_m: float) -> str:
 def _find_sure_top(view: View, a: Entity, b: str, doubt_m: float, near_m: float) -> Top | None:
     """As `_find_top`; unknown where the uncertainty decides whether a is over b, at less than `near_m` from its top."""
     if doubt_m:
-        sure = _find_top(view, a, b, -doubt_m)
-        possible = _find_top(view, a, b, FOOTPRINT_SLACK_M + doubt_m)
-        found = [abs(top.measure_gap(a)) for top in (sure, possible) if top is not None]
+        tops = (_find_top(view, a, b, slack_m) for slack_m in (-doubt_m, FOOTPRINT_SLACK_M + doubt_m))
+        found = [abs(top.measure_gap(a)) for top in tops if top is not None]
         if len(found) == 1 and found[0] <= near_m:
+            if bridged := find_bridged_top(view.now.entities.get(b), a, doubt_m):
+                return bridged
             raise FactMarginal(f"whether {a.name} is above {b} is within the uncertainty of the measurement")
-    return _find_top(view, a, b, FOOTPRINT_SLACK_M)
+    top = _find_top(view, a, b, FOOTPRINT_SLACK_M)
+    is_near = top is not None and abs(top.measure_gap(a)) <= CONTACT_M + doubt_m
+    return top if is_near else find_bridged_top(view.now.entities.get(b), a, doubt_m) or top
 
 
 def _find_between(view: View, a: Entity, b: str, top_m: float, most_m: float) -> Entity | None:

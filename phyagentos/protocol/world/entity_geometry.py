@@ -13,6 +13,9 @@ from phyagentos.geometry import UP, Pose, Vector, compute_turn, invert_rotation,
 from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
 
 LEVEL_COS = 0.9  # of the steepest top on which objects stand
+LEVEL_M = 0.003  # tops of one height differ by no more
+_WAYS = tuple((math.cos(turn * math.pi / 8), math.sin(turn * math.pi / 8), 0.0) for turn in range(16))
+_SHARES = (0.3, 0.55, 0.8)  # of the reach of a load, at which solids may carry it
 AXES: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _HALF = math.sqrt(0.5)
 ROLLED_COS = 0.7  # of the angle between two sides that are up one after the other
@@ -188,6 +191,36 @@ def find_tops_below(entity: Entity, x_m: float, y_m: float, slack_m: float) -> l
             normal = tuple(math.copysign(i == axis, up[axis]) for i in range(3))
             tops.append(Top((x_m, y_m, height_m), rotate(pose.quaternion_wxyz, normal)))
     return tops
+
+
+def find_bridged_top(entity: Entity | None, load: Entity, sure_m: float) -> Top | None:
+    """Where solids of an entity carry a load whose middle is over a gap between them, or near one; else None.
+
+    They are at its lowest point, under it on all sides of the middle, and reach further than `sure_m` [m] on each.
+    """
+    middle = to_parent(load.pose, compute_centroid(load))
+    if (
+        entity is None
+        or len(entity.shapes) == 1
+        or math.dist(middle[:2], entity.pose.position_m[:2]) > _measure_radius(entity)
+    ):
+        return None
+    reaches_m, borne = [compute_reach(load, way) for way in _WAYS], list[tuple[Vector, Top]]()
+    for (i, j, _), share in product(_WAYS, _SHARES):
+        leans = ((reach_m, i * way[0] + j * way[1]) for reach_m, way in zip(reaches_m, _WAYS, strict=True))
+        edge_m = min(reach_m / lean for reach_m, lean in leans if lean > 0.1)
+        off = (share * edge_m * i, share * edge_m * j, 0.0)
+        tops = find_tops_below(entity, middle[0] + off[0], middle[1] + off[1], 0.0)
+        borne += [(off, top) for top in tops if abs(top.measure_gap(load)) <= LEVEL_M + sure_m]
+    if not all(max((dot(off, way) for off, _ in borne), default=-1.0) > sure_m for way in _WAYS):
+        return None
+    nearest = min((top for _, top in borne), key=lambda top: math.dist(top.point_m[:2], middle[:2]))
+    return Top((middle[0], middle[1], nearest.point_m[2]), nearest.normal)
+
+
+def _measure_radius(entity: Entity) -> float:
+    """Of a circle around its origin that holds it as seen from above [m]."""
+    return math.hypot(*(max(compute_reach(entity, way) for way in _WAYS[side::8]) for side in (0, 4)))
 
 
 def compute_box_distance(pose: Pose, half_m: Sequence[float], point: Sequence[float]) -> float:

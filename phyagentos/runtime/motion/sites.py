@@ -131,7 +131,7 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
     entity = next((e for e in request.world.entities if e.name == request.destination), None)
     others = [e for e in request.world.entities if e.shapes and e.name != held.name]
     if entity is not None and request.relation == Meaning.ON:
-        box = _choose_top(entity)
+        box = _choose_top(entity, float(np.median(compute_bounds(held.shapes)[1])))
         space = _level_space(box, box.top_m, [entity], walled=False)
         return replace(space, depth_m=_measure_hollow(space, entity), floor=_list_level(entity, space.center_m[2]))
     if entity is not None and entity.interior is not None:
@@ -149,14 +149,18 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
     return None
 
 
-def _choose_top(entity: Entity) -> Box:
+def _choose_top(entity: Entity, reach_m: float) -> Box:
     """Around the solids that carry what is put on an entity: the highest under its middle, so not the rim of a plate.
 
-    Those that end at the same height carry with it, as slats do.
+    Those that end at the same height carry with it, as slats do. Where another solid rises within the reach of what is
+    put there, as the next step of stairs, it is the highest one beside which none does.
     """
     boxes, middle_m = compute_shape_boxes(entity), compute_entity_box(entity).pose[:2, 3]
     under = [box for box in boxes if box.compute_distance(np.append(middle_m, box.pose[2, 3])) <= 0.0]
-    best = max(under or boxes, key=lambda box: (round(box.top_m, 6), float(np.prod(box.half_m))))
+    best = max(under or boxes, key=_rank_top)
+    if _is_walled(best, boxes, reach_m):
+        free = [box for box in boxes if not _is_walled(box, boxes, reach_m) and _is_wide(box)]
+        best = max(free or [best], key=_rank_top)
     level = _list_level(entity, best.top_m)
     if len(level) == 1:
         return best
@@ -167,6 +171,19 @@ def _choose_top(entity: Entity) -> Box:
     pose = best.pose.copy()
     pose[:3, 3] = R @ (low + high) / 2.0
     return Box(pose, (high - low) / 2.0)
+
+
+def _rank_top(box: Box) -> tuple[float, float]:
+    return round(box.top_m, 6), float(np.prod(box.half_m))
+
+
+def _is_walled(box: Box, boxes: Sequence[Box], reach_m: float) -> bool:
+    """Whether one of these solids rises above the top of a box, within a reach of its middle."""
+    return any(each.top_m > box.top_m + LEVEL_BAND_M and _is_beside(each, box.pose[:3, 3], reach_m) for each in boxes)
+
+
+def _is_wide(box: Box) -> bool:
+    return bool(np.delete(box.half_m, np.argmax(np.abs(box.pose[2, :3]))).min() > 2.0 * TIPPED_M)
 
 
 def _list_level(entity: Entity, height_m: float) -> tuple[Box, ...]:

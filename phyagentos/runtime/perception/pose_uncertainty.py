@@ -30,19 +30,22 @@ FREE = np.ones(6)
 class PoseUncertainty:
     """Standard deviations (2,) of a pose in one look: of its position [m] and of its turn [rad].
 
-    `common` is the part that all looks have in common.
+    `common` is the part that all looks have in common; of that of its position, `hidden_m` is due to what hides it now.
     """
 
     total: Array
     common: Array
+    hidden_m: float = 0.0
 
     def of_measured(self, size_std_m: float) -> "PoseUncertainty":
         """The same for an object whose own sides are known to this deviation [m]: its middle is off by half of it."""
-        return self.of_hidden(np.array([size_std_m, 0.0]))
+        parts = np.array([size_std_m / 2.0, 0.0])
+        return PoseUncertainty(np.hypot(self.total, parts), np.hypot(self.common, parts), self.hidden_m)
 
     def of_hidden(self, other: Array) -> "PoseUncertainty":
         """The same where another pose, so far away (2,), fits as well; no look at what hides the object tells which."""
-        return PoseUncertainty(np.hypot(self.total, other / 2.0), np.hypot(self.common, other / 2.0))
+        parts = other / 2.0
+        return PoseUncertainty(np.hypot(self.total, parts), np.hypot(self.common, parts), float(parts[0]))
 
     def compute_gain(self, before: Array) -> Array:
         """(2,) weights of this look in the mean with those before, whose deviations are `before` (2,)."""
@@ -52,10 +55,12 @@ class PoseUncertainty:
         return gain
 
     def fuse(self, before: Array) -> Array:
-        """(2,) deviations of that mean; of its position never less than the common part of this look."""
+        """(2,) deviations of that mean; of its position never less than the common part of this look that is seen."""
         gain, shared = self.compute_gain(before), np.minimum(self.common, before) ** 2
         square = ((1 - gain) * before) ** 2 + (gain * self.total) ** 2 + 2 * gain * (1 - gain) * shared
-        least = np.array([self.common[0], min(self.common[1], before[1])])  # few turn where they stay
+        seen_m = np.sqrt(self.common[0] ** 2 - self.hidden_m**2) if self.hidden_m else self.common[0]
+        kept = np.minimum(self.common, before)
+        least = np.array([max(seen_m, kept[0]), kept[1]])  # few turn where they stay
         fused: Array = np.maximum(np.sqrt(square), least)
         return fused
 

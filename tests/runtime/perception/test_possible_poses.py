@@ -153,6 +153,12 @@ def test_depths_of_a_wall_seen_at_a_grazing_angle_are_dropped_and_a_thin_rod_is_
     assert kept[:, :9].all()
 
 
+@pytest.mark.parametrize(("before_m", "expected_m"), [(0.001, 0.001), (0.015, 0.015)])
+def test_a_look_at_what_is_mostly_hidden_keeps_what_was_known_and_adds_nothing(before_m, expected_m):
+    look = PoseUncertainty(np.array([0.001, 0.01]), np.array([0.0005, 0.005])).of_hidden(np.array([0.03, 0.1]))
+    assert look.fuse(np.array([before_m, 0.01]))[0] == pytest.approx(expected_m, rel=0.1)
+
+
 def test_where_an_object_ends_is_open_where_only_a_patch_of_its_face_is_visible(waiter):
     coaster = waiter.things["coaster"]
     u, v = np.meshgrid(np.linspace(0.008, 0.028, 9), np.linspace(0.008, 0.028, 9))
