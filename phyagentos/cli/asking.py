@@ -63,12 +63,8 @@ def ask(
         workspace=workspace,
         output=output,
     )
-    if isinstance(found, asking.Answered):
-        lines = [found.answer, *(f"  {each}" for each in found.evidence), f"  as of {found.source}"]
-        print_found(found, "\n".join(lines), as_json=as_json)
-        return ExitCode.GOAL_MET
     if not isinstance(found, asking.Asked):
-        return _show_what_is_missing(found, as_json=as_json)
+        return _show_without_goal(found, as_json=as_json)
     _show(found, mermaid=mermaid, as_json=as_json)
     if found.graph is None or not (yes or (not as_json and _is_approved())):
         place = f" -w {found.workspace}" if found.workspace is not None else ""
@@ -84,14 +80,18 @@ def ask(
     return report.exit_code
 
 
-def _show_what_is_missing(found: asking.NotUnderstood | Unsolvable, *, as_json: bool) -> ExitCode:
-    """Questions with options that answer them, what is not known here, or what no skill makes true."""
+def _show_without_goal(found: asking.Answered | asking.NotUnderstood | Unsolvable, *, as_json: bool) -> ExitCode:
+    """An answer; questions with options that answer them, what is not known here, or what no skill makes true."""
+    if isinstance(found, asking.Answered):
+        lines = [found.answer, *(f"  {each}" for each in found.evidence), f"  as of {found.source}"]
+        print_found(found, "\n".join(lines), as_json=as_json)
+        return ExitCode.GOAL_MET
     if isinstance(found, Unsolvable):
         print_found(found, render_missing(found), as_json=as_json)
         return ExitCode.GOAL_NOT_MET
     print_found(found, "\n".join(_iter_open(found)), as_json=as_json)
     for question in () if as_json else found.questions:
-        print_note(f"  --answer '{question.key}={next(iter(question.candidates), '...')}'")
+        print_note(f"  --answer '{question.key}={question.likely or next(iter(question.candidates), '...')}'")
     return ExitCode.INVALID_INPUT
 
 

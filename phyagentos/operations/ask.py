@@ -118,28 +118,25 @@ def ask(
     workspace: Path | None = None,
     output: Path | None = None,
 ) -> Asked | NotUnderstood | Unsolvable | Answered:
-    """Make a goal of a request, plan it, and write its graph; run nothing. A question is answered.
+    """Make a goal of a request, plan it, and write its graph, or answer a question; run nothing.
 
     `scene` is that of the last request by default, and `robot` that of the scene's goal graphs. `answers` are those to
-    questions, by key; `choose` answers any other one, where all have candidates. `open_model` gives, for a scene, the
-    model that is asked for what the grammar does not know. Files go to the requests of `workspace`, a new one under
-    workspaces/ by default, or else beside `output`.
+    questions, by key; `choose` answers any other one, where all have candidates. `open_model` gives a scene's model,
+    for what the grammar does not know. Files go to the requests of `workspace`, a new one by default, or to `output`.
 
     Raises DefinitionError for an unknown scene or target, letters that are not seen, and a graph with problems.
     """
     _require_seen(request)
-    library = open_library()
-    catalogue = Catalogue.read(library)
+    catalogue = Catalogue.read(library := open_library())
     past = _read_past(workspace, scene, catalogue)
     vocabulary, world = _read_vocabulary(library, catalogue, [*past.values()], scene, robot, seed)
     model = open_model(vocabulary.scene)
     understood = _understand(request, vocabulary, model, dict(answers or {}), choose)
-    if isinstance(understood, Ambiguous | Impossible):
-        return _describe_gap(understood, vocabulary, request)
     if isinstance(understood, Inquiry):
         return _answer(understood, vocabulary, world, workspace)
-    goal = understood.goal
-    planned = plan_goal(goal, catalogue, world, may_hold=False)
+    if isinstance(understood, Ambiguous | Impossible):
+        return _describe_gap(understood, vocabulary, request)
+    planned = plan_goal(goal := understood.goal, catalogue, world, may_hold=False)
     if isinstance(planned, Unsolvable):
         return planned
     plan = describe_plan(planned)

@@ -11,9 +11,13 @@ from pathlib import Path
 import pytest
 import yaml
 
+from phyagentos.assembly.project import open_library
+from phyagentos.assembly.scene_start import draw_start
 from phyagentos.cli import asking
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations.run import RunReport
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.views.environment import render_environment
 from tests.chat_server import ChatServer
 
 CUBES = ("--scene", "tabletop/cubes_and_trays")
@@ -267,3 +271,39 @@ def test_questions_are_put_in_the_terminal_and_another_key_approves_nothing():
     assert code == ExitCode.GOAL_MET
     assert "inside(green_cube, red_tray)" in out
     assert "RUNS" not in out
+
+
+@pytest.mark.parametrize(
+    ("question", "said"),
+    [
+        ("where is the bottle?", "bottle is on table"),
+        ("is the bottle upright?", "upright(bottle) is true: bottle leans 0°"),
+        ("how many cubes are there?", "4: "),
+        ("what can you do?", "put the"),
+    ],
+)
+def test_a_question_is_answered_and_the_snapshot_is_named(paos, question, said):
+    asked = paos("ask", question, *CUBES)
+    assert (asked.code, said in asked.out, "the start of the scene" in asked.out) == (ExitCode.GOAL_MET, True, True)
+
+
+def test_a_question_in_a_workspace_is_answered_from_what_was_observed_there(paos, tmp_path):
+    world = draw_start(open_library(), "tabletop/cubes_and_trays", ["panda"], 3)
+    workspace = Workspace.create(tmp_path / "w", open_library())
+    workspace.environment.write_text(render_environment(world), encoding="utf-8")
+    asked = paos("ask", "where is the red cube?", *CUBES, "-w", workspace.root)
+    x_m, y_m, _ = world.entities["red_cube"].pose.position_m
+    assert f"({x_m:.2f}, {y_m:.2f}" in asked.out
+    assert str(workspace.environment) in asked.out
+
+
+def test_a_refusal_ends_with_requests_that_are_understood(paos):
+    examples = json.loads(paos("ask", "fold the laundry", *CUBES, "--json").out)["examples"]
+    assert len(examples) == 2
+    assert [paos("ask", each, *CUBES).code for each in examples] == [ExitCode.GOAL_MET] * 2
+
+
+def test_a_word_that_fits_several_objects_is_asked_back_and_the_likely_one_is_named(paos):
+    asked = paos("ask", "put green into the red tray", *CUBES)
+    assert "probably green_cube" in asked.out
+    assert "=green_cube'" in asked.err
