@@ -1,7 +1,7 @@
 """The watchdog's side of the journal: one ledger for all its parts, and the records that it adds."""
 
-from collections.abc import Callable
-from typing import ParamSpec
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 
 import msgspec
 
@@ -11,8 +11,18 @@ from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.store.journal import Entry, Journal, Record
 from phyagentos.store.ledger import Ledger
 
-Given = ParamSpec("Given")
 TRIES = 5  # at a record that another writer makes out of date
+
+
+class _Try(AbstractContextManager[None]):
+    """Notes whether another writer was faster, and lets only the last try fail of that."""
+
+    def __init__(self, *, is_last: bool) -> None:
+        self._is_last, self.is_overtaken = is_last, False
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> bool:
+        self.is_overtaken = kind is not None and issubclass(kind, IllegalTransition | Fenced)
+        return self.is_overtaken and not self._is_last
 
 
 class SupervisorJournal:
@@ -64,21 +74,17 @@ class SupervisorJournal:
         except IllegalTransition:
             self.follow()
 
-    def retry_on_conflict(self, act: Callable[Given, None], *given: Given.args, **named: Given.kwargs) -> None:
-        """Act again, as long as another writer changes the session between reading and recording.
+    def iter_tries(self) -> Iterator[AbstractContextManager[None]]:
+        """Tries of an act, one after another as long as another writer changes the session before it is recorded.
 
         Raises:
             IllegalTransition, Fenced: At the last try.
         """
         for number in range(1, TRIES + 1):
-            try:
-                act(*given, **named)
-            except (IllegalTransition, Fenced):
-                self.follow()
-                if number == TRIES:
-                    raise
-            else:
+            yield (attempt := _Try(is_last=number == TRIES))
+            if not attempt.is_overtaken:
                 return
+            self.follow()
 
     def get_state(self, session: SessionId) -> SessionState:
         """State of a session."""

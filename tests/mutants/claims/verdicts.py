@@ -107,8 +107,8 @@ MUTANTS = (
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
-                "sure = _find_top(view, a, b, -doubt_m)",
-                "sure = _find_top(view, a, b, FOOTPRINT_SLACK_M - doubt_m)",
+                "for slack_m in (-doubt_m, FOOTPRINT_SLACK_M + doubt_m))",
+                "for slack_m in (FOOTPRINT_SLACK_M - doubt_m, FOOTPRINT_SLACK_M + doubt_m))",
             ),
         ),
         tests=("tests/protocol/test_predicate_doubt.py::test_a_middle_near_an_edge_is_not_surely_over_it",),

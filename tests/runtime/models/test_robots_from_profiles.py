@@ -257,7 +257,7 @@ def test_a_urdf_keeps_its_links_and_loses_pictures_that_are_absent(tmp_path):
 def test_a_draft_is_a_profile_that_lacks_only_what_no_model_says(beak):
     text = draft_profile(beak.with_name("beak.xml"), "beak.xml", "beak").render()
     assert "joints: [shoulder, elbow]" in text
-    assert "parked_rad: {jaw: 0}" in text  # one jaw against a link is written by a person
+    assert "  joints: [jaw]" in text  # one jaw against a link
     assert text.count("# check") >= 5
     beak.write_text(textwrap.dedent(text))
     assert {problem.code for problem in check_profile(beak, Safety(targets={}))} <= {
