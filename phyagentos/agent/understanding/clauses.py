@@ -161,14 +161,14 @@ class Clauses(Discourse):
         said = [str(token) for token in clause.children if get_type(token) in {"amount", "unit"}]
         amount = float(NUMBERS.index(said[0]) if said[0] in NUMBERS else said[0]) if said else 0.0
         by_m = amount * read_lexicon()["units_m"].get(said[-1], 0.0) if said else 0.0
-        if side not in SIDES or not by_m or any(self.get(name).at_m is None for name in names):
+        if side not in SIDES or by_m <= 0.04 or any(self.get(name).at_m is None for name in names):
             return self.lack(RequestProblemKind.CAPABILITY, " ".join(said) or self.quote(sides[0]))
         view, places = self.ask_view(sides[0]), ((name, self.get(name).at_m) for name in names)
         return [self._stand_at(name, shift(at_m, side, view, by_m)) for name, at_m in places if at_m and view]
 
     def _stand_at(self, name: str, point_m: Vector) -> str:
         self.moved.append(name)
-        return f"at({name}, ({', '.join(f'{each:.3g}' for each in point_m)}))"
+        return f"at({name}, ({', '.join(f'{each:.3g}' for each in point_m)}), 0.04)"  # as near as skills promise
 
     def _read_instead(self, clause: Node, meant: Node) -> Step:
         """The last goal with another object, or another place: `no, the blue one`, `no, into the blue tray`."""
