@@ -62,6 +62,15 @@ def place_beside(thing: Thing, side: str, view: float, owner: Thing) -> Vector |
     return shift((owner.at_m[0], owner.at_m[1], thing.at_m[2]), side, view, apart_m)
 
 
+def find_beside(thing: Thing, owner: Thing, others: Sequence[Thing]) -> Vector | None:
+    """The point beside an object, on any side of it, that is farthest from all others [m]; None without places."""
+    points = [point for side in SIDES if (point := place_beside(thing, side, 1.0, owner)) is not None]
+    around = [each.at_m for each in others if each.at_m is not None and each.movable]
+    return max(
+        points, key=lambda point: min((math.dist(point[:2], at[:2]) for at in around), default=0.0), default=None
+    )
+
+
 def shift(at_m: Vector, side: str, view: float, by_m: float) -> Vector:
     """A point so far to a side of another one [m]."""
     x, y = SIDES[side]

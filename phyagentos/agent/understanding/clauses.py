@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
-from phyagentos.agent.understanding.bearings import SIDES, VIEWS, list_beside, place_beside, shift
+from phyagentos.agent.understanding.bearings import SIDES, VIEWS, find_beside, list_beside, place_beside, shift
 from phyagentos.agent.understanding.nouns import (
     NUMBERS,
     Discourse,
@@ -161,14 +161,14 @@ class Clauses(Discourse):
         said = [str(token) for token in clause.children if get_type(token) in {"amount", "unit"}]
         amount = float(NUMBERS.index(said[0]) if said[0] in NUMBERS else said[0]) if said else 0.0
         by_m = amount * read_lexicon()["units_m"].get(said[-1], 0.0) if said else 0.0
-        if side not in SIDES or not by_m or any(self.get(name).at_m is None for name in names):
-            return self.lack(RequestProblemKind.CAPABILITY, " ".join(said) or self.quote(sides[0]))
+        if side not in SIDES or by_m <= 0.04 or any(self.get(name).at_m is None for name in names):
+            return self.lack(RequestProblemKind.CAPABILITY, " ".join(said) or self.quote(clause))
         view, places = self.ask_view(sides[0]), ((name, self.get(name).at_m) for name in names)
         return [self._stand_at(name, shift(at_m, side, view, by_m)) for name, at_m in places if at_m and view]
 
     def _stand_at(self, name: str, point_m: Vector) -> str:
         self.moved.append(name)
-        return f"at({name}, ({', '.join(f'{each:.3g}' for each in point_m)}))"
+        return f"at({name}, ({', '.join(f'{each:.3g}' for each in point_m)}), 0.04)"  # as near as skills promise
 
     def _read_instead(self, clause: Node, meant: Node) -> Step:
         """The last goal with another object, or another place: `no, the blue one`, `no, into the blue tray`."""
@@ -222,7 +222,8 @@ class Clauses(Discourse):
         wanted = []
         for name in names:
             if place := self._find_place(name, dest, places):
-                wanted.append(self._locate(name, dest, place))
+                beside = self._stand_beside(name, dest, place) if dest.data == "beside" and len(names) == 1 else ""
+                wanted.append(beside or self._locate(name, dest, place))
                 wanted += [f"not {self._locate(each, dest, place)}" for each in objects.rest if each not in names]
         if not wanted and self.left_out and places.by_colour:
             return self.lack(RequestProblemKind.THING, "; ".join(self.left_out.values()), places.names)
@@ -236,6 +237,15 @@ class Clauses(Discourse):
         view = self.ask_view(dest)
         point_m = place_beside(self.get(name), str(dest.data), view, self.get(place)) if view else None
         return self._stand_at(name, point_m) if point_m is not None else ""
+
+    def _stand_beside(self, name: str, dest: Node, place: str) -> str:
+        """At a point on the freest side, as no skill guarantees `near`; empty where places are not known."""
+        others = [each for each in self.vocabulary.things.values() if each.name not in (name, place)]
+        point_m = find_beside(self.get(name), self.get(place), others)
+        if point_m is None or self.get(place).has_interior:
+            return ""
+        self.reasons.append(f"{self.quote(dest)}: on its freest side, as any will do")
+        return self._stand_at(name, point_m)
 
     def _find_places(self, dest: Node, *, by_colour: bool = False) -> Named:
         """What a destination names; every coloured place with an interior where it says only the colour."""
@@ -285,9 +295,9 @@ class Clauses(Discourse):
 
     # questions
 
-    def list_alike(self, plain: Node) -> list[str]:
-        """Names of all objects that a phrase fits; of `object` those that can be moved."""
-        return [each.name for each in self._find_candidates(plain, Slot.MOVED, "")[0]]
+    def list_alike(self, plain: Node, slot: Slot = Slot.MOVED) -> list[str]:
+        """Names of all objects that a phrase fits; of `object` those that fit the slot."""
+        return [each.name for each in self._find_candidates(plain, slot, "")[0]]
 
     def list_placed(self, names: Iterable[str], dest: Node) -> dict[str, str]:
         """Of each object the statement that it is at a destination, at one of several."""

@@ -4,6 +4,8 @@ Upstream: a reading. Downstream: `paos ask`. An answer is what the predicates of
 what they leave unknown is answered as unknown, and never guessed.
 """
 
+from collections.abc import Iterable
+
 import msgspec
 
 from phyagentos.agent.understanding.bearings import SIDES
@@ -34,13 +36,11 @@ def read_inquiry(said: Clauses, asked: Node) -> Inquiry:
     parts = [part for part in list_children(asked) if part.data != "be"]
     match str(asked.data), parts:
         case "ask_state", [things, state]:
-            meaning = read_lexicon()["meanings"][state.data]
-            names = said.resolve(things, Slot(meaning["slot"])).names
-            owners = (said.get(name) for name in names)
-            statements = {
-                each.name: meaning["form"].format(each.name, at="inside" if each.has_interior else "on")
-                for each in owners
-            }
+            slot = Slot(read_lexicon()["meanings"][state.data]["slot"])
+            statements = _say_state(said, said.resolve(things, slot).names, state)
+        case "ask_which_state", [plain, state]:
+            slot = Slot(read_lexicon()["meanings"][state.data]["slot"])
+            statements = _say_state(said, said.list_alike(plain, slot), state)
         case "ask_place", [things, dest]:
             statements = said.list_placed(said.resolve(things, Slot.ANY).names, dest)
         case "ask_which", [*nouns, dest]:
@@ -58,11 +58,17 @@ def read_inquiry(said: Clauses, asked: Node) -> Inquiry:
     return Inquiry(kind=kind, words=said.text.strip(" ;"), statements=statements)
 
 
+def _say_state(said: Clauses, names: Iterable[str], state: Node) -> dict[str, str]:
+    form = read_lexicon()["meanings"][state.data]["form"]
+    return {name: form.format(name, at="inside" if said.get(name).has_interior else "on") for name in names}
+
+
 _KINDS = {
     "ask_state": InquiryKind.WHETHER,
     "ask_place": InquiryKind.WHETHER,
     "ask_where": InquiryKind.WHERE,
     "ask_which": InquiryKind.WHICH,
+    "ask_which_state": InquiryKind.WHICH,
     "ask_named": InquiryKind.WHICH,
     "ask_count": InquiryKind.COUNT,
     "ask_colour": InquiryKind.COLOUR,

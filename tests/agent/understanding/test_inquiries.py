@@ -1,5 +1,6 @@
 """Questions, spelling, follow-ups and refusals: each says what it rests on, and none decides what is open."""
 
+import math
 import random
 import re
 
@@ -12,7 +13,8 @@ from phyagentos.agent.understanding.understanding import Ambiguous, Understood
 from phyagentos.agent.understanding.vocabulary import Vocabulary
 from phyagentos.assembly.project import open_library
 from phyagentos.assembly.scene_start import draw_start
-from phyagentos.protocol.predicates.predicate import find_entities
+from phyagentos.protocol.predicates.meaning import read_statement
+from phyagentos.protocol.predicates.predicate import find_entities, parse_predicate
 
 from .conftest import CUBES, get_vocabulary, read_catalogue
 
@@ -82,3 +84,14 @@ def test_every_object_of_a_random_sentence_is_in_its_goal_or_it_is_none(understa
                 assert {*meant} <= {n for t in (*goal.accept, *goal.constraints) for n in find_entities(t)}, said
             else:
                 assert found.questions if isinstance(found, Ambiguous) else found.lacks, said
+
+
+def test_beside_an_object_is_a_free_point_next_to_it(understand):
+    vocabulary = Vocabulary.read(read_catalogue(), CUBES, world=get_world(CUBES))
+    (text,) = understand("put the green cube next to the bottle", vocabulary).goal.accept
+    point_m = read_statement(parse_predicate(text).formula).place.position_m
+    movable = {name: each for name, each in get_world(CUBES).entities.items() if each.movable}
+    away_m = {name: math.dist(each.pose.position_m[:2], point_m[:2]) for name, each in movable.items()}
+    assert 0.05 < away_m.pop("bottle") < 0.25
+    del away_m["green_cube"]
+    assert min(away_m.values()) > 0.1
