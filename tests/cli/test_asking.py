@@ -124,7 +124,7 @@ def test_questions_end_with_code_2_and_their_candidates_and_can_be_answered(paos
     ("request_", "kind", "words"),
     [
         ("make coffee", "word", "coffee"),
-        ("put the red cube beside the blue cube", "capability", "near"),
+        ("lift the red cube by 10 cm", "capability", "10 cm"),
         ("open the bottle", "fit", "open(bottle)"),
     ],
 )
