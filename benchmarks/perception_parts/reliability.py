@@ -96,7 +96,7 @@ def _compare_pose(
 
 
 def _iter_alike(thing: ObjectModel) -> Iterator[tuple[Array, Array]]:
-    """Turns (3, 3) with shifts (3,) of a body that nobody sees: first none, then those of its form."""
+    """Turns (3, 3) with shifts (3,) of a body that no look tells apart: first none, then those of its form."""
     yield np.eye(3), np.zeros(3)
     rolled = [np.eye(3)]
     if thing.form is Form.BOX and thing.turns.shape[1] == 2:

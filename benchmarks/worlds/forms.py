@@ -1,7 +1,7 @@
 """Kinds of bodies, built from the four primitive solids that a scene file knows; sizes in metres.
 
-The origin of a thing is the middle of its height, that of a support its foot; z points up as it stands. What is hollow
-with a curved wall is a ring of flat walls; nothing is soft or hinged.
+The origin of an object is the middle of its height, that of a support its foot; z points up as it stands. What is
+hollow with a curved wall is a ring of flat walls; nothing is soft or hinged.
 """
 
 import math
@@ -237,7 +237,7 @@ KINDS = tuple(DRAWS)
 
 
 def draw_compound(kind: str, rng: Rng) -> Form:
-    """A thing of several boxes that touch or overlap: lying bars, a small stand, or a block with a cap."""
+    """An object of several boxes that touch or overlap: lying bars, a small stand, or a block with a cap."""
     thick, wide, long = rng.uniform((0.006, 0.020, 0.025), (0.012, 0.035, 0.045))
     far = long - thick
     boxes: dict[str, Sequence[Block]] = {

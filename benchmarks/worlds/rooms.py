@@ -319,7 +319,7 @@ def _draw_thing(
     used: list[tuple[float, float, float]],
     style: Style,
 ) -> Iterator[Thing]:
-    """One thing; or two alike; or one that leans on the edge of a slab; or one with a board of its footprint."""
+    """One object; or two alike; or one that leans on the edge of a slab; or one with a board of its footprint."""
     one, mood = _draw_one(str(rng.choice(style.kinds)), rng, used, style), rng.random()
     if style.paired and mood < style.paired and one.form.stands | (one.form.top_m > 0):
         yield from _pair(rng, floor, one, things)
@@ -344,7 +344,7 @@ def _draw_one(kind: str, rng: Rng, used: list[tuple[float, float, float]], style
 
 
 def _pair(rng: Rng, floor: Floor, one: Thing, things: dict[str, Thing]) -> Iterator[Thing]:
-    """A thing, and a thin board of its footprint: under it, or elsewhere."""
+    """An object, and a thin board of its footprint: under it, or elsewhere."""
     x, y, _ = one.form.span_m
     board = make_box(float(x), float(y), rng.uniform(*PAIR_M), "board")
     if (place := floor.find(one.form.radius_m)) is None:

@@ -87,7 +87,7 @@ def watch(
 
 
 def _prepare(parent: int | None, about: str, by: signal.Signals = signal.SIGTERM) -> None:
-    """When asked, end `by` a signal with the parent; without one, say what begins."""
+    """With a parent, end `by` a signal when it ends; without one, say what begins."""
     if parent is None:
         print_note(about)
     elif not end_with(parent, by):

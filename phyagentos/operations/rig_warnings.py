@@ -108,7 +108,7 @@ def _iter_of_call(call: syntax.Call, located: Located, path: Address, rig: Rig) 
     definition = get_predicate_library().find(call.name)
     for argument, term in zip(definition.arguments if definition else (), call.terms, strict=False):
         if argument.name in LENGTHS and isinstance(term, syntax.Number) and term.value <= doubt_m:
-            asked, least = compare_lengths(term.value, doubt_m)
+            tolerance, least = compare_lengths(term.value, doubt_m)
             expected = f"more than ±{least}, as well as these cameras place {' and '.join(names)} at best"
             hint = f"Write more than {doubt_m:.2g}, or place a camera nearer in sensors.yaml."
-            yield located.problem("UNDECIDABLE", path, f"{asked} in {syntax.render(call)!r}", expected, hint)
+            yield located.problem("UNDECIDABLE", path, f"{tolerance} in {syntax.render(call)!r}", expected, hint)

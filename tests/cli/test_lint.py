@@ -254,12 +254,12 @@ def test_what_the_cameras_of_a_rig_cannot_tell_is_warned_of_with_numbers(paos, w
     path = write("goal_graphs/tidy_table.yaml", f"{graph[: graph.index('accept:' + chr(10))]}accept: [{more}]")
     result = paos("lint", path)
     assert (result.code, "1 file checked, no problem") == (ExitCode.GOAL_MET, result.out.strip())
-    told = (
+    expected = (
         "NOT_OBSERVED: found 'far', which no standing camera sees; expected a place in view of one of left",
         "ALIKE: found 'tin', which has the colours of far, red_cube and sides that differ by less than 2 mm",
         "UNDECIDABLE: found 1 mm in 'at(green_cube, red_tray, 0.001)'; expected more than ±3 mm",
     )
-    assert [each for each in told if each not in result.err] == []
+    assert [each for each in expected if each not in result.err] == []
     write("protocol/perception.yaml", "version: 1\nsensing: truth\npipelines: {}\n")
     assert (paos("lint", path).err.count("NOT_OBSERVED"), result.err.count("0.01)")) == (0, 0)
 
@@ -285,10 +285,10 @@ def test_a_number_out_of_the_range_of_its_port_and_an_object_larger_than_its_tra
     session = '  hurry: {skill: hurry, target: arm, with: {speed: 150}, accept: ["visible(red_cube)"]}\n'
     graph = (ROOT / "goal_graphs" / "tidy_table.yaml").read_text().replace("tabletop/cubes_and_trays", "big")
     path = write("goal_graphs/tidy_table.yaml", graph.replace("sessions:\n", f"sessions:\n{session}"))
-    told = (
+    expected = (
         "found 150; expected a number greater than 0 and of at most 1. Fraction of the velocity limits",
         "found 'red_cube' of 18 cm x 38 cm x 40 cm, inside 'red_tray' of 11 cm x 18 cm",
     )
-    assert_refused(paos("lint", path), *told)
-    assert_refused(paos("run", path, "-w", path.parents[1] / "w"), *told)
+    assert_refused(paos("lint", path), *expected)
+    assert_refused(paos("run", path, "-w", path.parents[1] / "w"), *expected)
     assert_refused(paos("lint", skill), f"{skill}:6:25: INVALID_VALUE: found 50; expected a number greater than 0")

@@ -1,4 +1,4 @@
-"""What no session can put where it is asked to be: inside of a solid, what stands fixed, what is too large."""
+"""What no session can put where a goal wants it: inside of a solid, what stands fixed, what is too large."""
 
 import math
 from collections.abc import Iterator

@@ -1,7 +1,7 @@
 """Where objects are from where one looks, and which of them is leftmost, nearest or largest.
 
 Left, right, front and back depend on who looks: the robot at its mount, or a person who faces it. Where the two differ,
-a request is not decided but asked back.
+the understander puts a question.
 """
 
 import math
@@ -21,50 +21,50 @@ GAP_M = 0.04  # between two objects that are put side by side
 BESIDE_M = 0.15  # between the middles of objects that are next to each other
 _APART_M, _ALIKE = 0.01, 0.05  # places, and shares of a size, that are taken for equal
 _SIZES: Mapping[str, Callable[[Thing], float]] = {
-    "large": lambda thing: math.prod(thing.half_m),
-    "small": lambda thing: -math.prod(thing.half_m),
-    "tall": lambda thing: thing.half_m[2],
-    "long": lambda thing: max(thing.half_m[:2]),
+    "large": lambda body: math.prod(body.half_m),
+    "small": lambda body: -math.prod(body.half_m),
+    "tall": lambda body: body.half_m[2],
+    "long": lambda body: max(body.half_m[:2]),
 }
 
 
-def list_most(things: Sequence[Thing], kind: str, view: float, reference: Vector | None) -> list[str]:
+def list_most(bodies: Sequence[Thing], kind: str, view: float, reference: Vector | None) -> list[str]:
     """Those that are most so, several where they are equally so; all where places are not known.
 
     `reference` is that from which `near` and `far` are measured: by default the robot, at the origin.
     """
-    if not things or any(thing.at_m is None for thing in things):
-        return [thing.name for thing in things]
+    if not bodies or any(body.at_m is None for body in bodies):
+        return [body.name for body in bodies]
     if kind in _SIZES:
-        sizes = {thing.name: _SIZES[kind](thing) for thing in things}
+        sizes = {body.name: _SIZES[kind](body) for body in bodies}
         most = max(sizes.values())
         return [name for name, size in sizes.items() if most - size <= _ALIKE * abs(most)]
-    ranks = {thing.name: _rank(thing, kind, view, reference) for thing in things}
+    ranks = {body.name: _rank(body, kind, view, reference) for body in bodies}
     return [name for name, rank in ranks.items() if max(ranks.values()) - rank <= _APART_M]
 
 
-def list_beside(things: Sequence[Thing], kind: str, view: float, owner: Thing) -> list[str]:
+def list_beside(bodies: Sequence[Thing], kind: str, view: float, owner: Thing) -> list[str]:
     """Those on a side of an object, or `beside` it; all where places are not known."""
-    others = [thing for thing in things if thing.name != owner.name]
-    if owner.at_m is None or any(thing.at_m is None for thing in others):
-        return [thing.name for thing in others]
+    others = [body for body in bodies if body.name != owner.name]
+    if owner.at_m is None or any(body.at_m is None for body in others):
+        return [body.name for body in others]
     if kind == "beside":
         return [each.name for each in others if each.at_m and math.dist(each.at_m[:2], owner.at_m[:2]) <= BESIDE_M]
     border = _rank(owner, kind, view, None)
-    return [thing.name for thing in others if _rank(thing, kind, view, None) - border > _APART_M]
+    return [body.name for body in others if _rank(body, kind, view, None) - border > _APART_M]
 
 
-def place_beside(thing: Thing, side: str, view: float, owner: Thing) -> Vector | None:
+def place_beside(body: Thing, side: str, view: float, owner: Thing) -> Vector | None:
     """A point on a side of an object where another one can stand [m]; None where places are not known."""
-    if thing.at_m is None or owner.at_m is None:
+    if body.at_m is None or owner.at_m is None:
         return None
-    apart_m = math.hypot(*owner.half_m[:2]) + math.hypot(*thing.half_m[:2]) + GAP_M
-    return shift((owner.at_m[0], owner.at_m[1], thing.at_m[2]), side, view, apart_m)
+    apart_m = math.hypot(*owner.half_m[:2]) + math.hypot(*body.half_m[:2]) + GAP_M
+    return shift((owner.at_m[0], owner.at_m[1], body.at_m[2]), side, view, apart_m)
 
 
-def find_beside(thing: Thing, owner: Thing, others: Sequence[Thing]) -> Vector | None:
+def find_beside(body: Thing, owner: Thing, others: Sequence[Thing]) -> Vector | None:
     """The point beside an object, on any side of it, that is farthest from all others [m]; None without places."""
-    points = [point for side in SIDES if (point := place_beside(thing, side, 1.0, owner)) is not None]
+    points = [point for side in SIDES if (point := place_beside(body, side, 1.0, owner)) is not None]
     around = [each.at_m for each in others if each.at_m is not None and each.movable]
     return max(
         points, key=lambda point: min((math.dist(point[:2], at[:2]) for at in around), default=0.0), default=None
@@ -77,8 +77,8 @@ def shift(at_m: Vector, side: str, view: float, by_m: float) -> Vector:
     return (round(at_m[0] + view * x * by_m, 3), round(at_m[1] + view * y * by_m, 3), round(at_m[2], 3))
 
 
-def _rank(thing: Thing, kind: str, view: float, reference: Vector | None) -> float:
-    x_m, y_m, _ = thing.at_m or (0.0, 0.0, 0.0)
+def _rank(body: Thing, kind: str, view: float, reference: Vector | None) -> float:
+    x_m, y_m, _ = body.at_m or (0.0, 0.0, 0.0)
     if kind in SIDES:
         return view * (SIDES[kind][0] * x_m + SIDES[kind][1] * y_m)
     away_m = math.dist((x_m, y_m), (reference or (0.0, 0.0, 0.0))[:2])

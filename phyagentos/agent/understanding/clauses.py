@@ -131,7 +131,7 @@ class Clauses(Discourse):
         return [self._relate(name, self.get(name).stands or ground) for name in names]
 
     def _read_put_away(self, clause: Node, things: Node) -> Step:
-        """Where to is asked, as no skill hands anything to a person; a single vessel is meant."""
+        """A question where to, as no skill hands anything to a person; where there is a single vessel, into that."""
         named = self.resolve(things, Slot.ANY).names
         standing = (each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), named))
         names = self._put(Named(names=named if all(self.get(name).movable for name in named) else tuple(standing)))

@@ -29,25 +29,25 @@ def _iter_filled(template: str, vocabulary: Vocabulary) -> Iterator[str]:
         slot for slot in ("moved", "vessel", "top", "opens", "press", "loose", "region") if f"{{{slot}}}" in template
     ]
     fitting = [[each for each in vocabulary.things.values() if _fits(each, slot)] for slot in slots]
-    for things in product(*fitting):
-        names = {slot: thing.name.replace("_", " ") for slot, thing in zip(slots, things, strict=True)}
+    for bodies in product(*fitting):
+        names = {slot: body.name.replace("_", " ") for slot, body in zip(slots, bodies, strict=True)}
         if len({*names.values()}) == len(names):
             yield template.format(**names)
 
 
-def _fits(thing: Thing, slot: str) -> bool:
+def _fits(body: Thing, slot: str) -> bool:
     match slot:
         case "vessel":
-            return thing.has_interior and not thing.movable and thing.kind != "region"
+            return body.has_interior and not body.movable and body.kind != "region"
         case "top":
-            is_flat = not (thing.movable or thing.has_interior or thing.part_of or thing.opens)
-            return is_flat and thing.kind not in {*SURFACES, "wall", "region", "cabinet", "panel", "stand"}
+            is_flat = not (body.movable or body.has_interior or body.part_of or body.opens)
+            return is_flat and body.kind not in {*SURFACES, "wall", "region", "cabinet", "panel", "stand"}
         case "press":
-            return thing.opens == "slide" and not thing.has_interior
+            return body.opens == "slide" and not body.has_interior
         case "opens":
-            return bool(thing.opens) and (thing.opens != "slide" or thing.has_interior)
+            return bool(body.opens) and (body.opens != "slide" or body.has_interior)
         case "region":
-            return thing.kind == "region"
+            return body.kind == "region"
         case Slot.MOVED:
-            return thing.movable and not thing.has_interior and thing.kind != "ball"
-    return Slot(slot).takes(thing)
+            return body.movable and not body.has_interior and body.kind != "ball"
+    return Slot(slot).takes(body)

@@ -30,11 +30,11 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     evidence: tuple[str, ...] = ()
 
 
-def read_inquiry(said: Clauses, asked: Node) -> Inquiry:
+def read_inquiry(said: Clauses, question: Node) -> Inquiry:
     """What a question is about; what it leaves open, or names without being here, is noted in `said`."""
-    kind, statements = _KINDS[asked.data], dict[str, str]()
-    parts = [part for part in list_children(asked) if part.data != "be"]
-    match str(asked.data), parts:
+    kind, statements = _KINDS[question.data], dict[str, str]()
+    parts = [part for part in list_children(question) if part.data != "be"]
+    match str(question.data), parts:
         case "ask_state", [things, state]:
             slot = Slot(read_lexicon()["meanings"][state.data]["slot"])
             statements = _say_state(said, said.resolve(things, slot).names, state)

@@ -320,9 +320,8 @@ class Discourse:
             found = self.list_fitting(Slot.MOVED if slot is Slot.PLACE and is_generic else slot)
         found = [thing for thing in found if adjectives <= thing.words]
         parts = [child for child in list_children(plain) if child.data != "head"]
-        for part in sorted(
-            parts, key=lambda part: part.data not in _OWNED
-        ):  # `the largest cube on the tray` is of those
+        # `the largest cube on the tray` is of those on the tray
+        for part in sorted(parts, key=lambda part: part.data not in _OWNED):
             found = self._filter(found, part)
         return found, is_plural, by_colour
 
@@ -333,7 +332,7 @@ class Discourse:
         return called[0] if len(called) == 1 else ""
 
     def _select(self, found: Sequence[Thing], phrase: Node, kind: str, owner: Thing | None) -> list[Thing]:
-        """Those that are most so, or on that side of an object; asked where it depends on who looks."""
+        """Those that are most so, or on that side of an object; a question where it depends on who looks."""
         views = VIEWS.values() if kind in SIDES else (1.0,)
         if owner is not None and kind in {*SIDES, "beside"}:
             seen = [list_beside(found, kind, view, owner) for view in views]

@@ -1,4 +1,4 @@
-"""Whether a robot can take hold of any object of a goal at all: asked before a run of a new robot or scene."""
+"""Whether a robot can take hold of any object of a goal at all: checked before a run of a new robot or scene."""
 
 from collections.abc import Collection
 from pathlib import Path
