@@ -1,17 +1,23 @@
 """The state of a run: a fold of the journal and of the heartbeats into rows of sessions and nodes."""
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 
 from phyagentos.clock import compute_seconds
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.schema import read_text
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, read_heartbeats
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
 from phyagentos.protocol.sessions.session import GoalId, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import read_environment
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import Record
+
+_ORDER, _WORDS = ("holding", "inside", "on"), ("holds", "in", "on")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,6 +75,23 @@ class RunFold:
         self.workspace, self.ledger, self.id = workspace, ledger, goal
         ledger.keep_goal(goal)
         self._spans: dict[str, tuple[str, str]] = {}
+        self._world: tuple[int, str] = (0, "")
+
+    def describe_world(self) -> str:
+        """In a line, what a target holds, and which objects are in or on another one; empty before the first look."""
+        with suppress(OSError, DefinitionError):
+            written = (path := self.workspace.environment).stat().st_mtime_ns
+            if written != self._world[0]:
+                self._world = (written, "")
+                found = read_environment(read_text(path))
+                movable = {*found.list_movable()}
+                told = [each for each in found.relations if each.name in _ORDER]
+                told = [each for each in told if each.name != "on" or each.arguments[1] in movable]  # not on the table
+                facts = sorted((_ORDER.index(each.name), each.arguments) for each in told)
+                said = [f"{a} {_WORDS[place]} {b}" for place, (a, b, *_) in facts]
+                known = ", ".join(said) or "nothing is held, in or on another object"
+                self._world = (written, f"world at {found.time_s:.1f} s: {known}")
+        return self._world[1]
 
     def apply(self, records: Iterable[Record]) -> None:
         """Take in new records."""
