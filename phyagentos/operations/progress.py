@@ -1,5 +1,6 @@
 """The state of a run: a fold of the journal and of the heartbeats into rows of sessions and nodes."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -16,8 +17,6 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import read_environment
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import Record
-
-_ORDER, _WORDS = ("holding", "inside", "on"), ("holds", "in", "on")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,19 +77,19 @@ class RunFold:
         self._world: tuple[int, str] = (0, "")
 
     def describe_world(self) -> str:
-        """In a line, what a target holds, and which objects are in or on another one; empty before the first look."""
+        """Where each object is, in a line, what it shares with the fewest first; empty before the first look."""
         with suppress(OSError, DefinitionError):
             written = (path := self.workspace.environment).stat().st_mtime_ns
             if written != self._world[0]:
                 self._world = (written, "")
                 found = read_environment(read_text(path))
-                movable = {*found.list_movable()}
-                told = [each for each in found.relations if each.name in _ORDER]
-                told = [each for each in told if each.name != "on" or each.arguments[1] in movable]  # not on the table
-                facts = sorted((_ORDER.index(each.name), each.arguments) for each in told)
-                said = [f"{a} {_WORDS[place]} {b}" for place, (a, b, *_) in facts]
-                known = ", ".join(said) or "nothing is held, in or on another object"
-                self._world = (written, f"world at {found.time_s:.1f} s: {known}")
+                held = {each.name: f"held by {each.held_by}" for each in found.entities.values() if each.held_by}
+                split = [(each.name, *each.arguments) for each in found.relations[::-1]]  # places come first
+                places = {one: " ".join((name, *others)) for name, one, *others in split}
+                where = {name: place for name in found.list_movable() if (place := held.get(name) or places.get(name))}
+                shared = Counter(where.values())  # what most of them have in common, such as the table, comes last
+                said = [f"{name} {place}" for name, place in sorted(where.items(), key=lambda item: shared[item[1]])]
+                self._world = (written, f"world at {found.time_s:.1f} s: {', '.join(said) or 'no object'}")
         return self._world[1]
 
     def apply(self, records: Iterable[Record]) -> None:

@@ -89,16 +89,18 @@ def test_state_and_time_of_every_row_stand_on_a_narrow_screen(replanned, width):
     assert all(row.state in line and len(line) <= width for row, line in zip(rows, lines, strict=True))
 
 
-def test_the_world_is_a_line_of_what_is_held_and_what_is_in_or_on_another_object(replanned):
+def test_the_world_is_a_line_that_begins_with_what_distinguishes_an_object(replanned):
     assert replanned.fold.describe_world() == ""
-    things = {name: Entity(name=name, kind="thing", pose=Pose(), movable=name != "tray") for name in (*"abct", "tray")}
-    said = [("on", "c", "t"), ("on", "a", "table"), ("inside", "b", "tray"), ("holding", "arm", "a")]
-    relations = tuple(Relation(name=name, arguments=(one, other)) for name, one, other in said)
+    held = {"a": "arm"}
+    things = {name: Entity(name=name, kind="thing", pose=Pose(), held_by=held.get(name, "")) for name in "abcd"}
+    said = [("on", "c", "table"), ("on", "d", "table"), ("inside", "b", "tray"), ("near", "b", "c")]
+    relations = tuple(Relation(name=name, arguments=tuple(of)) for name, *of in (*said, ("closed", "door")))
     facts = {"time_s": 1.25, "scene": "s", "episode": "e", "revision": 1, "sensing": "truth"}
     snapshot = Snapshot(**facts, entities=things, relations=relations)
     block = json.dumps(msgspec.to_builtins(snapshot))
     replanned.workspace.environment.write_text(f"---\nphy: environment/1\n---\n## Snapshot\n\n```yaml\n{block}\n```\n")
-    assert replanned.fold.describe_world() == "world at 1.2 s: arm holds a, b in tray, c on t"
+    line = replanned.fold.describe_world()
+    assert line == "world at 1.2 s: a held by arm, b inside tray, c on table, d on table"
 
 
 def test_without_a_terminal_every_change_is_one_line_said_once(replanned, monkeypatch):
