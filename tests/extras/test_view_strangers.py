@@ -82,7 +82,7 @@ def hostile(desk):
 def test_texts_of_documents_are_shown_and_no_script_of_theirs_runs(hostile, desk, visits):
     with served(desk.workspace.root, "--allow-actions") as server:
         page = visits.open(server, f"/?session={hostile}", with_scene=True)
-        for name in ("runtime", "goal", "verdict", "guard", "log", "tree", "world"):
+        for name in ("headline", "runtime", "goal", "story", "guard", "log", "tree", "world"):
             assert ATTACK in get_panel(page, name).text_content(), name
         assert "window.hurt=1" in get_panel(page, "proposals").text_content()
         page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true })")
