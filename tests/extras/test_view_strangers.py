@@ -88,7 +88,7 @@ def test_texts_of_documents_are_shown_and_no_script_of_theirs_runs(hostile, desk
         page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true })")
         shoot(page, "hostile")
         assert page.evaluate("window.hurt") is None
-        assert page.evaluate("document.querySelector('#panel-scene iframe').contentDocument === null"), "each apart"
+        await_true(page, "document.querySelector('#panel-scene iframe').contentDocument === null")  # each apart
         assert page.evaluate("document.querySelectorAll('main script, main img[src=x], svg[onload]').length") == 0
         for path in (
             f"/?find={quote(ATTACK)}&session={quote(ATTACK)}&goal={quote(ATTACK)}",
