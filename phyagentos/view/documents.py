@@ -129,7 +129,7 @@ class Documents:
         return self.ledger.goals.get(GoalId(id or latest))
 
     def find_session(self, id: str = "", goal: str = "") -> SessionStatus | None:
-        """A session by its id; without one that which runs, else one that failed last, else the latest.
+        """A session by its id; without one that which runs or waits, else one that failed last, else the latest.
 
         Without a name the goal is that of the latest session.
         """
@@ -139,7 +139,7 @@ class Documents:
         live = [each for each in of_goal if each.state not in FINAL_STATES]
         last = [each for each in reversed(of_goal) if each.contract.goal == of_goal[-1].contract.goal]
         failed = [each for each in last if each.state in _FAILED]
-        return next(iter([*(each for each in live if each.claimed_by), *reversed(live), *failed, *last]), None)
+        return next(iter([*(each for each in live if each.claimed_by), *live, *failed, *last]), None)
 
     def read_beats(self) -> dict[str, Heartbeat]:
         """The latest heartbeat of each target."""

@@ -88,8 +88,13 @@ def _find_unit(name: str) -> str:
 def _format_measure(value: Any, name: str) -> str:
     """A quantity in the unit in which people read it."""
     factor, digits, unit = _UNITS.get(_find_unit(name), (1.0, 3, ""))
-    is_plain = isinstance(value, bool) or not isinstance(value, int | float)
-    return str(value) if is_plain else f"{factor * value:.{digits}f} {unit}".strip().replace("-", "−")
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return (
+        str(value)
+        if not isinstance(value, int | float)
+        else f"{factor * value:.{digits}f} {unit}".strip().replace("-", "−")
+    )
 
 
 def _render_yaml(value: Any) -> str:

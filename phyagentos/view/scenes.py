@@ -127,6 +127,7 @@ class Stage:
         self._folder = tempfile.TemporaryDirectory(prefix="paos-scene-")
         self.socket = Path(self._folder.name) / "scene"
         self._server = _start_server(self.socket)
+        self._server.gui.configure_theme(control_width="small", show_logo=False, show_share_button=False)
         self._scene = ViserMujocoScene(self._server, self._model, num_envs=1)
         self._scene.camera_tracking_enabled = False
         camera = self._server.initial_camera
