@@ -82,6 +82,11 @@ class RunConsole:
             self._live.start()  # with the first picture: until then notes go to the terminal as they are
             self._live.update(build_progress_table(self._title, rows), refresh=True)
 
+    def pause(self) -> None:
+        """Let the table stand still until it is shown again: a person types."""
+        if self._live is not None:
+            self._live.stop()
+
     def print_line(self, text: str, style: str = "") -> None:
         """One line above the table."""
         self._console.print(Text(text, style=style))

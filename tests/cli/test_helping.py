@@ -24,6 +24,7 @@ QUESTIONS = {  # page -> questions of readers
     "compare": ("compare two policies", "which model is better"),
     "lerobot": ("export to LeRobot", "training data set of demonstrations"),
     "ros2": ("ROS 2", "does it speak ros2", "moveit"),
+    "human": ("let a person judge", "ask a human", "the verdict is wrong"),
     "approve": ("approve an agent", "deny a proposal"),
     "remote": ("remote target", "robot on another computer over the network"),
     "backup": ("backup of a workspace", "back up", "archive a run"),
