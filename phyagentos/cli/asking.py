@@ -13,6 +13,7 @@ from phyagentos.agent.planning.planned import Unsolvable
 from phyagentos.agent.understanding.model import ModelUnderstander, replay_answers
 from phyagentos.agent.understanding.understanding import Question
 from phyagentos.cli.arguments import AsJson, TrustPython
+from phyagentos.cli.exporting import draw_without_screen
 from phyagentos.cli.mission_run import RunFolder, run_shown
 from phyagentos.cli.outcome import Exit, ExitCode, print_found, print_json, print_note, print_result
 from phyagentos.cli.planning import iter_plan, render_missing
@@ -27,6 +28,8 @@ from phyagentos.protocol.documents.plain_data import Fields
 MODEL_URL, MODEL, MODEL_KEY = "PHYAGENTOS_MODEL_URL", "PHYAGENTOS_MODEL", "PHYAGENTOS_MODEL_KEY"
 MOST_POSSIBLE = 8  # names in a line
 _OUTPUT_HELP = "File of the goal graph; one among the requests of the run's workspace by default."
+_PREVIEW_HELP = "Draw the goal as a picture: objects, and where each is to be; run nothing."
+_PICTURE_HELP = "File of that picture; one beside the graph by default."
 _ANSWER_HELP = "Answer to a question: its key, and one of its candidates. Repeatable."
 
 
@@ -43,6 +46,8 @@ def ask(
     model_price: Annotated[float, typer.Option(help="Price of a million tokens.")] = 0.0,
     model_cost: Annotated[float, typer.Option(help="Most that a request may cost, at that price.")] = 0.0,
     mermaid: Annotated[bool, typer.Option("--mermaid", help="Show the graph as a Mermaid flowchart.")] = False,
+    preview: Annotated[bool, typer.Option("--preview", help=_PREVIEW_HELP)] = False,
+    picture: Annotated[Path | None, typer.Option(metavar="FILE.png", help=_PICTURE_HELP)] = None,
     seed: Seed = 0,
     workspace: RunFolder = None,
     no_pictures: NoPictures = False,
@@ -51,6 +56,11 @@ def ask(
     as_json: AsJson = False,
 ) -> int:
     """Make a goal of a request in words, plan it, show the graph and, once approved, run it."""
+    preview = preview or picture is not None
+    if preview and yes:
+        raise Exit(ExitCode.INVALID_INPUT, "--yes: runs the graph, which --preview does not; give one of them")
+    if preview:
+        draw_without_screen()
     limits = {"time_s": model_time, "tokens": model_tokens, "price": model_price, "cost": model_cost}
     found = asking.ask(
         request,
@@ -62,11 +72,13 @@ def ask(
         seed=seed,
         workspace=workspace,
         output=output,
+        preview=preview,
+        picture=picture,
     )
     if not isinstance(found, asking.Asked):
         return _show_without_goal(found, as_json=as_json)
     _show(found, mermaid=mermaid, as_json=as_json)
-    if found.graph is None or not (yes or (not as_json and _is_approved())):
+    if found.graph is None or not (yes or (not as_json and not preview and _is_approved())):
         place = f" -w {found.workspace}" if found.workspace is not None else ""
         print_note(f"nothing was run; next: paos run {found.graph}{place}" if found.graph else "nothing is to be done")
         if as_json:
@@ -103,6 +115,8 @@ def _show(found: asking.Asked, *, mermaid: bool, as_json: bool) -> None:
         print_note(f"the request before: {found.before}")
     if found.graph is not None:
         print_note(f"wrote {found.graph}")
+    if found.picture is not None:
+        print_note(f"wrote {found.picture}")
 
 
 def _open_model(answers: Path | None, request: str, scene: str, limits: Fields) -> ModelUnderstander | None:

@@ -36,6 +36,7 @@ from phyagentos.assembly.scene_start import draw_start
 from phyagentos.errors import DefinitionError
 from phyagentos.operations.lint import lint_file
 from phyagentos.operations.plan import PlannedGraph, describe_plan
+from phyagentos.operations.preview import write_preview
 from phyagentos.operations.run import RunReport
 from phyagentos.operations.why import why
 from phyagentos.operations.workspaces import FOLDER, REQUESTS, find_workspaces, get_newest
@@ -68,6 +69,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True):
         workspace: Of the run, where the request lives; None where it was written elsewhere.
         before: File of the earlier goal that *again* means, and whose scene is the default.
         report: Of the run; None where the plan was not approved.
+        picture: File of the goal as a picture, where it was wanted.
     """
 
     understood: bool = True
@@ -82,6 +84,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True):
     workspace: str | None
     before: str | None
     report: RunReport | None = None
+    picture: str | None = None
 
 
 class NotUnderstood(msgspec.Struct, frozen=True, kw_only=True):
@@ -117,12 +120,15 @@ def ask(
     seed: int = 0,
     workspace: Path | None = None,
     output: Path | None = None,
+    preview: bool = False,
+    picture: Path | None = None,
 ) -> Asked | NotUnderstood | Unsolvable | Answered:
     """Make a goal of a request, plan it, and write its graph, or answer a question; run nothing.
 
     `scene` is that of the last request by default, and `robot` that of the scene's goal graphs. `answers` are those to
     questions, by key; `choose` answers any other one, where all have candidates. `open_model` gives a scene's model,
     for what the grammar does not know. Files go to the requests of `workspace`, a new one by default, or to `output`.
+    With `preview` the goal is drawn into `picture`, a file beside the graph by default.
 
     Raises DefinitionError for an unknown scene or target, letters that are not seen, and a graph with problems.
     """
@@ -144,6 +150,9 @@ def ask(
         workspace = workspace or choose_folder(FOLDER, f"{goal.goal}-{seed}")
         output = _choose_place(workspace, library, goal.goal, plan.graph)
     graph = _write(plan, goal, output, request, model) if planned.steps and output is not None else None
+    if preview:
+        picture = picture or (graph.with_suffix(".png") if graph is not None else Path(f"{goal.goal}.png"))
+        write_preview(goal, planned.steps, world, library, seed, picture)
     return Asked(
         goal=goal.model_dump(mode="json"),
         reasons=understood.reasons,
@@ -155,6 +164,7 @@ def ask(
         graph=str(graph) if graph is not None else None,
         workspace=str(workspace) if workspace is not None else None,
         before=str(next(reversed(past))) if past else None,
+        picture=str(picture) if preview else None,
     )
 
 

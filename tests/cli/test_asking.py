@@ -307,3 +307,17 @@ def test_a_word_that_fits_several_objects_is_asked_back_and_the_likely_one_is_na
     asked = paos("ask", "put green into the red tray", *CUBES)
     assert "probably green_cube" in asked.out
     assert "=green_cube'" in asked.err
+
+
+def test_a_preview_is_a_picture_of_the_goal_and_nothing_runs_or_asks(paos, runs):
+    found = json.loads(paos("ask", SHORT, *CUBES, "--preview", "--json").out)
+    clash = paos("ask", SHORT, *CUBES, "--preview", "--yes")
+    named = paos("ask", SHORT, *CUBES, "--picture", "mine.png")
+
+    assert Path(found["picture"]).with_suffix(".yaml") == Path(found["graph"])
+    assert Path(found["picture"]).read_bytes().startswith(b"\x89PNG")
+    assert Path("mine.png").is_file()
+    assert "wrote mine.png" in named.err
+    assert "run it?" not in named.err
+    assert clash.code == ExitCode.INVALID_INPUT
+    assert runs == []

@@ -10,6 +10,7 @@ from phyagentos.protocol.world.environment import (
     Contents,
     Entity,
     Environment,
+    Interior,
     Mechanism,
     Pose,
     Region,
@@ -150,6 +151,20 @@ def test_what_stands_on_something_that_stands_on_it_is_above_and_not_on(sensing)
     assert (truth("on(a, upper)", now), truth("on(upper, lower)", now)) == (Truth.TRUE, Truth.TRUE)
     assert (truth("on(a, lower)", now), truth("above(a, lower)", now)) == (Truth.FALSE, Truth.TRUE)
     assert (truth("on(lower, a)", now), truth("above(lower, a)", now)) == (Truth.FALSE, Truth.FALSE)
+
+
+@pytest.mark.parametrize("sensing", ["truth", "perceived"])
+@pytest.mark.parametrize("half_m", [0.0005, 0.001, 0.0025])
+def test_what_is_inside_of_a_shallow_container_is_not_on_what_that_stands_on(sensing, half_m):
+    table = flat("table", -0.02, 0.02, movable=False)
+    inside = Interior((0.0, 0.0, half_m + 0.01), (0.05, 0.05, 0.01))
+    low, cup = flat("low", half_m, half_m, interior=inside), cube("a", 0.3, 0.0, 2 * half_m + 0.02)
+    now = world(table, low, cup, sensing=sensing)
+    assert (truth("inside(a, low)", now), truth("on(low, table)", now)) == (Truth.TRUE, Truth.TRUE)
+    assert (truth("on(a, table)", now), truth("above(a, table)", now)) == (Truth.FALSE, Truth.TRUE)
+    card = flat("card", 2 * half_m + 0.0004, 0.0004)
+    on_card = world(table, low, card, cube("a", 0.3, 0.0, 2 * half_m + 0.0208))
+    assert (truth("on(a, card)", on_card), truth("on(a, table)", on_card)) == (Truth.TRUE, Truth.FALSE)
 
 
 def test_what_may_still_be_between_two_things_leaves_it_open():

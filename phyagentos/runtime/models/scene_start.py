@@ -3,7 +3,7 @@
 Authors learn it from lint, which draws a few seeds; preflight asks for the seed of the session, with the robot.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from phyagentos.protocol.settings.sensors import CameraSettings, Sensors
 from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.models.camera_model import find_mounting
 from phyagentos.runtime.models.scene import add_scene, draw_bodies
-from phyagentos.runtime.models.world import Robot, compile_scene
+from phyagentos.runtime.models.world import Robot, compile_scene, name_prefix
 
 SUNK_M = 0.003  # what physics pushes apart gently; resting bodies are sunk by less
 DROP_M = 0.03  # a fall that may be meant, into a tray for instance
@@ -100,14 +100,21 @@ def _compute_bounds(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> tu
     return (data.geom_xpos[geoms] - halves).min(axis=0), (data.geom_xpos[geoms] + halves).max(axis=0)
 
 
+def pose_start(model: mujoco.MjModel, robots: Sequence[Robot]) -> mujoco.MjData:
+    """The state with which a model of a scene begins, its robots at home."""
+    data = mujoco.MjData(model)
+    for profile, _ in robots:
+        prefix, servoed = name_prefix(profile.target, len(robots)), profile.servoed  # a base stands at home
+        for joint, angle_rad in zip(profile.arm.joints[servoed], profile.arm.home_rad[servoed], strict=True):
+            data.joint(prefix + joint).qpos = angle_rad
+    mujoco.mj_forward(model, data)
+    return data
+
+
 def explain_unseen(spec: SceneSpec, name: str, seed: int, robot: Robot, sensors: Sensors) -> str:
     """Where a body of the scene starts, and for each camera, with the robot at home, what keeps it from seeing it."""
     model = compile_scene([robot], spec, seed).model
-    data = mujoco.MjData(model)
-    arm, servoed = robot[0].arm, robot[0].servoed  # a base stands at home
-    for joint, angle_rad in zip(arm.joints[servoed], arm.home_rad[servoed], strict=True):
-        data.joint(joint).qpos = angle_rad
-    mujoco.mj_fwdPosition(model, data)
+    data = pose_start(model, [robot])
     reasons: dict[str, list[str]] = {}
     for camera, sensor in sensors.cameras.items():
         if sensor.camera is not None:
