@@ -98,7 +98,7 @@ def open_agent(
         is_runtime_alive=is_runtime_alive
         or (lambda goal: not goal.is_cancelled or is_held(workspace.root / WATCHDOG_LOCK)),
     )
-    mission.patience = Patience(workspace, clock) if waits_for_answers else None
+    mission.patience = Patience(clock) if waits_for_answers else None
     try:
         yield Agent(mission, experience.version if experience is not None else "")
     finally:

@@ -58,8 +58,9 @@ def answer(
     found = people.answer(workspace, subject, says, by=by or getpass.getuser(), question=question)
     lines = [f"{found.subject}: {found.answer.question} {found.answer}"]
     if (judged := found.judged) is not None:
-        lines.append(f"  judged once more, as judgement {judged.number}: {judged.judgement.verdict}")
-        lines.append(f"  the verdict stays {judged.verdict or 'none'}")
+        lines.append(
+            f"  added as judgement {judged.number}: {judged.judgement.verdict}; the verdict stays {judged.verdict}"
+        )
     return Reply(found, "\n".join(lines))
 
 

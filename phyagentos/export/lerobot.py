@@ -107,7 +107,7 @@ def _describe_episode(
         row |= {f"videos/{key}/{name}": value for name, value in {**place, **timed}.items()}
     row |= {"session_id": each.session, "bundle": str(each.bundle), "skill": each.skill, "seed": each.seed}
     row |= {"verdict": each.verdict.verdict.value, "verdict_reason": each.verdict.reason}
-    people = [f"{each.text} {each.because}" for each in each.verdict.criteria if find_question(each.text)]
+    people = [f"{one.text} {one.because}" for one in each.verdict.criteria if find_question(one.text)]
     row |= {"answers": "; ".join(people), "contested": each.contested}
     row |= {"sensing": each.verdict.sensing, "verifier": each.verdict.verifier}
     measured = _measure(table | pixels).items()

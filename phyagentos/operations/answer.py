@@ -10,13 +10,14 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.clock import SystemClock
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError
 from phyagentos.operations.verify import Judged, verify
 from phyagentos.operations.workspaces import read_ledger
-from phyagentos.protocol.sessions.answers import Answer, find_open, find_questions, keep_answer
+from phyagentos.protocol.sessions.answers import Answer, find_open, keep_answer
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 from phyagentos.protocol.sessions.lifecycle import REVIEW, SessionState, Side, list_triggers
-from phyagentos.protocol.sessions.session import Ended, GoalId, SessionId, SessionStatus
+from phyagentos.protocol.sessions.session import Ended, GoalId, SessionId
+from phyagentos.protocol.sessions.tasks import NodeState
 from phyagentos.protocol.sessions.verdicts import PERSON, Attempt, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
@@ -24,6 +25,8 @@ from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.subjects import get_session
 
+_REPLACED = {SessionState.REPLANNED, SessionState.CANCELLED}
+_DONE = {NodeState.DONE, NodeState.SKIPPED, NodeState.RESCUED}
 _SAYS = {"yes": Truth.TRUE, "y": Truth.TRUE, "no": Truth.FALSE, "n": Truth.FALSE}
 
 
@@ -53,20 +56,18 @@ class Answered(msgspec.Struct, frozen=True, kw_only=True):
 def iter_open(workspace: Workspace, ledger: Ledger, about: GoalId | None = None) -> Iterator[OpenQuestion]:
     """Questions about sessions that ran to their end and were not replaced, and about goals without open sessions."""
     for status in ledger.sessions.values():
-        id, state = status.contract.id, status.state
-        is_whole = status.execution is not None and status.execution.ended is Ended.COMPLETED
-        is_asked = is_whole and state not in {SessionState.REPLANNED, SessionState.CANCELLED}
-        if is_asked and about in {None, status.contract.goal}:
+        id, is_whole = status.contract.id, status.execution is not None and status.execution.ended is Ended.COMPLETED
+        if is_whole and status.state not in _REPLACED and about in {None, status.contract.goal}:
             for each in find_open(workspace.evidence_of(id), status.contract.accept):
-                pictures, is_decided = _find_pictures(workspace, status), status.decision is not None
+                pictures, is_decided = _find_pictures(workspace, id), status.decision is not None
                 yield OpenQuestion(subject=id, question=each, is_decided=is_decided, pictures=pictures)
     for goal in ledger.goals.values():
-        own = [each for each in ledger.sessions.values() if each.contract.goal == goal.id]
-        if about not in {None, goal.id} or goal.is_cancelled or not own or any(each.decision is None for each in own):
-            continue
-        for each in find_open(workspace.answers_of(goal.id), goal.accept):
-            pictures = _find_pictures(workspace, own[-1])
-            yield OpenQuestion(subject=goal.id, question=each, is_decided=bool(goal.verdict), pictures=pictures)
+        is_over = bool(goal.verdict) or all(node.state in _DONE for node in goal.nodes.values())
+        if is_over and not goal.is_cancelled and about in {None, goal.id}:
+            for each in find_open(workspace.answers_of(goal.id), goal.accept):
+                last = next((id for node in reversed(goal.nodes.values()) for id in node.sessions[-1:]), None)
+                pictures = _find_pictures(workspace, last) if last is not None else ()
+                yield OpenQuestion(subject=goal.id, question=each, is_decided=bool(goal.verdict), pictures=pictures)
 
 
 def read_says(text: str) -> Truth | None:
@@ -95,9 +96,10 @@ def answer(root: Path, name: str, says: str, *, by: str, question: int = 0) -> A
     subject = name if GoalId(name) in ledger.goals else get_session(name, ledger.sessions)
     if (truth := read_says(says)) is None:
         raise DefinitionError.of("INVALID_VALUE", "answer", repr(says), "yes or no")
-    found = [each.question for each in iter_open(workspace, ledger) if each.subject == subject]
-    if not found:
-        raise DefinitionError(_explain_none(workspace, ledger, subject))
+    asked = list(iter_open(workspace, ledger))
+    if not (found := [each.question for each in asked if each.subject == subject]):
+        expected = f"one that waits: {', '.join(dict.fromkeys(each.subject for each in asked)) or 'none does'}"
+        raise DefinitionError.of("INVALID_VALUE", subject, "no question that waits for an answer", expected)
     if (not question and len(found) > 1) or question > len(found):
         several = "; ".join(f"{number} {each}" for number, each in enumerate(found, 1))
         raise DefinitionError.of("INVALID_VALUE", "--question", str(question or "none"), several)
@@ -118,26 +120,21 @@ def contest(root: Path, name: str, *, because: str, by: str) -> Judged:
     id, decided = status.contract.id, status.decision
     if decided is None or REVIEW not in list_triggers(status.state):
         raise DefinitionError.of("NOT_JUDGED", f"session {id}", f"state {status.state}", "a session with its verdict")
-    says = Verdict.SUCCESS if decided.verdict.is_miss else Verdict.FAILURE
-    clock = SystemClock()
-    reason = f"{by} at {clock.wall_iso()}: {because}"
+    says, clock = Verdict.SUCCESS if decided.verdict.is_miss else Verdict.FAILURE, SystemClock()
     attempt = Attempt(
-        verdict=says, criteria=(), reason=reason, sensing="none", verifier=PERSON, judges=(by,), is_review=True
+        verdict=says,
+        criteria=(),
+        reason=f"{by} at {clock.wall_iso()}: {because}",
+        sensing="none",
+        verifier=PERSON,
+        judges=(by,),
+        is_review=True,
     )
     with closing(Journal(workspace.root, side=Side.AGENT, by=f"paos contest, {by}", clock=clock)) as journal:
         journal.commit([Entry(id, REVIEW, {"attempt": attempt})])
     return Judged(session=id, judgement=attempt, number=len(status.attempts) + 1, verdict=decided.verdict)
 
 
-def _explain_none(workspace: Workspace, ledger: Ledger, subject: str) -> Problem:
-    asked = sorted({each.subject for each in iter_open(workspace, ledger)})
-    status = ledger.sessions.get(SessionId(subject))
-    texts = status.contract.accept if status is not None else ledger.goals[GoalId(subject)].accept
-    found = "its questions are answered, or it has not ended" if find_questions(texts) else "it asks no person"
-    waits = f": {', '.join(asked)}" if asked else "; none does"
-    return Problem("INVALID_VALUE", subject, found, f"a question that waits{waits}")
-
-
-def _find_pictures(workspace: Workspace, status: SessionStatus) -> tuple[str, ...]:
-    folder = workspace.evidence_of(status.contract.id)
-    return tuple(str(folder / name) for name in (PICTURE_BEFORE, PICTURE_AFTER) if (folder / name).is_file())
+def _find_pictures(workspace: Workspace, session: SessionId) -> tuple[str, ...]:
+    files = (workspace.evidence_of(session) / name for name in (PICTURE_BEFORE, PICTURE_AFTER))
+    return tuple(str(each) for each in files if each.is_file())

@@ -14,7 +14,7 @@ from phyagentos.agent.judging.diagnosis import diagnose
 from phyagentos.agent.judging.judges.predicates import judge_answer
 from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
 from phyagentos.assembly.planted_faults import find_unstruck
-from phyagentos.operations.answer import iter_open
+from phyagentos.operations.answer import OpenQuestion, iter_open
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.documents.markdown import format_value
 from phyagentos.protocol.predicates.predicate import find_question
@@ -68,11 +68,10 @@ def _explain_goal(workspace: Workspace, ledger: Ledger, goal: GoalStatus) -> Ite
     criteria = ((f"  {each.truth.mark} {each.text}: ", _render_reason(each)) for each in goal.criteria)
     nodes = (("node", f"{name}: {node.state}") for name, node in goal.nodes.items())
     yield f"{goal.id}: {goal.verdict or 'no verdict yet'}"
-    questions = ((each.subject, each.question) for each in iter_open(workspace, ledger, goal.id))
-    open_then = (each for each in goal.criteria if each.truth is Truth.UNKNOWN and find_question(each.text))
-    since = [judge_answer(find_question(each.text), "accept", workspace.answers_of(goal.id)) for each in open_then]
+    unknown = filter(None, (find_question(each.text) for each in goal.criteria if each.truth is Truth.UNKNOWN))
+    since = [judge_answer(question, "accept", workspace.answers_of(goal.id)) for question in unknown]
     answered = (("answered", f"{each.text}: {each.because}") for each in since if each.evidence)
-    asked = (("asked", f"{question} `paos answer {subject} yes|no`") for subject, question in questions)
+    asked = map(_show_question, iter_open(workspace, ledger, goal.id))
     yield from _render([("objective", goal.objective), ("because", goal.reason), *criteria, *answered, *nodes, *asked])
     for bad in [name for name, node in goal.nodes.items() if node.state is NodeState.BLOCKED][:1]:
         yield from _explain_node(workspace, ledger, goal, bad)
@@ -113,12 +112,15 @@ def _explain_session(workspace: Workspace, ledger: Ledger, status: SessionStatus
         thinned = manifest.thinned if manifest is not None else ()
         facts.append(("evidence", str(bundle.folder)))
         facts += [("thinned", f"{each.at}: {', '.join(each.files)} ({each.rule})") for each in thinned]
-    asked = (each for each in iter_open(workspace, ledger) if each.subject == own.id)
-    facts += [("asked", f"{each.question} `paos answer {own.id} yes|no`") for each in asked]
+    facts += [_show_question(each) for each in iter_open(workspace, ledger, own.goal) if each.subject == own.id]
     facts += [("fault", f"{fault} never struck in this run") for fault in find_unstruck(workspace.root)]
     children = [each.contract for each in others if each.contract.parent == own.id]
     facts += [("child", f"{each.id}, {_describe_strategy(each)}") for each in children]
     return iter([f"{own.id}: {status.state}", *_render(facts)])
+
+
+def _show_question(asked: OpenQuestion) -> Fact:
+    return "asked", f"{asked.question} `paos answer {asked.subject} yes|no`"
 
 
 def _describe_strategy(session: Session) -> str:

@@ -1,7 +1,7 @@
 """`paos answer` and `paos contest`: what people say stands beside the verdict, with who and when, and never over it."""
 
 import json
-from functools import partial
+import re
 
 import msgspec
 import pytest
@@ -48,28 +48,21 @@ def fold(run):
 
 
 def test_an_open_question_stands_in_status_and_why_until_it_is_answered(type_):
-    for command in ("status", "why"):
-        assert f"{QUESTION} `paos answer {SESSION} yes|no" in type_(command).out
+    assert (type_("status").out + type_("why").out).count(f"{QUESTION} `paos answer {SESSION} yes|no") == 2
     type_("answer", "red", "yes")
-    assert QUESTION not in type_("status").out
     assert json.loads(type_("status", "--json").out)["questions"] == []
+    assert_refused(type_("answer", "red", "no"), "no question that waits")
 
 
-def test_an_answer_is_kept_with_its_name_and_judged_on_beside_the_verdict(type_, asked):
+def test_an_answer_is_kept_with_its_name_judged_on_beside_the_verdict_and_not_changed_unseen(type_, asked):
     done = type_("answer", "red", "yes", "--by", "ann")
     assert done.code == ExitCode.GOAL_MET, done.err
     assert f"{SESSION}: {QUESTION} yes, answered by ann at " in done.out
     status = fold(asked)
     assert (status.state, [each.verdict for each in status.attempts]) == ("failed", ["failure", "success"])
-    (file,) = (each.file for each in status.attempts[1].evidence if each.file.startswith("answers/"))
-    kept = json.loads((asked.workspace.evidence_of(SESSION) / file).read_bytes())
-    assert (kept["question"], kept["truth"], kept["by"]) == (QUESTION, "true", "ann")
-
-
-def test_an_answer_that_was_changed_later_is_found(type_, asked):
-    type_("answer", "red", "no")
     (file,) = asked.workspace.evidence_of(SESSION).glob("answers/*")
-    file.write_text(file.read_text().replace("false", "true"))
+    assert '"truth":"true","by":"ann"' in file.read_text()
+    file.write_text(file.read_text().replace("true", "false"))
     assert str(file) in type_("evidence", "verify").err
 
 
@@ -78,7 +71,7 @@ def test_an_answer_that_was_changed_later_is_found(type_, asked):
     [
         (("red", "perhaps"), ("found 'perhaps'; expected yes or no",)),
         (("red", "yes", "--question", "3"), (f"1 {QUESTION}",)),
-        (("tidy-7", "yes"), ("it asks no person", SESSION)),
+        (("tidy-7", "yes"), ("no question that waits", SESSION)),
         (("blue", "yes"), ("no such session",)),
     ],
 )
@@ -86,28 +79,16 @@ def test_an_answer_to_nothing_is_refused(type_, words, texts):
     assert_refused(type_("answer", *words), *texts)
 
 
-def test_the_first_answer_stays(type_):
-    type_("answer", "red", "yes")
-    assert_refused(type_("answer", "red", "no"), "its questions are answered")
-
-
 def test_a_contested_verdict_stays_and_says_who_contests_it_and_why(type_, asked):
     done = type_("contest", "red", "--because", "It leans.", "--by", "bob")
     assert (done.code, "the verdict stays failure" in done.out) == (ExitCode.GOAL_MET, True), done.err
     assert fold(asked).decision.verdict == "failure"
-    assert "  contested   success, by bob at 2" in type_("why", "red").out
-    assert "It leans." in type_("why", "red").out
+    assert re.search("  contested   success, by bob at 2.*: It leans.", type_("why", "red").out)
 
 
 def test_a_contested_success_is_no_demonstration_unless_it_is_wanted(paos, replanned):
     paos("contest", "red.r1", "--because", "It leans.", "-w", replanned.workspace.root)
     status = read_ledger(replanned.workspace.root).sessions["tidy-7.red.r1"]
-    find = partial(_find_reason, replanned.workspace.evidence_of(status.contract.id), status)
-    assert find(Choice()) == "a person who contests it"
-    assert find(Choice(contested=True)) == "no trajectory: thinned, or gone"
-
-
-def test_a_session_without_a_verdict_is_not_contested(paos, run):
-    run.begin()
-    run.execute(run.submit("red"))
-    assert_refused(paos("contest", "red", "--because", "x", "-w", run.workspace.root), "NOT_JUDGED")
+    folder, wanted = replanned.workspace.evidence_of(status.contract.id), (Choice(), Choice(contested=True))
+    reasons = [_find_reason(folder, status, each) for each in wanted]
+    assert reasons == ["a person who contests it", "no trajectory: thinned, or gone"]

@@ -162,8 +162,11 @@ class GoalController:
         return entries
 
     def _waits_for_answer(self, status: SessionStatus) -> bool:
-        longest_s = self.graph.spec.defaults.answer_s
-        return self._patience is not None and self._patience.waits_for_session(status, longest_s)
+        """Whether a person may still answer; instructions that did not run to their end are asked nothing about."""
+        if self._patience is None or status.execution is None or status.execution.ended is not Ended.COMPLETED:
+            return False
+        own, folder = status.contract, Workspace(self._evidence.root).evidence_of(status.contract.id)
+        return self._patience.waits(folder, own.accept, status.updated_at, self.graph.spec.defaults.answer_s)
 
     def _judge(self, status: SessionStatus) -> tuple[Bundle, Attempt]:
         """The judgement of a session, or of the subject of a look on the snapshot of that, and its evidence."""
@@ -330,11 +333,12 @@ class GoalController:
             return []
         self._drafter.take_in_ended()
         blocked, spec = self._facts.find_first_cause(), self.graph.spec
+        answers = Workspace(self._evidence.root).answers_of(self.goal)
         if self._patience is not None and not blocked:
             since = max((each.updated_at for each in self._facts.find_ended()), default="")
-            if self._patience.waits_for_goal(self.status, spec.accept, since, spec.defaults.answer_s):
+            if self._patience.waits(answers, spec.accept, since, spec.defaults.answer_s):
                 return []
-        outcome = judge_goal(self.graph, self._evidence, blocked, Workspace(self._evidence.root).answers_of(self.goal))
+        outcome = judge_goal(self.graph, self._evidence, blocked, answers)
         mode = self._verifier.mode
         if mode is VerificationMode.OFF and not blocked:
             reason = "verification is off: every execution completed, none was judged"

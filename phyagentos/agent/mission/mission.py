@@ -155,8 +155,9 @@ class Mission:
         if compiler.asks_ahead:
             compiler = dataclasses.replace(compiler, distrusted=find_distrusted(self._workspace, compiler.goal))
         evidence = Evidence(self._workspace.root)
-        means = (self._verifier, self._advisor, self._policy, self.patience)
-        return GoalController(compiler, self.ledger, evidence, *means)
+        return GoalController(
+            compiler, self.ledger, evidence, self._verifier, self._advisor, self._policy, self.patience
+        )
 
     def _check_same(self, graph: GoalGraph, own: GoalGraph, graph_file: Path, goal: GoalId) -> None:
         """Refuse a goal id that belongs to another graph (`own`)."""

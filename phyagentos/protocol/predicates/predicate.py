@@ -206,8 +206,8 @@ def read_formula(text: str, template: bool) -> tuple[Predicate | None, tuple[_Fi
     findings = [finding for call in syntax.iter_calls(formula) for finding in _iter_call_findings(call, template)]
     findings += _iter_use_findings(formula)
     if isinstance(formula, syntax.Question) and not template and (reference := _REFERENCE.search(text)):
-        found, expected = reference[0], "a parameter that is known here"
-        findings.append((reference.start() + 1, Problem("UNKNOWN_NAME", "", found, expected, kind="reference")))
+        problem = Problem("UNKNOWN_NAME", "", reference[0], "a parameter that is known here", kind="reference")
+        findings.append((reference.start() + 1, problem))
     return Predicate(formula), tuple(sorted(findings, key=lambda finding: finding[0]))
 
 

@@ -51,11 +51,7 @@ def keep_answer(folder: Path, answer: Answer) -> bool:
     return create_durably(folder / get_answer_name(answer.question), msgspec.json.encode(answer) + b"\n")
 
 
-def find_questions(texts: Iterable[str]) -> tuple[str, ...]:
-    """The questions among criteria, in their order."""
-    return tuple(question for text in texts if (question := find_question(text)))
-
-
 def find_open(folder: Path, texts: Iterable[str]) -> tuple[str, ...]:
-    """Those that wait for an answer."""
-    return tuple(each for each in find_questions(texts) if not (folder / get_answer_name(each)).exists())
+    """The questions among criteria that wait for an answer, in their order."""
+    questions = filter(None, map(find_question, texts))
+    return tuple(each for each in questions if not (folder / get_answer_name(each)).exists())

@@ -201,12 +201,11 @@ def check_bundle(folder: Path, shown: Iterable[str] = ()) -> list[Problem]:
 
 def check_answers(folder: Path, judged_on: Mapping[str, EvidenceReference]) -> list[Problem]:
     """Answers of people that judgements name, hashed again: one problem for each that is missing or another one."""
-    found = {name: folder / name for name in judged_on}
     records = {name: FileRecord(sha256=each.sha256, bytes=0) for name, each in judged_on.items()}
     return [
         problem
-        for name, path in found.items()
-        if (problem := _check(path, records[name]) if path.is_file() else _missing(folder, name, records[name]))
+        for name, record in records.items()
+        if (problem := _check(path, record) if (path := folder / name).is_file() else _missing(folder, name, record))
     ]
 
 
