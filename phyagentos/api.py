@@ -5,14 +5,16 @@ Views show what stood in documents and evidence when the workspace was opened; o
 function loads what it needs when it is called.
 """
 
+import asyncio
 from base64 import b64encode
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from threading import Event
+from typing import TYPE_CHECKING, TypedDict, TypeVar, Unpack
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
@@ -32,6 +34,8 @@ from phyagentos.store.subjects import get_session
 
 if TYPE_CHECKING:
     from phyagentos.agent.planning.planned import Unsolvable
+    from phyagentos.bench.many import Runs
+    from phyagentos.bench.summary import Comparison
     from phyagentos.operations.ask import Answered, Asked, NotUnderstood
     from phyagentos.operations.compile import CompiledGraph
     from phyagentos.operations.lint import LintReport
@@ -109,6 +113,90 @@ def run(
     if interrupts.count:
         raise KeyboardInterrupt
     return report
+
+
+def run_many(
+    goal_graph: str | Path,
+    *,
+    seeds: Iterable[int],
+    folder: str | Path | None = None,
+    jobs: int = 1,
+    faults: str | Path | None = None,
+    overrides: Mapping[str, object] | None = None,
+    settings: Mapping[str, Mapping[str, object]] | None = None,
+    world_mode: str | None = None,
+    verify: str | None = None,
+    sense: str | None = None,
+    prior: str | None = None,
+    pictures: bool = True,
+    progress: bool = True,
+    ends: Event | None = None,
+) -> "Runs":
+    """Run a goal graph with every seed, each in a new workspace below `folder` and without memory of the others.
+
+    Options are those of `run`; `settings` changes documents of each workspace, `{"runtime_contract.yaml":
+    {"verification.mode": "audit"}}`. `jobs` runs go on side by side. What ended stays after an interrupt, or once
+    another thread sets `ends`, and `open_runs(folder).resume()` carries out the rest.
+
+    Raises DefinitionError with every problem before anything is started, `WOULD_OVERWRITE`; KeyboardInterrupt.
+    """
+    from phyagentos.bench import many
+    from phyagentos.operations.run import RunRequest
+
+    request = RunRequest(
+        graph=Path(goal_graph),
+        faults=_to_path(faults),
+        overrides=_list_overrides(overrides),
+        world_mode=_choose("world_mode", world_mode, WorldMode),
+        verify=_choose("verify", verify, VerificationMode),
+        sense=_choose("sense", sense, Sensing),
+        prior=_choose("prior", prior, Prior),
+        pictures=pictures,
+    )
+    order = many.ManyRequest(run=request, seeds=tuple(seeds), folder=_to_path(folder), settings=settings or {})
+    return many.run_many(order, jobs=jobs, ends=ends, shows=progress)
+
+
+async def run_many_async(goal_graph: str | Path, *, seeds: Iterable[int], **options: "Unpack[ManyOptions]") -> "Runs":
+    """As `run_many`, in a thread beside the event loop; a task that is cancelled leaves what has ended."""
+    ends = Event()
+    running = asyncio.ensure_future(asyncio.to_thread(run_many, goal_graph, seeds=seeds, ends=ends, **options))
+    try:
+        return await asyncio.shield(running)
+    except asyncio.CancelledError:
+        ends.set()
+        await running
+        raise
+
+
+class ManyOptions(TypedDict, total=False):
+    """Options of `run_many`."""
+
+    folder: str | Path | None
+    jobs: int
+    faults: str | Path | None
+    overrides: Mapping[str, object] | None
+    settings: Mapping[str, Mapping[str, object]] | None
+    world_mode: str | None
+    verify: str | None
+    sense: str | None
+    prior: str | None
+    pictures: bool
+    progress: bool
+
+
+def open_runs(folder: str | Path) -> "Runs":
+    """What `run_many` or `paos bench run` has carried out so far; raises `NOT_A_WORKSPACE`."""
+    from phyagentos.bench.many import Runs
+
+    return Runs.open(Path(folder))
+
+
+def compare(a: "Runs", b: "Runs") -> "Comparison":
+    """Success of B against A, paired by seed, with McNemar's exact test; raises DefinitionError `RUN_DIFFERS`."""
+    from phyagentos.bench import many
+
+    return many.compare(a, b)
 
 
 def ask(
@@ -280,6 +368,9 @@ class WorkspaceView:
     goals: Mapping[str, GoalView] = field(repr=False)
     sessions: Mapping[SessionId, SessionView] = field(repr=False)
     _ledger: Ledger = field(repr=False)
+
+    def _repr_html_(self) -> str:
+        return "".join(goal._repr_html_() for goal in self.goals.values()) or f"<p>{escape(str(self.root))}</p>"
 
     def __iter__(self) -> Iterator[SessionView]:
         return iter(self.sessions.values())

@@ -33,17 +33,23 @@ class EngineName(StrEnum):
 
 
 class Engine:
-    """Carries jobs out, so many at a time, while the block `around` runs; a thread waits for each."""
+    """Carries jobs out, so many at a time, while the block `around` runs, until `ends`; a thread waits for each."""
 
-    def __init__(self, jobs: int, carry: CarryOut, around: AbstractContextManager[None] | None = None) -> None:
-        self.jobs, self.around = jobs, around or nullcontext()
+    def __init__(
+        self,
+        jobs: int,
+        carry: CarryOut,
+        around: AbstractContextManager[None] | None = None,
+        ends: threading.Event | None = None,
+    ) -> None:
+        self.jobs, self.around, self.ends = jobs, around or nullcontext(), ends or threading.Event()
         self._pool = ThreadPoolExecutor(jobs, thread_name_prefix="episode")
         self._running: set[Future[EpisodeRecord | None]] = set()
-        self._ends, self._carry = threading.Event(), carry
+        self._carry = carry
 
     def submit(self, job: Job) -> None:
         """Begin a job, at once or when there is room."""
-        self._running.add(self._pool.submit(self._carry, job, self._ends.is_set))
+        self._running.add(self._pool.submit(self._carry, job, self.ends.is_set))
 
     def wait(self) -> list[EpisodeRecord]:
         """Records of the jobs that have ended since the last call; waits for the first one."""
@@ -52,15 +58,15 @@ class Engine:
 
     def close(self) -> None:
         """End what still runs; it leaves no record."""
-        self._ends.set()
+        self.ends.set()
         self._pool.shutdown(cancel_futures=True)
 
 
-def open_engine(name: EngineName, jobs: int) -> Engine:
+def open_engine(name: EngineName, jobs: int, ends: threading.Event | None = None) -> Engine:
     """The engine of this name; raises DefinitionError `EXTRA_MISSING`."""
     if name is EngineName.LOCAL:
-        return Engine(jobs, carry_out, fork_server(LIBRARIES))
-    return Engine(jobs, _join_cluster())
+        return Engine(jobs, carry_out, fork_server(LIBRARIES), ends)
+    return Engine(jobs, _join_cluster(), ends=ends)
 
 
 def _join_cluster() -> CarryOut:

@@ -5,12 +5,14 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
-from phyagentos.bench.scorers.scorer import OUTCOMES, Scorer
+from phyagentos.bench.scorers.scorer import OUTCOMES, VERDICT, Scorer
 from phyagentos.bench.scorers.simulator import SIMULATOR
 from phyagentos.plugins import Plugins, import_object
 
 T = TypeVar("T")
-SCORERS = Plugins[Scorer]("phyagentos.scorers", {each.name: each for each in (OUTCOMES, SIMULATOR)}, noun="scorer")
+SCORERS = Plugins[Scorer](
+    "phyagentos.scorers", {each.name: each for each in (OUTCOMES, SIMULATOR, VERDICT)}, noun="scorer"
+)
 REPAIR_POLICIES = Plugins[Callable[[], RepairPolicy]](
     "phyagentos.repair_policies", {GraphRepair.name: GraphRepair}, noun="repair policy"
 )

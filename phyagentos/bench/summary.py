@@ -6,6 +6,7 @@ Pairs are compared by McNemar's exact test (McNemar 1947, doi:10.1007/BF02295996
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 import msgspec
@@ -200,6 +201,16 @@ class Comparison:
     def is_regression(self, significant: float = SIGNIFICANT) -> bool:
         """Whether B is significantly worse, or lacks episodes that A has: a gap may hide anything."""
         return bool(self.only_a) or (len(self.lost) > len(self.gained) and self.p <= significant)
+
+    def __str__(self) -> str:
+        """Both rates, and a line for each kind of pair that is no tie."""
+        lines = [f"A {self.a}", f"B {self.b}", f"gained {len(self.gained)}, lost {len(self.lost)}, p = {self.p:.4g}"]
+        listed = {"lost": self.lost, "gained": self.gained, "only in A": self.only_a, "only in B": self.only_b}
+        lines += [f"  {title}: {' '.join(filter(None, key))}" for title, keys in listed.items() for key in keys]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(str(self))}</pre>"
 
 
 def compare(a: Sequence[EpisodeRecord], b: Sequence[EpisodeRecord], of: Figure = Figure.FINAL) -> Comparison:

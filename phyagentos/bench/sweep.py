@@ -56,12 +56,12 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
     seeds_max: int | None = None
 
 
-def begin_run(folder: Path, source: Path, plan: Plan, clock: Clock) -> Manifest:
-    """Make the folder of a run; raises DefinitionError `WOULD_OVERWRITE`."""
+def begin_run(folder: Path, source: Path, plan: Plan, clock: Clock, *, is_own: bool = False) -> Manifest:
+    """Make the folder of a run; raises DefinitionError `WOULD_OVERWRITE`. A suite of its `own` is found there alone."""
     require_empty(folder, f"Continue it: paos bench resume {folder}. Or name another folder.")
     folder.mkdir(parents=True, exist_ok=True)
     (folder / SUITE).write_bytes(source.read_bytes())
-    manifest = _describe(source, plan, clock.wall_iso(), Path.cwd())
+    manifest = _describe(folder / SUITE if is_own else source, plan, clock.wall_iso(), Path.cwd())
     replace_durably(folder / MANIFEST, msgspec.json.format(msgspec.json.encode(manifest)))
     return manifest
 
@@ -123,7 +123,7 @@ def _run_chains(
 ) -> Iterator[EpisodeRecord]:
     """Every chain from its first order to its last, as many side by side as the engine takes."""
     running: dict[str, deque[Order]] = {}
-    while chains or running:
+    while (chains or running) and not engine.ends.is_set():
         while chains and len(running) < engine.jobs:
             chain = chains.popleft()
             order = chain.popleft()

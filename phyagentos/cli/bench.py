@@ -70,12 +70,10 @@ def compare(
 ) -> Reply[RunComparison]:
     """Compare two runs, paired by seed: McNemar's exact test. Ends with 1 when B is worse, or lacks episodes of A."""
     found = runs.compare(a, b, of=of, significant=significant)
-    pairs = found.comparison
-    lines = [f"A {pairs.a}", f"B {pairs.b}", f"gained {len(pairs.gained)}, lost {len(pairs.lost)}, p = {pairs.p:.4g}"]
-    listed = {"lost": pairs.lost, "gained": pairs.gained, "only in A": pairs.only_a, "only in B": pairs.only_b}
-    lines += [f"  {title}: {' '.join(filter(None, key))}" for title, keys in listed.items() for key in keys]
-    lines += ["B is worse" if found.is_regression else "B is not worse"]
-    return Reply(found, "\n".join(lines), code=ExitCode.GOAL_NOT_MET if found.is_regression else ExitCode.GOAL_MET)
+    worse = "B is worse" if found.is_regression else "B is not worse"
+    return Reply(
+        found, f"{found.comparison}\n{worse}", code=ExitCode.GOAL_NOT_MET if found.is_regression else ExitCode.GOAL_MET
+    )
 
 
 def setup(

@@ -5,9 +5,9 @@ been decided; elsewhere plain lines, one per change.
 """
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
-from rich.console import Console, ConsoleOptions, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType
 from rich.live import Live
 from rich.segment import Segment
 from rich.table import Table
@@ -30,6 +30,9 @@ _STYLES = {  # of states and verdicts
     "bold cyan": ("running",),
     "dim": ("waiting",),
 }
+PIPE_WIDTH = 160  # characters of a table that no terminal bounds
+UNBOUNDED = 4096  # of what is read by programs line by line
+GAP, TIME = 2, 8  # columns between two of a table, and of a time
 COLOURS = {Truth.TRUE: "green", Truth.FALSE: "red", Truth.UNKNOWN: "yellow"}
 
 
@@ -80,7 +83,8 @@ class RunConsole:
             self._print_change(row)
         if self._live is not None:
             self._live.start()  # with the first picture: until then notes go to the terminal as they are
-            self._live.update(build_progress_table(self._title, rows), refresh=True)
+            world = Text(fold.describe_world(), "dim", no_wrap=True, overflow="ellipsis")
+            self._live.update(Group(build_progress_table(self._title, rows, self._console.width), world), refresh=True)
 
     def pause(self) -> None:
         """Let the table stand still until it is shown again: a person types."""
@@ -113,22 +117,30 @@ class RunConsole:
             self._console.print(build_criterion_line(criterion))
 
 
-def build_progress_table(title: str, rows: list[Row]) -> Table:
-    """The DAG as an indented table."""
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="dim")
-    table.add_column("session", no_wrap=True)
+def build_progress_table(title: str, rows: list[Row], width: int = PIPE_WIDTH) -> Table:
+    """The DAG as an indented table of so many columns; what a row does gives way first, then its name."""
+    states = max((len(row.state) for row in rows), default=5)
+    room = width - max(states, 5) - 3 * GAP - TIME
+    table = Table(
+        title=title, title_justify="left", box=None, pad_edge=False, header_style="dim", padding=(0, GAP, 0, 0)
+    )
+    table.add_column("session", no_wrap=True, overflow="ellipsis", max_width=room // 2)
     table.add_column("state", no_wrap=True)
-    table.add_column("doing", no_wrap=True, overflow="ellipsis")
+    named = [("  " * (row.depth + _is_child(row)) + row.name) for row in rows]
+    longest = min(max(map(len, (*named, "session"))), room // 2)
+    table.add_column("doing", no_wrap=True, overflow="ellipsis", max_width=max(room - longest, 1))
     table.add_column("time", no_wrap=True, justify="right")
-    for row in rows:
-        is_child = row.session is not None and row.session.contract.parent is not None
-        indent = "  " * (row.depth + is_child)
+    for row, name in zip(rows, named, strict=True):
         beat = row.beat
-        doing = f"{beat.phase} {beat.leaf}" if beat is not None else summarise(row)
+        doing = f"{beat.phase} {'/'.join(beat.leaf.split('/')[-2:])}" if beat is not None else summarise(row)
         time_s = beat.sim_time_s if beat is not None else row.sim_time_s
         time = f"{time_s:.1f} s" if time_s else ""
-        table.add_row(f"{indent}{row.name}", Text(row.state, choose_style(row, row.state)), doing, time)
+        table.add_row(name, Text(row.state, choose_style(row, row.state)), doing, time)
     return table
+
+
+def _is_child(row: Row) -> bool:
+    return row.session is not None and row.session.contract.parent is not None
 
 
 def summarise(row: Row) -> str:
@@ -178,3 +190,13 @@ def build_criterion_line(criterion: Criterion) -> Text:
     """One judged criterion with the numbers that decided it."""
     mark = (criterion.truth.mark, COLOURS[criterion.truth])
     return Text.assemble("    ", mark, f" {criterion.text}", (f"  {criterion.sentence}".rstrip(), "dim"))
+
+
+def build_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    """Aligned columns, folded where the terminal is narrow; texts are shown as they are."""
+    table = Table(*head, box=None, pad_edge=False, header_style="dim", show_header=any(head), padding=(0, GAP, 0, 0))
+    for column in table.columns:
+        column.overflow = "fold"
+    for row in rows:
+        table.add_row(*map(Text, row))
+    return table

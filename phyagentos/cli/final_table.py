@@ -1,35 +1,33 @@
 """How a run ended, for people."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from phyagentos.cli.console import build_criterion_line, choose_style, summarise, tell_failure
+from phyagentos.cli.console import PIPE_WIDTH, build_criterion_line, choose_style, summarise, tell_failure
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations.progress import Row
 from phyagentos.operations.run import RunReport
-
-PIPE_WIDTH = 160  # characters of a table that no terminal bounds
+from phyagentos.operations.workspaces import FOLDER
 
 
 def print_report(report: RunReport, rows: Sequence[Row], console: Console) -> None:
-    """The final table, the goal's own criteria, and where the pictures are; `paos why` explains more."""
+    """The final table, the goal's own criteria, where pictures and documents are, and what to type next."""
     if not console.is_terminal:
         console.width = PIPE_WIDTH
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for column in ("node", "session", "state", "verdict", "because"):
+    for column in ("session", "state", "because"):
         table.add_column(column, overflow="fold")
     table.add_column("simulated", justify="right", no_wrap=True)
     table.add_column("wall", justify="right", no_wrap=True)
     for row in rows:
         failed = " (execution failed)" if tell_failure(row) else ""
         table.add_row(
-            row.node,
-            row.session.contract.id if row.session is not None else "",
-            Text(row.state, choose_style(row, row.state)),
-            Text(row.verdict + failed, choose_style(row, row.verdict)),
+            row.name,
+            Text(row.state + failed, choose_style(row, row.state)),
             summarise(row),
             f"{row.sim_time_s:.1f} s" if row.sim_time_s else "",
             f"{row.wall_s:.1f} s" if row.session is not None else "",
@@ -49,7 +47,10 @@ def print_report(report: RunReport, rows: Sequence[Row], console: Console) -> No
             console.print(reason, soft_wrap=True)
     for fault in report.unstruck_faults:
         console.print(f"fault {fault} never struck", style="yellow", soft_wrap=True)
-    for pictures in report.pictures.values():
-        for picture in pictures:
-            console.print(f"picture {picture}", style="dim", soft_wrap=True)
+    pictures = [picture for pair in report.pictures.values() for picture in pair]
+    if pictures:
+        more = f", and {len(pictures) - 1} more in evidence/" if pictures[1:] else ""
+        console.print(f"picture {pictures[-1]}{more}", style="dim", soft_wrap=True)
     console.print(f"documents in {report.workspace}", style="dim", soft_wrap=True)
+    where = "" if Path(report.workspace).parent == FOLDER else f" -w {report.workspace}"
+    console.print(f"next: paos why{where} (what decided), paos view{where} (the run, on a page)", soft_wrap=True)

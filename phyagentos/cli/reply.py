@@ -34,9 +34,16 @@ class Reply(Generic[Found_co]):
         if self.text and isinstance(self.text, str):
             print_result(self.text)
         elif self.text:
-            from phyagentos.cli.console import CleanConsole
+            from phyagentos.cli.console import UNBOUNDED, CleanConsole
 
-            CleanConsole(highlight=False).print(self.text)
+            console = CleanConsole(highlight=False)
+            if console.is_terminal:
+                console.print(self.text)
+            else:
+                console.width = UNBOUNDED
+                with console.capture() as shown:
+                    console.print(self.text)
+                print_result("\n".join(map(str.rstrip, shown.get().splitlines())))
         for note in self.notes:
             print_note(note)
         return self.code

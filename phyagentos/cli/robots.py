@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 from msgspec.structs import astuple
 
+from phyagentos.cli.console import build_table
 from phyagentos.cli.exporting import draw_without_screen
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.reply import Reply
@@ -13,7 +14,6 @@ from phyagentos.errors import DefinitionError
 from phyagentos.operations import robots
 from phyagentos.operations.export import Written
 from phyagentos.operations.robots import DraftedProfile, KnownRobot, ProfileCheck, RobotDescription, RobotTrial
-from phyagentos.protocol.documents.markdown import render_table
 from phyagentos.wording import count
 
 FAR_M, LEAST = 1.0, 0.5  # how far a robot reaches that needs no smaller scenes; how small they become
@@ -24,14 +24,14 @@ Name = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a target, as
 def list_() -> Reply[tuple[KnownRobot, ...]]:
     """Print every profile that can be used here, with its model and whether that is here."""
     found = robots.list_robots()
-    return Reply(found, render_table(KnownRobot.__struct_fields__, map(astuple, found)))
+    return Reply(found, build_table(KnownRobot.__struct_fields__, map(astuple, found)))
 
 
 def show(robot: Name) -> Reply[RobotDescription]:
     """Print what a robot's model says: joints, ranges, hand, fingers, opening."""
     found = robots.describe(robot)
     named = [("robot", found.robot), ("description", found.description), ("model", found.model)]
-    return Reply(found, render_table(("", ""), [*named, *found.facts.items()]), found.remarks)
+    return Reply(found, build_table(("", ""), [*named, *found.facts.items()]), found.remarks)
 
 
 def check(robot: Name) -> Reply[ProfileCheck]:
@@ -66,7 +66,7 @@ def try_(
         notes.append(f"write into its profile: grasp_band_m: [{near_m:.2f}, {far_m:.2f}]{placing}")
         notes.append(f"next: paos run tidy_table --set targets.arm={robot}")
     code = ExitCode.GOAL_MET if all(each.well for each in found.findings) else ExitCode.GOAL_NOT_MET
-    return Reply(found, render_table(("", "measured", ""), rows), notes, code)
+    return Reply(found, build_table(("", "measured", ""), rows), notes, code)
 
 
 def new(

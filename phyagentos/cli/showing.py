@@ -1,21 +1,25 @@
 """Commands that show what there is: `list`, `describe`, `schema`, `lifecycle`, `codes`, `tree show`."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import rich.markup
 import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
 from rich.tree import Tree as Printed
 
 from phyagentos.cli import schemas
 from phyagentos.cli.arguments import RunPython
+from phyagentos.cli.console import build_table
 from phyagentos.cli.reply import Reply
 from phyagentos.cli.schemas import ShownSchema
 from phyagentos.codes import ALIASES, Code
 from phyagentos.operations import behaviour_trees, listing
 from phyagentos.operations import describe as declarations
 from phyagentos.operations.behaviour_trees import DrawnTree
-from phyagentos.operations.describe import Described
+from phyagentos.operations.describe import KINDS, Described
 from phyagentos.operations.listing import RETRIES, Listing, Names, Statechart
 from phyagentos.pictures.trees import Drawing
 
@@ -29,13 +33,17 @@ def list_names(kind: Listing, run_python: RunPython = False) -> Reply[Names]:
 
 
 def describe(
-    kind: Annotated[str, typer.Argument(metavar="leaf|skill|predicate|fault|setting")] = "",
-    name: Annotated[str, typer.Argument(help="Which, or a field of it; every one, a line each, without.")] = "",
+    kind: Annotated[str, typer.Argument(metavar="NAME|KIND", help=f"What, or one of {', '.join(KINDS)}.")] = "",
+    name: Annotated[str, typer.Argument(help="Which of the kind, or a field of it; all, a line each, without.")] = "",
 ) -> Reply[tuple[Described, ...]]:
     """Describe a leaf, skill, predicate, fault or setting by its own declaration."""
-    found = declarations.describe(kind, name)
-    whole, lines = map(_render_declaration, found), (f"{each.name:<20} {each.summary}" for each in found)
-    return Reply(found, "\n\n".join(whole) if name else "\n".join(lines))
+    if name or kind in KINDS or not kind:
+        found = declarations.describe(kind, name)
+    else:
+        found = declarations.describe_name(name := kind)
+    if not name:
+        return Reply(found, build_table(("", ""), ((each.name, each.summary) for each in found)))
+    return Reply(found, Group(*(part for each in found for part in _render_declaration(each))))
 
 
 def show_schema(
@@ -85,9 +93,17 @@ def show(
     return Reply(found, found.mermaid if mermaid else _grow(found.root))
 
 
-def _render_declaration(each: Described) -> str:
-    rows = (f"  {row.part:<11} {row.name:<20} {row.takes:<12} {row.default:<10} {row.meaning}" for row in each.rows)
-    return "\n".join([f"{each.name}: {each.summary}", *map(str.rstrip, rows)])
+def _render_declaration(each: Described) -> Iterator[RenderableType]:
+    """Its exact name first, then what it is, in short facts and a table of what it takes."""
+    yield Text.assemble((each.name, "bold"), f"  {each.kind}")
+    yield Text(each.summary)
+    facts = [row for row in each.rows if not (row.takes or row.default or row.meaning)]
+    yield build_table(("", ""), ((row.part, row.name) for row in facts))
+    rows = [row for row in each.rows if row not in facts]
+    if rows:
+        columns = ("name", "part", "takes", "default", "meaning")
+        yield build_table(columns, ([getattr(row, column) for column in columns] for row in rows))
+    yield Text()
 
 
 def _grow(node: Drawing) -> Printed:

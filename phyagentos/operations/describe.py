@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.assembly.project import open_library
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, format_hint
 from phyagentos.operations.schema_fields import iter_structures, list_fields
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, read_skill
@@ -39,6 +39,21 @@ class Described(msgspec.Struct, frozen=True):
     name: str
     summary: str
     rows: tuple[Row, ...]
+    kind: str = ""
+
+
+def describe_name(name: str) -> tuple[Described, ...]:
+    """All that is called so, of any kind; raises DefinitionError `UNKNOWN_NAME`."""
+    library, found, known = open_library(), list[Described](), list[str](KINDS)
+    for kind, list_all in KINDS.items():
+        for each in list_all(library):
+            known.append(each.name)
+            if each.name == name:
+                found.append(msgspec.structs.replace(each, kind=kind))
+    if found:
+        return tuple(found)
+    hint = format_hint(name, known) or f"paos list KIND prints the names of {', '.join(KINDS)}."
+    raise DefinitionError.of("UNKNOWN_NAME", "paos describe", repr(name), f"a name, or {', '.join(KINDS)}", hint)
 
 
 def describe(kind: str, name: str = "") -> tuple[Described, ...]:
@@ -52,7 +67,7 @@ def describe(kind: str, name: str = "") -> tuple[Described, ...]:
     found = [each for each in every if name in {"", each.name, *(row.name for row in each.rows)}]
     if not found:
         raise DefinitionError.unknown(kind, f"paos describe {kind}", name, [each.name for each in every])
-    return tuple(found)
+    return tuple(msgspec.structs.replace(each, kind=kind) for each in found)
 
 
 def _iter_leaves(library: Library) -> Iterator[Described]:

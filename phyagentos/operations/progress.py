@@ -1,15 +1,20 @@
 """The state of a run: a fold of the journal and of the heartbeats into rows of sessions and nodes."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 
 from phyagentos.clock import compute_seconds
+from phyagentos.errors import DefinitionError
+from phyagentos.protocol.documents.schema import read_text
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, read_heartbeats
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
 from phyagentos.protocol.sessions.session import GoalId, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import read_environment
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import Record
 
@@ -69,6 +74,23 @@ class RunFold:
         self.workspace, self.ledger, self.id = workspace, ledger, goal
         ledger.keep_goal(goal)
         self._spans: dict[str, tuple[str, str]] = {}
+        self._world: tuple[int, str] = (0, "")
+
+    def describe_world(self) -> str:
+        """Where each object is, in a line, what it shares with the fewest first; empty before the first look."""
+        with suppress(OSError, DefinitionError):
+            written = (path := self.workspace.environment).stat().st_mtime_ns
+            if written != self._world[0]:
+                self._world = (written, "")
+                found = read_environment(read_text(path))
+                held = {each.name: f"held by {each.held_by}" for each in found.entities.values() if each.held_by}
+                split = [(each.name, *each.arguments) for each in found.relations[::-1]]  # places come first
+                places = {one: " ".join((name, *others)) for name, one, *others in split}
+                where = {name: place for name in found.list_movable() if (place := held.get(name) or places.get(name))}
+                shared = Counter(where.values())  # what most of them have in common, such as the table, comes last
+                said = [f"{name} {place}" for name, place in sorted(where.items(), key=lambda item: shared[item[1]])]
+                self._world = (written, f"world at {found.time_s:.1f} s: {', '.join(said) or 'no object'}")
+        return self._world[1]
 
     def apply(self, records: Iterable[Record]) -> None:
         """Take in new records."""

@@ -12,6 +12,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from html import escape
 from pathlib import Path
 
 import msgspec
@@ -91,6 +92,17 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     pictures: dict[str, tuple[str, ...]]
     goal: MissionReport | None
     unstruck_faults: tuple[str, ...] = ()
+
+    def _repr_html_(self) -> str:
+        goal = self.goal
+        sessions = (
+            [(each.id, each.state, each.verdict, each.cause) for each in goal.sessions] if goal is not None else []
+        )
+        rows = "".join(f"<tr><td>{'<td>'.join(map(escape, row))}" for row in sessions)
+        title, verdict = (
+            (goal.goal, f"{goal.verdict} {goal.reason}") if goal is not None else (self.workspace, "no goal")
+        )
+        return f"<p><b>{escape(title)}</b>: {escape(verdict)} ({self.wall_s:.1f} s)</p><table>{rows}</table>"
 
 
 class PlaneEnded(ExecutionError):

@@ -1,16 +1,29 @@
 """A workspace that an earlier version recorded, with a small scene model for the session that lost its cube."""
 
 import tarfile
+import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import pytest
+from PIL import Image
 
+from phyagentos.bench import many
+from phyagentos.bench.engines import Engine
+from phyagentos.bench.records import EpisodeRecord, SessionRecord
 from phyagentos.operations import run
 from phyagentos.operations.progress import RunFold
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.registries import get_registered_target
-from phyagentos.protocol.sessions.evidence import INITIAL, SCENE_MODEL, TERMINAL, TRAJECTORY
+from phyagentos.protocol.sessions.evidence import (
+    INITIAL,
+    PICTURE_AFTER,
+    PICTURE_BEFORE,
+    SCENE_MODEL,
+    TERMINAL,
+    TRAJECTORY,
+)
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -60,3 +73,38 @@ def asked(monkeypatch, stored):
 
     monkeypatch.setattr(run, "run_goal", run_goal)
     return orders
+
+
+@pytest.fixture
+def carried(monkeypatch, tmp_path):
+    """Episodes that end at once: seed 2 fails, and says so in markup; notes their jobs.
+
+    The seed `interrupted_by` raises an interrupt, `endless` goes on until it is ended.
+    """
+    noted = SimpleNamespace(jobs=[], interrupted_by=None, endless=None, waits=threading.Event())
+
+    def carry(job, is_ended):
+        noted.jobs.append(job)
+        order, name = job.order, job.order.id
+        if order.seed == noted.interrupted_by:
+            raise KeyboardInterrupt
+        if order.seed == noted.endless:
+            noted.waits.set()
+            while not is_ended():
+                threading.Event().wait(0.01)
+            return None
+        is_met = order.seed != 2
+        bundle = f"episodes/{name}/workspace/evidence/red"
+        (Path(job.run) / bundle).mkdir(parents=True)
+        for picture in (PICTURE_BEFORE, PICTURE_AFTER):
+            Image.new("RGB", (640, 480), "red").save(Path(job.run) / bundle / picture)
+        facts = {"attempt": 0, "skill": "pick", "target": "arm", "objective": "", "state": ""}
+        session = SessionRecord(id="red", node="red", bundle=bundle, taxon="" if is_met else "execution", **facts)
+        axes = {"id": name, "task": order.task, "seed": order.seed, "verification": order.verification}
+        verdict, reason = ("success", "") if is_met else ("failure", '<script>alert("x")</script>')
+        ended = {"verdict": verdict, "reason": reason, "is_met": is_met, "sessions": (session,)}
+        return EpisodeRecord(at="", folder=f"episodes/{name}", **axes, **ended)
+
+    monkeypatch.setattr(many, "open_engine", lambda _, jobs, ends: Engine(jobs, carry, ends=ends))
+    monkeypatch.chdir(tmp_path)
+    return noted

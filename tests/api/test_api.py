@@ -186,6 +186,13 @@ def test_notebooks_show_verdicts_with_the_numbers_that_decided(demo):
     assert whole.endswith(demo.goals[GOAL].graph._repr_html_())
 
 
+def test_notebooks_show_a_report_and_a_workspace_in_short(demo, asked):
+    shown = library.run("tidy_table", seed=3)._repr_html_()
+    assert shown.startswith(f"<p><b>{GOAL}</b>: success ")
+    assert shown.count("<tr>") == len(demo.sessions)
+    assert demo._repr_html_() == demo.goals[GOAL]._repr_html_()
+
+
 def test_nothing_that_a_document_says_becomes_markup(demo):
     criterion = Criterion(text=EVIL, kind=EVIL, truth=Truth.FALSE, because=EVIL)
     numbers = Criterion(text="t", kind="accept", truth=Truth.FALSE, measured={EVIL: EVIL})

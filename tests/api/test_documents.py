@@ -1,5 +1,6 @@
 """The pages and the notebook about the library run as they stand, on a recorded workspace."""
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from tests.api.notebooks import execute, read_cells
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 NOTEBOOK = DOCS / "quickstart.ipynb"
+EPISODES = DOCS / "episodes.ipynb"
 
 
 @pytest.fixture
@@ -33,7 +35,16 @@ def test_the_quickstart_keeps_no_results_that_could_be_out_of_date():
         assert cell["cell_type"] == "markdown" or (cell["outputs"], cell["execution_count"]) == ([], None)
 
 
-def test_the_examples_of_the_page_run(beside_demo, asked):
+def test_the_analysis_of_thirty_episodes_shows_what_its_cells_have_shown():
+    notebook, cells = json.loads(EPISODES.read_text(encoding="utf-8")), read_cells(EPISODES)
+    assert notebook["metadata"]["executed"] == hashlib.sha256("\n".join(cells).encode()).hexdigest()
+    shown = [cell["outputs"] for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert all(shown[1:]), "python tools/execute_notebook.py docs/episodes.ipynb"
+    whole = json.dumps(shown)
+    assert (whole.count("/15 = "), whole.count("data:image/jpeg") >= 2) == (5, True)
+
+
+def test_the_examples_of_the_page_run(carried, beside_demo, asked):
     execute(DOCS / "library.md")
     assert [(order.graph.name, order.seed) for order in asked] == [("tidy_table", 7)]
 

@@ -48,6 +48,7 @@ def test_every_public_name_has_a_type_and_no_other_name_is_known(check):
     names = phyagentos.__all__
     told = check(EXAMPLE + "".join(f"reveal_type(paos.{name})\n" for name in names) + "paos.nonsense\npaos.run(3)\n")
     revealed, errors = told[: len(names)], told[len(names) :]
+    revealed = [line.replace("Coroutine[Any, Any, ", "Coroutine[") for line in revealed]
     assert all("Revealed type is" in line and "Any" not in line and '"object"' not in line for line in revealed), told
     assert [line.partition("error: ")[2] for line in errors] == [
         'Module has no attribute "nonsense"  [attr-defined]',

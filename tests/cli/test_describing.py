@@ -29,10 +29,21 @@ def test_each_kind_is_described_by_its_declaration(paos, kind, name, row):
 
 
 def test_a_setting_is_found_by_its_name_alone(paos):
-    assert paos("describe", "setting", "sensing").out.startswith("perception: perception.yaml")
+    assert paos("describe", "setting", "sensing").out.startswith("perception  setting\nperception.yaml")
 
 
 def test_slips_name_the_nearest(paos):
     assert "Did you mean 'wait'?" in paos("describe", "leaf", "wiat").err
     result = paos("describe", "leafs")
     assert (result.code, "Did you mean 'leaf'?" in result.err) == (ExitCode.INVALID_INPUT, True)
+
+
+def test_a_name_alone_is_found_in_every_kind_and_stands_first(paos):
+    assert paos("describe", "pick_and_place").out.startswith("pick_and_place  skill\nTakes an object")
+    assert "Did you mean 'slip'?" in paos("describe", "slipp").err
+
+
+def test_a_robot_is_shown_in_columns_without_markup(paos):
+    shown = paos("robot", "show", "panda").out
+    assert shown.startswith("robot  ")
+    assert not {"|", "---", "\x1b"} & set(shown.replace("\n", " ").split(" "))

@@ -5,7 +5,7 @@ import json
 import os
 import re
 import signal
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -42,6 +42,7 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.stop_signals import take_signals
 from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.world.environment import Entity, Pose, Relation, Snapshot
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.edits.edit_intake import EditIntake
 from phyagentos.store.ledger import Ledger
@@ -76,6 +77,30 @@ def test_the_active_leaf_and_its_time_are_shown(run):
     Console(file=text, width=100).print(build_progress_table("tidy", run.fold.rows()))
     assert "executing pick/lift" in text.getvalue()
     assert "3.2 s" in text.getvalue()
+
+
+@pytest.mark.parametrize("width", [60, 100])
+def test_state_and_time_of_every_row_stand_on_a_narrow_screen(replanned, width):
+    fold, text = replanned.fold, io.StringIO()
+    rows = [replace(row, node=f"{row.node}_with_a_long_name_of_its_own", depth=3) for row in fold.rows()]
+    Console(file=text, width=width).print(build_progress_table("tidy", rows, width))
+    lines = text.getvalue().splitlines()[2:]
+    assert len(lines) == len(rows)
+    assert all(row.state in line and len(line) <= width for row, line in zip(rows, lines, strict=True))
+
+
+def test_the_world_is_a_line_that_begins_with_what_distinguishes_an_object(replanned):
+    assert replanned.fold.describe_world() == ""
+    held = {"a": "arm"}
+    things = {name: Entity(name=name, kind="thing", pose=Pose(), held_by=held.get(name, "")) for name in "abcd"}
+    said = [("on", "c", "table"), ("on", "d", "table"), ("inside", "b", "tray"), ("near", "b", "c")]
+    relations = tuple(Relation(name=name, arguments=tuple(of)) for name, *of in (*said, ("closed", "door")))
+    facts = {"time_s": 1.25, "scene": "s", "episode": "e", "revision": 1, "sensing": "truth"}
+    snapshot = Snapshot(**facts, entities=things, relations=relations)
+    block = json.dumps(msgspec.to_builtins(snapshot))
+    replanned.workspace.environment.write_text(f"---\nphy: environment/1\n---\n## Snapshot\n\n```yaml\n{block}\n```\n")
+    line = replanned.fold.describe_world()
+    assert line == "world at 1.2 s: a held by arm, b inside tray, c on table, d on table"
 
 
 def test_without_a_terminal_every_change_is_one_line_said_once(replanned, monkeypatch):
@@ -141,7 +166,11 @@ def test_the_final_table_names_nodes_verdicts_times_and_pictures(replanned):
     assert "goal tidy-7: not met  because" in text.getvalue()
     assert "6.5 s" in text.getvalue()
     assert "the criterion holds" in text.getvalue()
-    assert str(picture) in text.getvalue()
+    assert text.getvalue().count(str(picture)) == 1
+    assert text.getvalue().endswith(
+        f"next: paos why -w {replanned.workspace.root} (what decided), paos view -w "
+        f"{replanned.workspace.root} (the run, on a page)\n"
+    )
 
 
 def test_a_success_whose_execution_was_lost_is_never_shown_as_plain_success(run, monkeypatch):
@@ -158,7 +187,7 @@ def test_a_success_whose_execution_was_lost_is_never_shown_as_plain_success(run,
     print_report(report, run.fold.rows(), Console(file=text, width=200))
     for shown in (stream.getvalue(), text.getvalue()):
         assert "but the execution failed: runner_lost GRASP_LOST" in shown
-    assert "success (execution failed)" in text.getvalue()
+    assert "succeeded (execution failed)" in text.getvalue()
     assert "the criterion holds, but" in text.getvalue()
 
 

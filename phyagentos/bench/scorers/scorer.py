@@ -1,9 +1,10 @@
-"""The port of scorers, and the scorer `outcomes`.
+"""The port of scorers, and the scorers `outcomes` and `verdict`.
 
 A scorer says what an episode achieved, whatever its verdict: from the recorded state of the simulator, or, `outcomes`,
 from what an environment's own predicate wrote down, in a process that the agent never reads from. Its condition is the
 name of an outcome; `.world/outcomes.jsonl` has a line a session; the last one counts, or that of the session asked
-about: `{"session": "goal.node", "success": true, "completed": ["microwave"]}`.
+about: `{"session": "goal.node", "success": true, "completed": ["microwave"]}`. `verdict` alone asks no
+other: a goal is met where its verdict is the condition, and so no false success is found.
 """
 
 import json
@@ -14,6 +15,7 @@ from typing import Any
 
 from phyagentos.assembly.paths import OUTCOMES as FILE
 from phyagentos.errors import Problem
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.documents.schema import Address, Located
 
 
@@ -47,3 +49,11 @@ def _score(parts: Mapping[str, Any], workspace: Path, bundle: Path | None) -> di
 
 
 OUTCOMES = Scorer(name="outcomes", check=_check, score=_score)
+
+
+def _read_verdicts(parts: Mapping[str, Any], workspace: Path, _: Path | None) -> dict[str, bool]:
+    goals = read_ledger(workspace).goals.values()
+    return {part: any(goal.verdict == wanted for goal in goals) for part, wanted in parts.items()}
+
+
+VERDICT = Scorer(name="verdict", check=_check, score=_read_verdicts)
