@@ -15,6 +15,7 @@ from phyagentos.agent.memory.episode_recorder import EpisodeRecorder
 from phyagentos.agent.memory.episodes import Surroundings
 from phyagentos.agent.memory.memory import Memory
 from phyagentos.agent.mission.mission import Mission
+from phyagentos.agent.mission.patience import Patience
 from phyagentos.agent.mission.report import MissionReport
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
 from phyagentos.assembly.memory_choice import ChosenMemory, choose_memory
@@ -62,13 +63,15 @@ def open_agent(
     memory_use: MemoryUse = MemoryUse.LEARN,
     policy: RepairPolicy | None = None,
     is_runtime_alive: Callable[[GoalStatus], bool] | None = None,
+    waits_for_answers: bool = False,
 ) -> Iterator[Agent]:
     """The agent that the workspace's settings describe; the only place that builds one.
 
     The journal names it as `by`. `verify` replaces the mode of runtime_contract.yaml, `memory` the workspace's own by
     the folder of one that outlives it; `policy` chooses what follows a miss, graph repair by default. While a goal is
     waited for, `is_runtime_alive` is checked, and False ends the mission; by default a goal waits for a watchdog that
-    may come later, and only the end of a cancelled one needs a watchdog that is there.
+    may come later, and only the end of a cancelled one needs a watchdog that is there. Where it `waits_for_answers`,
+    verdicts wait for a person as long as the goal says.
 
     Raises DefinitionError with every problem of the settings, and ExecutionError `JOURNAL_DAMAGED`.
     """
@@ -95,6 +98,7 @@ def open_agent(
         is_runtime_alive=is_runtime_alive
         or (lambda goal: not goal.is_cancelled or is_held(workspace.root / WATCHDOG_LOCK)),
     )
+    mission.patience = Patience(clock) if waits_for_answers else None
     try:
         yield Agent(mission, experience.version if experience is not None else "")
     finally:
@@ -112,6 +116,7 @@ def run_agent(
     memory: str | None = None,
     restrict: Callable[[Catalogue], Catalogue] | None = None,
     is_runtime_alive: Callable[[GoalStatus], bool] | None = None,
+    waits_for_answers: bool = False,
 ) -> MissionReport:
     """The agent plane: pursue one goal to its verdict; continues it when the workspace already knows it.
 
@@ -131,6 +136,7 @@ def run_agent(
         memory=chosen.folder,
         memory_use=MemoryUse.NONE if chosen.folder is None else MemoryUse.LEARN,
         is_runtime_alive=is_runtime_alive,
+        waits_for_answers=waits_for_answers,
     ) as agent:
         if restrict is not None:
             agent.mission.restrict = restrict

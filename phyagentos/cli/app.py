@@ -76,6 +76,8 @@ SECTIONS = {  # of the help -> name -> module and function, the first line of wh
         "estop": "stopping:estop",
         "approve": "deciding:approve",
         "deny": "deciding:deny",
+        "answer": "judging:answer",
+        "contest": "judging:contest",
         "amend": "deciding:amend",
         "edit": "editing:edit",
     },

@@ -86,6 +86,11 @@ class RunConsole:
             world = Text(fold.describe_world(), "dim", no_wrap=True, overflow="ellipsis")
             self._live.update(Group(build_progress_table(self._title, rows, self._console.width), world), refresh=True)
 
+    def pause(self) -> None:
+        """Let the table stand still until it is shown again: a person types."""
+        if self._live is not None:
+            self._live.stop()
+
     def print_line(self, text: str, style: str = "") -> None:
         """One line above the table."""
         self._console.print(Text(text, style=style))

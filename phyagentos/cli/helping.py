@@ -6,7 +6,6 @@ import re
 import textwrap
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -19,7 +18,6 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import find_shipped_root
 
 PAGES = Path("docs") / "howto"  # below what ships
-KEYWORDS = "Also: "  # begins the line of a page that has words of readers
 _MOST_PAGES, _MOST_COMMANDS, _MOST_TYPED, _NEAR = 3, 4, 6, 0.3
 _STOP_WORDS = frozenset(
     re.findall(
@@ -41,12 +39,8 @@ class Found(msgspec.Struct, frozen=True, kw_only=True):
     file: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """What can be found, with how much each stem of it says about it."""
-
-    found: Found
-    weights: dict[str, float]
+Entry = tuple[Found, dict[str, float]]
+"""What can be found, with how much each stem of it says about it."""
 
 
 def explain(
@@ -58,53 +52,52 @@ def explain(
     """Find how-to pages and commands by words."""
     if not words:
         return Reply((), context.find_root().get_help())
-    pages, commands = [read_page(path) for path in _files()], list(list_commands())
-    question = " ".join(words)
+    files, question = _files(), " ".join(words)
+    pages, commands = list(map(read_page, files)), list_commands()
     stems = correct(stem_words(question), [*pages, *commands])
     found, near = rank(stems, pages)[:_MOST_PAGES], rank(stems, commands)[:_MOST_COMMANDS]
     if not found and not near:
-        names = [path.stem for path in _files()]
-        raise DefinitionError.unknown("page", "help", question, names)
-    texts = [_show_page(each) for each in found]
-    if near:
-        texts.append("\n".join(f"{each.title:<22} {each.about}" for each in near))
-    return Reply((*found, *near), "\n\n".join(texts))
+        raise DefinitionError.unknown("page", "help", question, [path.stem for path in files])
+    listed = "\n".join(f"{each.title:<22} {each.about}" for each in near)
+    return Reply((*found, *near), "\n\n".join(filter(None, [*map(_show_page, found), listed])))
 
 
 def read_page(path: Path) -> Entry:
-    """A how-to page; its title, file name and keywords count four times as much as its text."""
+    """A how-to page; its title, file name and the line of keywords (`Also: …`) count four times as much as its text."""
     text = path.read_text(encoding="utf-8")
     title, _, body = text.partition("\n")
     prose = re.sub(r"```.*?```|<!--.*?-->|^\|.*?$", "", body, flags=re.DOTALL | re.MULTILINE)
     paragraphs = [" ".join(_plain(each).split()) for each in prose.split("\n\n") if each.strip()]
-    keywords = next((each for each in paragraphs if each.startswith(KEYWORDS)), "")
+    keywords = next((each for each in paragraphs if each.startswith("Also: ")), "")
     about = next((each for each in paragraphs if each != keywords), "")
     typed = [line[2:].split("  #")[0].strip() for line in body.splitlines() if line.startswith("$ ")]
-    found = Found(title=title.lstrip("# "), about=about, commands=tuple(typed[:_MOST_TYPED]), file=str(path))
-    return Entry(found, weigh(f"{title} {path.stem} {keywords}", body))
+    return Found(title=title.lstrip("# "), about=about, commands=tuple(typed[:_MOST_TYPED]), file=str(path)), weigh(
+        f"{title} {path.stem} {keywords}", body
+    )
 
 
-def list_commands() -> Iterable[Entry]:
+def list_commands() -> list[Entry]:
     """Every command, those of groups too, with the first line of its help."""
-    yield from (_describe(name, place) for name, place in app.COMMANDS.items())
-    for group, (_, module, functions) in app.GROUPS.items():
-        for each in functions:
-            yield _describe(f"{group} {each.rstrip('_').replace('_', '-')}", f"{module}:{each}")
+    places = app.COMMANDS | {
+        f"{group} {each.rstrip('_').replace('_', '-')}": f"{module}:{each}"
+        for group, (_, module, functions) in app.GROUPS.items()
+        for each in functions
+    }
+    return [_describe(name, *place.split(":")) for name, place in places.items()]
 
 
 def rank(stems: Sequence[str], entries: Sequence[Entry]) -> list[Found]:
     """Those that share stems with a question, the nearest first; far ones are left out."""
-    spread = Counter(stem for each in entries for stem in each.weights)
+    spread = Counter(stem for _, weights in entries for stem in weights)
     rarity = {stem: math.log(1.0 + len(entries) / spread[stem]) for stem in stems if stem in spread}
-    scores = [sum(each.weights.get(stem, 0.0) * rarity[stem] for stem in rarity) for each in entries]
-    least = _NEAR * max(scores, default=0.0)
-    order = sorted(range(len(entries)), key=lambda i: -scores[i])
-    return [entries[i].found for i in order if scores[i] > 0.0 and scores[i] >= least]
+    scores = [(sum(weights.get(stem, 0.0) * rarity[stem] for stem in rarity), found) for found, weights in entries]
+    scores.sort(key=lambda pair: -pair[0])
+    return [found for score, found in scores if score > 0.0 and score >= _NEAR * scores[0][0]]
 
 
 def correct(stems: Iterable[str], entries: Iterable[Entry]) -> list[str]:
     """The stems, one that stands nowhere as the nearest that does."""
-    known = sorted({stem for each in entries for stem in each.weights})
+    known = sorted({stem for _, weights in entries for stem in weights})
     return [
         near
         for stem in stems
@@ -129,10 +122,9 @@ def _stem(word: str) -> str:
     return short[:-1] if len(short) > 3 and short[-1] == short[-2] else short
 
 
-def _describe(name: str, place: str) -> Entry:
-    module, _, function = place.partition(":")
+def _describe(name: str, module: str, function: str) -> Entry:
     about = app.read_summaries(module)[function]
-    return Entry(Found(title=f"paos {name}", about=about), weigh(name, about))
+    return Found(title=f"paos {name}", about=about), weigh(name, about)
 
 
 def _show_page(page: Found) -> str:

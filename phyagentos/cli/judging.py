@@ -1,5 +1,6 @@
-"""Sessions once more: `verify` judges one again, `judge` those without a goal; `rerun` carries one out again."""
+"""Sessions once more: `verify` and `judge` judge, people `answer` and `contest`; `rerun` carries one out again."""
 
+import getpass
 from pathlib import Path
 from typing import Annotated
 
@@ -11,8 +12,10 @@ from phyagentos.cli.arguments import TrustPython
 from phyagentos.cli.explaining import Id, Space
 from phyagentos.cli.outcome import ExitCode, print_note
 from phyagentos.cli.reply import Reply
+from phyagentos.operations import answer as people
 from phyagentos.operations import rerun as reruns
 from phyagentos.operations import verify as verification
+from phyagentos.operations.answer import Answered
 from phyagentos.operations.rerun import Rerun
 from phyagentos.operations.verify import Judged
 from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
@@ -21,6 +24,7 @@ from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.wording import count
 
 _WITH_HELP = f"Judges, comma-separated: {', '.join(JudgeName)}, or installed ones; those of the settings if left out."
+By = Annotated[str, typer.Option("--by", help="Who says so.", show_default="the user of this shell")]
 _FRAMES_HELP = "Perceive the stored camera frames again, judge, compare; records nothing."
 
 
@@ -41,6 +45,35 @@ def verify(
     lines.append(f"  added as judgement {found.number}; the verdict stays {found.verdict or 'none'}")
     is_met = judgement.verdict is Verdict.SUCCESS
     return Reply(found, "\n".join(lines), code=ExitCode.GOAL_MET if is_met else ExitCode.GOAL_NOT_MET)
+
+
+def answer(
+    subject: Annotated[str, typer.Argument(metavar="SESSION|GOAL", help="What the question is about.")],
+    says: Annotated[str, typer.Argument(metavar="yes|no")],
+    workspace: Space,
+    by: By = "",
+    question: Annotated[int, typer.Option(min=0, help="Which, where several wait; from 1.")] = 0,
+) -> Reply[Answered]:
+    """Answer a question that a criterion asks of a person (`human:`); it is kept as evidence, with your name."""
+    found = people.answer(workspace, subject, says, by=by or getpass.getuser(), question=question)
+    lines = [f"{found.subject}: {found.answer.question} {found.answer}"]
+    if (judged := found.judged) is not None:
+        lines.append(
+            f"  added as judgement {judged.number}: {judged.judgement.verdict}; the verdict stays {judged.verdict}"
+        )
+    return Reply(found, "\n".join(lines))
+
+
+def contest(
+    session: Id,
+    workspace: Space,
+    because: Annotated[str, typer.Option("--because", help="What is wrong about it; it is recorded.")],
+    by: By = "",
+) -> Reply[Judged]:
+    """Say that the verdict on a session is wrong: your judgement stands beside it, and never over it."""
+    found = people.contest(workspace, session, because=because, by=by or getpass.getuser())
+    text = f"{found.session}: contested as judgement {found.number}: {found.judgement.verdict}"
+    return Reply(found, f"{text}\n  the verdict stays {found.verdict}")
 
 
 def judge(

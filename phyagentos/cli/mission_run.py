@@ -1,5 +1,9 @@
 """`paos run`: a live view until the verdict, and a report."""
 
+import contextlib
+import getpass
+import select
+import sys
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -12,9 +16,12 @@ from phyagentos.cli.final_table import print_report
 from phyagentos.cli.outcome import Exit, ExitCode, print_json, print_note
 from phyagentos.cli.running import FaultFile, Graph, Known, Mode, NoPictures, Seed, Sense, Verify, WhichMemory
 from phyagentos.clock import Clock, SystemClock
+from phyagentos.errors import DefinitionError
+from phyagentos.operations.answer import OpenQuestion, iter_open, read_says, record
 from phyagentos.operations.progress import RunFold
 from phyagentos.operations.run import Interrupts, PlaneEnded, RunReport, RunRequest, run_goal
 from phyagentos.protocol.sessions.estop import read_latch
+from phyagentos.protocol.workspace.workspace import Workspace
 
 WARM_UP_S = 6.0  # a machine that has compiled its kernels moves before
 _FOLDER_HELP = "Folder of the run; a new one under workspaces/ by default."
@@ -51,6 +58,7 @@ def run(
         prior=prior,
         memory=memory,
         trusts_python=trust_python,
+        asks=not quiet and not as_json and sys.stdin.isatty() and sys.stderr.isatty(),
     )
     report = run_shown(request, quiet=quiet, as_json=as_json)
     if as_json:
@@ -62,7 +70,7 @@ def run_shown(request: RunRequest, *, quiet: bool = False, as_json: bool = False
     """Run with a live view and the final table, on stderr beside JSON; raises Exit when a plane failed."""
     clock, interrupts = SystemClock(), Interrupts()
     with RunConsole(f"{request.graph.stem}, seed {request.seed}", quiet=quiet) as console:
-        show = partial(show_run, console, interrupts, clock, clock.now_s() + WARM_UP_S)
+        show = partial(show_run, console, interrupts, clock, clock.now_s() + WARM_UP_S, asks=request.asks)
         try:
             report = run_goal(request, interrupts, clock, print_note, show)
         except PlaneEnded as error:
@@ -76,8 +84,28 @@ def run_shown(request: RunRequest, *, quiet: bool = False, as_json: bool = False
     return report
 
 
-def show_run(console: RunConsole, interrupts: Interrupts, clock: Clock, warm_by_s: float, fold: RunFold) -> None:
+def ask(console: RunConsole, workspace: Workspace, asked: OpenQuestion) -> None:
+    """Put a question on the terminal, once, and take the line that answers it, without waiting for one."""
+    console.pause()
+    pictures = "".join(f"\n  {each}" for each in asked.pictures)
+    console.print_once(f"{asked.subject} asks: {asked.question} yes or no?{pictures}", "bold")
+    if not select.select([sys.stdin], [], [], 0.0)[0]:
+        return
+    if (truth := read_says(line := sys.stdin.readline())) is not None:
+        with contextlib.suppress(DefinitionError):  # another terminal was faster
+            record(workspace, asked.subject, asked.question, truth, getpass.getuser())
+    elif line:
+        console.print_line(f"{line.strip()!r} is neither yes nor no")
+
+
+def show_run(
+    console: RunConsole, interrupts: Interrupts, clock: Clock, warm_by_s: float, fold: RunFold, *, asks: bool = False
+) -> None:
     """Bring the view up to date; under a latched emergency stop, say why nothing moves."""
+    question = next((each for each in iter_open(fold.workspace, fold.ledger, fold.id) if not each.is_decided), None)
+    if question is not None and asks and not interrupts.count:
+        ask(console, fold.workspace, question)
+        return
     console.show(fold)
     if (latch := read_latch(fold.workspace.signals.parent)) is not None:
         why = f"emergency stop latched by {latch.by or '?'} ({latch.reason or 'no reason given'})"

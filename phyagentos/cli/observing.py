@@ -47,6 +47,9 @@ def _render(found: WorkspaceStatus) -> Iterator[str]:
         yield f"  emergency stop by {found.latch.by or '?'}: {found.latch.reason or 'no reason given'}"
     for goal, again in found.open_goals.items() if not found.is_running else ():
         yield f"  {goal} has no verdict yet; continue it: {again}"
+    for each in found.questions:
+        shown = f" ({', '.join(each.pictures)})" if each.pictures else ""
+        yield f"  asked: {each.question} `paos answer {each.subject} yes|no -w {found.workspace}`{shown}"
     for beat in found.workers:
         doing = f"{beat.session} {beat.leaf}, {beat.sim_time_s:.1f} s simulated" if beat.session else ""
         yield f"  {beat.target}: {beat.phase} {doing}".rstrip()

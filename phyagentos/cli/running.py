@@ -18,6 +18,7 @@ from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.foreign_python import find_foreign_predicates
 
 _GOAL_HELP = "Id of the goal. One that has its verdict is only reported, so a restart does nothing twice."
+_ASK_HELP = "Let verdicts wait for `paos answer`, as long as `answer_s` of the goal says."
 _GRAPH = "A goal graph: a file, or a name of `paos list graphs`."
 Graph = Annotated[Path, typer.Argument(help=_GRAPH, autocompletion=lambda: open_library().names_of_goal_graphs())]
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Folder of the run; created when missing.")]
@@ -42,6 +43,7 @@ def agent(
     with_parent: WithParent = None,
     verify: Verify = None,
     memory: WhichMemory = None,
+    ask: Annotated[bool, typer.Option("--ask", help=_ASK_HELP)] = False,
     trust_python: TrustPython = False,
 ) -> Reply[object]:
     """Start the agent plane: compiles the graph, submits sessions, judges them. Ends with the goal's verdict."""
@@ -51,7 +53,16 @@ def agent(
     _prepare(with_parent, about, by=signal.SIGKILL)  # a signal to end would cancel the goal, which can be continued
     file, overrides = get_file(graph, "goal_graphs"), parse_overrides(set_)
     admit_python(workspace, file, is_trusted=trust_python, announce=print_note, find=find_foreign_predicates)
-    report = run_agent(workspace, file, seed, overrides=overrides, goal=goal, verify=verify, memory=memory)
+    report = run_agent(
+        workspace,
+        file,
+        seed,
+        overrides=overrides,
+        goal=goal,
+        verify=verify,
+        memory=memory,
+        waits_for_answers=ask,
+    )
     text = f"goal {report.goal}: {report.verdict}  {report.reason}"
     return Reply(report, text, code=ExitCode(report.exit_code))
 

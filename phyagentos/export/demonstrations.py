@@ -24,7 +24,7 @@ from phyagentos.protocol.sessions.evidence_manifest import check_bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.recording import RECORDING, RecordedPicture, read_recording
 from phyagentos.protocol.sessions.session import SessionStatus
-from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
+from phyagentos.protocol.sessions.verdicts import PERSON, Attempt, Verdict
 from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment
@@ -45,6 +45,7 @@ class Choice:
         cameras: Whose recorded pictures are wanted.
         entities: Whose pose, as believed before the first command, is wanted: objects, or parameters that name one.
         fps: Steps a second; 0 for the control rate.
+        contested: Also sessions whose success a person contests, labelled so.
     """
 
     skills: tuple[str, ...] = ()
@@ -52,6 +53,7 @@ class Choice:
     cameras: tuple[str, ...] = ()
     entities: tuple[str, ...] = ()
     fps: int = 0
+    contested: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,6 +61,7 @@ class Demonstration:
     """One session with verdict success.
 
     Attributes:
+        contested: Who contests the verdict, when and why; empty where none does.
         state: (n, d) measured joint positions [rad] and, where the target has one, opening of its gripper [m].
         action: (n, d) set-points in force one step later, alike.
         world: (k,) poses of the wanted entities before the first command: position [m] and quaternion, world frame.
@@ -75,6 +78,7 @@ class Demonstration:
     action: Array
     world: Array
     pictures: dict[str, tuple[RecordedPicture, ...]]
+    contested: str = ""
 
     def iter_pictures(self, camera: str) -> Iterator[NDArray[np.uint8]]:
         """The pictures (height, width, 3) of a camera, one for each step."""
@@ -157,8 +161,11 @@ def _find_reason(bundle: Path, status: SessionStatus, choice: Choice) -> str:
     decided = status.decision
     if decided is None or decided.verdict is not Verdict.SUCCESS or decided.found not in {None, Verdict.SUCCESS}:
         return "no verdict on evidence"
-    if any(each.is_review and each.verdict is not Verdict.SUCCESS for each in status.attempts):
+    against = [each for each in status.attempts if each.is_review and each.verdict is not Verdict.SUCCESS]
+    if any(each.verifier != PERSON for each in against):
         return "a later judgement against it"
+    if against and not choice.contested:
+        return "a person who contests it"
     if not (bundle / TRAJECTORY).is_file():
         return "no trajectory: thinned, or gone"
     return "" if len(read_arrays(bundle / TRAJECTORY)["time_s"]) > 1 else "nothing commanded"
@@ -192,6 +199,7 @@ def _read(bundle: Path, status: SessionStatus, choice: Choice, fps: int, width: 
         task=status.contract.objective,
         seed=status.contract.scene.seed,
         verdict=decided,
+        contested="; ".join(each.reason for each in status.attempts if each.verifier == PERSON),
         state=measured[rows[:-1], :width].astype(np.float32),
         action=commanded[rows[1:], :width].astype(np.float32),
         world=_read_world(bundle, [str(status.contract.parameters.get(name, name)) for name in choice.entities]),

@@ -17,6 +17,7 @@ from phyagentos.export.demonstrations import POSE, Choice, Demonstration, Demons
 from phyagentos.export.video import write_mp4
 from phyagentos.protocol.documents.durable_files import require_empty
 from phyagentos.protocol.documents.plain_data import Fields
+from phyagentos.protocol.predicates.predicate import find_question
 from phyagentos.protocol.sessions.evidence import write_json
 
 STATE, ACTION, WORLD, IMAGES = "observation.state", "action", "observation.environment_state", "observation.images."
@@ -106,6 +107,8 @@ def _describe_episode(
         row |= {f"videos/{key}/{name}": value for name, value in {**place, **timed}.items()}
     row |= {"session_id": each.session, "bundle": str(each.bundle), "skill": each.skill, "seed": each.seed}
     row |= {"verdict": each.verdict.verdict.value, "verdict_reason": each.verdict.reason}
+    people = [f"{one.text} {one.because}" for one in each.verdict.criteria if find_question(one.text)]
+    row |= {"answers": "; ".join(people), "contested": each.contested}
     row |= {"sensing": each.verdict.sensing, "verifier": each.verdict.verifier}
     measured = _measure(table | pixels).items()
     row |= {f"stats/{key}/{name}": value for key, numbers in measured for name, value in numbers.items()}

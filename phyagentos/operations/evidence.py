@@ -8,9 +8,11 @@ import msgspec
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError, Problem
 from phyagentos.operations.workspaces import read_ledger
+from phyagentos.protocol.sessions.answers import ANSWERS
 from phyagentos.protocol.sessions.evidence import AFTER, BEFORE
 from phyagentos.protocol.sessions.evidence_manifest import (
     MANIFEST,
+    check_answers,
     check_bundle,
     check_objects,
     iter_bundles,
@@ -44,7 +46,8 @@ def check_evidence(root: Path) -> EvidenceCheck:
         checked += 1
         judged = status.attempts if status is not None else ()
         shown = [each.shown for attempt in judged for each in attempt.criteria if isinstance(each.shown, str)]
-        problems += [*check_bundle(folder, shown), *_iter_look_problems(folder)]
+        answers = {each.file: each for one in judged for each in one.evidence if each.file.startswith(ANSWERS)}
+        problems += [*check_bundle(folder, shown), *_iter_look_problems(folder), *check_answers(folder, answers)]
     return EvidenceCheck(bundles=checked, problems=(*problems, *check_objects(place.evidence)))
 
 

@@ -57,6 +57,7 @@ def export_dataset(
     entities: Sequence[str] = (),
     skills: Sequence[str] = (),
     target: str = "",
+    contested: bool = False,
 ) -> WrittenDataset:
     """Write sessions whose verdict is success as a LeRobotDataset, format v3.0, at the control rate where `fps` is 0.
 
@@ -66,7 +67,7 @@ def export_dataset(
     from phyagentos.export.lerobot import write_dataset
 
     lists = {"skills": tuple(skills), "cameras": tuple(cameras), "entities": tuple(entities)}
-    choice = Choice(target=target, fps=fps, **lists)
+    choice = Choice(target=target, fps=fps, contested=contested, **lists)
     data = read_demonstrations(workspaces, choice)
     write_dataset(data, choice, to, version("phyagentos"))
     frames, left_out = sum(len(each.state) for each in data.episodes), dict(data.left_out)

@@ -72,6 +72,7 @@ class RunRequest(msgspec.Struct, frozen=True, kw_only=True):
     prior: Prior | None = None
     memory: str | None = None
     trusts_python: bool = False
+    asks: bool = False  # whether verdicts wait for a person
 
 
 class RunReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -305,6 +306,7 @@ def start_planes(
     """Start the runtime first: it warms up while the agent compiles."""
     watch = start_watch(workspace, faults=faults, pictures=request.pictures)
     agent = [str(graph), "--workspace", str(workspace.root), "--seed", str(request.seed), "--goal", goal]
+    agent += ["--ask"] if request.asks else []
     agent += ["--trust-python"]  # as admitted here
     agent += ["--verify", request.verify] if request.verify is not None else []
     agent += ["--memory", request.memory] if request.memory is not None else []

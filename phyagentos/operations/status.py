@@ -6,6 +6,7 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.agent.goals.amendment import find_graph
+from phyagentos.operations.answer import OpenQuestion, iter_open
 from phyagentos.operations.workspaces import find_running, find_workspaces, read_ledger
 from phyagentos.protocol.sessions.estop import Latch, read_latch
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, read_heartbeats
@@ -16,7 +17,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 class WorkspaceStatus(msgspec.Struct, frozen=True, kw_only=True):
     """What `paos status --json` prints: verdicts by goal, numbers of sessions by state, what the live workers do.
 
-    `open_goals` are commands that continue goals without a verdict, by goal.
+    `open_goals` are commands that continue goals without a verdict, by goal; `questions` wait for a person.
     """
 
     workspace: str
@@ -26,6 +27,7 @@ class WorkspaceStatus(msgspec.Struct, frozen=True, kw_only=True):
     sessions: dict[str, int]
     workers: tuple[Heartbeat, ...]
     open_goals: dict[str, str] = {}
+    questions: tuple[OpenQuestion, ...] = ()
 
 
 def read_status(root: Path) -> WorkspaceStatus:
@@ -40,6 +42,7 @@ def read_status(root: Path) -> WorkspaceStatus:
         goals={goal.id: goal.verdict or ("cancelled" if goal.is_cancelled else "open") for goal in goals},
         sessions=dict(Counter(str(each.state) for each in ledger.sessions.values())),
         open_goals={goal.id: f"paos run {find_graph(place, goal)} --seed {goal.seed} -w {root}" for goal in still_open},
+        questions=tuple(iter_open(place, ledger)),
         workers=tuple(read_heartbeats(place.heartbeats).values()) if is_running else (),
     )
 

@@ -11,17 +11,21 @@ from typing import Any
 import msgspec
 
 from phyagentos.agent.judging.diagnosis import diagnose
+from phyagentos.agent.judging.judges.predicates import judge_answer
 from phyagentos.agent.judging.manipulation_timeline import find_failed_leaf
 from phyagentos.assembly.planted_faults import find_unstruck
+from phyagentos.operations.answer import OpenQuestion, iter_open
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.documents.markdown import format_value
+from phyagentos.protocol.predicates.predicate import find_question
 from phyagentos.protocol.sessions.evidence import Bundle, count_solver_calls, read_bundle
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
 from phyagentos.protocol.sessions.session import Execution, GoalId, Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus
-from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
+from phyagentos.protocol.sessions.verdicts import PERSON, Attempt, Criterion, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.idealisations import format_idealisations
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.subjects import find_node, get_goal, get_session
 
@@ -64,7 +68,11 @@ def _explain_goal(workspace: Workspace, ledger: Ledger, goal: GoalStatus) -> Ite
     criteria = ((f"  {each.truth.mark} {each.text}: ", _render_reason(each)) for each in goal.criteria)
     nodes = (("node", f"{name}: {node.state}") for name, node in goal.nodes.items())
     yield f"{goal.id}: {goal.verdict or 'no verdict yet'}"
-    yield from _render([("objective", goal.objective), ("because", goal.reason), *criteria, *nodes])
+    unknown = filter(None, (find_question(each.text) for each in goal.criteria if each.truth is Truth.UNKNOWN))
+    since = [judge_answer(question, "accept", workspace.answers_of(goal.id)) for question in unknown]
+    answered = (("answered", f"{each.text}: {each.because}") for each in since if each.evidence)
+    asked = map(_show_question, iter_open(workspace, ledger, goal.id))
+    yield from _render([("objective", goal.objective), ("because", goal.reason), *criteria, *answered, *nodes, *asked])
     for bad in [name for name, node in goal.nodes.items() if node.state is NodeState.BLOCKED][:1]:
         yield from _explain_node(workspace, ledger, goal, bad)
 
@@ -104,10 +112,15 @@ def _explain_session(workspace: Workspace, ledger: Ledger, status: SessionStatus
         thinned = manifest.thinned if manifest is not None else ()
         facts.append(("evidence", str(bundle.folder)))
         facts += [("thinned", f"{each.at}: {', '.join(each.files)} ({each.rule})") for each in thinned]
+    facts += [_show_question(each) for each in iter_open(workspace, ledger, own.goal) if each.subject == own.id]
     facts += [("fault", f"{fault} never struck in this run") for fault in find_unstruck(workspace.root)]
     children = [each.contract for each in others if each.contract.parent == own.id]
     facts += [("child", f"{each.id}, {_describe_strategy(each)}") for each in children]
     return iter([f"{own.id}: {status.state}", *_render(facts)])
+
+
+def _show_question(asked: OpenQuestion) -> Fact:
+    return "asked", f"{asked.question} `paos answer {asked.subject} yes|no`"
 
 
 def _describe_strategy(session: Session) -> str:
@@ -127,6 +140,9 @@ def _iter_execution(execution: Execution) -> Iterator[Fact]:
 
 
 def _iter_attempt(attempt: Attempt, bundle: Bundle) -> Iterator[Fact]:
+    if attempt.verifier == PERSON:
+        yield "contested", f"{attempt.verdict.value}, by {attempt.reason}"
+        return
     by = f"by {attempt.verifier}, mode {attempt.mode.value}"
     yield ("review" if attempt.is_review else "verdict"), f"{attempt.verdict.value}, sensing {attempt.sensing}, {by}"
     yield "idealised", format_idealisations(attempt.idealisations) if attempt.idealisations else ""

@@ -9,6 +9,7 @@ from phyagentos.protocol.capabilities.forecasters import DEFAULT, check_forecast
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Authored
+from phyagentos.protocol.predicates.syntax import HUMAN
 from phyagentos.protocol.sessions.session import PRIORITY_MAX, ResetPolicy
 
 NODE_NAME = r"^[a-z][a-z0-9_]*$"
@@ -50,6 +51,8 @@ class Defaults(Authored):
         stall_s: Longest time without a control period while a runner reports that it acts, by the wall clock [s].
         think_s: Longest time without a control period while it waits for a planner, by the wall clock [s].
         policy_s: Longest wait for an answer of a policy server, by the wall clock [s].
+        answer_s: Longest wait for a person's answer to a question (`human`), by the wall clock [s]; none where
+            no person is asked, as without a terminal.
         max_replans: Children that a node may have.
         reset_policy: When a target's world may be begun anew for this goal.
         lookahead: What is foreseen before a session starts; nothing when it is absent.
@@ -63,6 +66,7 @@ class Defaults(Authored):
     stall_s: float = pydantic.Field(default=20.0, gt=0)
     think_s: float = pydantic.Field(default=90.0, gt=0)
     policy_s: float = pydantic.Field(default=10.0, gt=0)
+    answer_s: float = pydantic.Field(default=600.0, ge=0)
     max_replans: int = pydantic.Field(default=2, ge=0)
     reset_policy: ResetPolicy = ResetPolicy.ON_NEW_EPISODE
     lookahead: LookaheadSpec | None = None
@@ -102,6 +106,24 @@ def _read_edge(value: object) -> Any:
 Edge = Annotated[After, pydantic.BeforeValidator(_read_edge, json_schema_input_type=str | After)]
 
 
+class Question(Authored):
+    """A criterion that a person judges after the session.
+
+    Attributes:
+        human: The question; yes means that the criterion holds.
+    """
+
+    human: Annotated[str, pydantic.StringConstraints(strip_whitespace=True, min_length=1)]
+
+
+def _read_criterion(value: object) -> Any:
+    """A question as the text of its criterion."""
+    return f"{HUMAN} {Question.model_validate(value).human}" if isinstance(value, dict) else value
+
+
+Criterion = Annotated[str, pydantic.BeforeValidator(_read_criterion, json_schema_input_type=str | Question)]
+
+
 class NodeSpec(Authored):
     """One node as authored.
 
@@ -133,7 +155,7 @@ class NodeSpec(Authored):
     when: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()
     hold: tuple[str, ...] = ()
-    accept: tuple[str, ...] = ()
+    accept: tuple[Criterion, ...] = ()
     objective: str = ""
     timeout_s: float | None = pydantic.Field(default=None, gt=0)
     max_replans: int | None = pydantic.Field(default=None, ge=0)
@@ -163,7 +185,7 @@ class Include(Authored):
     include: str | Fields
     arguments: Fields = pydantic.Field(default_factory=dict, alias="with")
     after: tuple[Edge, ...] = ()
-    accept: tuple[str, ...] | None = None
+    accept: tuple[Criterion, ...] | None = None
 
 
 class AnyOf(Authored):
@@ -185,7 +207,7 @@ class AnyOf(Authored):
     when: tuple[str, ...] = ()
     requires: tuple[str, ...] = ()
     hold: tuple[str, ...] = ()
-    accept: tuple[str, ...] = ()
+    accept: tuple[Criterion, ...] = ()
 
 
 class GoalSpec(Authored):
@@ -215,7 +237,7 @@ class GoalSpec(Authored):
     constraints: tuple[str, ...] = ()
     defaults: Defaults = Defaults()
     sessions: dict[str, NodeSpec] = pydantic.Field(min_length=1)
-    accept: tuple[str, ...] = ()
+    accept: tuple[Criterion, ...] = ()
     budget: Budget = Budget()
     interchangeable: tuple[tuple[str, ...], ...] = ()
     described: dict[Annotated[str, pydantic.Field(pattern=NODE_NAME)], str] = {}

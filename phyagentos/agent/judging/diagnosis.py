@@ -18,7 +18,7 @@ from phyagentos.codes import CODES, Retry
 from phyagentos.protocol.predicates.builtins import MOVED_M
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import read_statement
-from phyagentos.protocol.predicates.predicate import find_entities, find_formula, find_things
+from phyagentos.protocol.predicates.predicate import find_entities, find_formula, find_question, find_things
 from phyagentos.protocol.predicates.syntax import And, Not, render
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
@@ -110,7 +110,7 @@ def diagnose(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
     return replace(
         found,
         object=timeline.name,
-        is_hopeless=never or _is_out_of_reach(timeline, is_recorded=is_recorded),
+        is_hopeless=found.is_hopeless or never or _is_out_of_reach(timeline, is_recorded=is_recorded),
         stage=timeline.stage,
         support=timeline.support,
         prior=bundle.prior,
@@ -212,6 +212,9 @@ def _judge_completed(
     name, moved_m, execution = timeline.name, timeline.moved_m, bundle.execution
     if not any(criterion.truth is Truth.FALSE for criterion in criteria):
         unknown = next(criterion for criterion in criteria if criterion.truth is Truth.UNKNOWN)
+        if all(find_question(each.text) for each in criteria if each.truth is Truth.UNKNOWN):
+            fact = f"{unknown.text} is unknown: {unknown.because}"
+            return Diagnosis(Cause.EVIDENCE_MISSING, fact, unknown.text, is_hopeless=True)
         if (ambiguous := next((each for each in criteria if each.alternatives), None)) is not None:
             return Diagnosis(Cause.AMBIGUOUS, f"{ambiguous.text} is unknown: {ambiguous.because}", ambiguous.text)
         now = timeline.now

@@ -16,12 +16,12 @@ import msgspec
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.selector import ANY
 from phyagentos.agent.judging.judges.judge_registry import make_unknown
-from phyagentos.agent.judging.judges.predicates import evaluate_on
+from phyagentos.agent.judging.judges.predicates import evaluate_on, judge_answer
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import read_text
 from phyagentos.protocol.predicates.library import ArgumentKind
-from phyagentos.protocol.predicates.predicate import View, has_metric, parse_predicate
+from phyagentos.protocol.predicates.predicate import View, find_question, has_metric, parse_predicate
 from phyagentos.protocol.sessions.evidence import AFTER, Bundle, read_bundle
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
 from phyagentos.protocol.sessions.session import Session, SessionStatus
@@ -149,11 +149,18 @@ class Outcome:
     now: Environment | None = None
 
 
-def judge_goal(graph: GoalGraph, evidence: Evidence, blocked: Mapping[str, str]) -> Outcome:
-    """Judge whether the goal is met; `blocked` maps each blocked node to its reason."""
+def judge_goal(
+    graph: GoalGraph, evidence: Evidence, blocked: Mapping[str, str], answers: Path | None = None
+) -> Outcome:
+    """Judge whether the goal is met; `blocked` maps each blocked node to its reason, people answered in `answers`."""
     kinds = {text: "constraint" for text in graph.spec.constraints if not has_metric(text)}
     kinds |= dict.fromkeys(graph.spec.accept, "accept")
-    criteria = tuple(_judge(text, kind, graph, evidence) for text, kind in kinds.items())
+    criteria = tuple(
+        judge_answer(question, kind, answers or evidence.root)
+        if (question := find_question(text))
+        else _judge(text, kind, graph, evidence)
+        for text, kind in kinds.items()
+    )
     missed = [criterion for criterion in criteria if criterion.truth is not Truth.TRUE]
     if blocked:
         node, why = next(iter(blocked.items()))

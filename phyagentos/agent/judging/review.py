@@ -14,7 +14,7 @@ from phyagentos.agent.judging.goal_judgement import Evidence, carry_conditions
 from phyagentos.agent.judging.judges.predicates import evaluate_on
 from phyagentos.agent.judging.verifier import History, SessionVerifier
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.predicates.predicate import parse_predicate
+from phyagentos.protocol.predicates.predicate import find_question, parse_predicate
 from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, Bundle
 from phyagentos.protocol.sessions.lifecycle import REVIEW, IllegalTransition, SessionState, list_triggers
 from phyagentos.protocol.sessions.looks import LookEntry, LookRole
@@ -108,7 +108,8 @@ def judge_again(bundle: Bundle, seen: Seen, verifier: SessionVerifier, decision:
     decided = (*recorded, *(decision.criteria if decision is not None else ()))
     differences = [*_compare_snapshots(bundle, again), *holds, *_compare_criteria(decided, criteria)]
     found, was = attempt.found or attempt.verdict, decision.found if decision is not None else None
-    if was is not None and (was is Verdict.SUCCESS) != (found is Verdict.SUCCESS):
+    waited = any(find_question(each.text) and each.truth is Truth.UNKNOWN for each in decided)  # answered since
+    if was is not None and not waited and (was is Verdict.SUCCESS) != (found is Verdict.SUCCESS):
         differences.append(f"verdict: {attempt.found}, was {was}")
     return JudgedAgain(
         session=bundle.session.id,
@@ -153,7 +154,7 @@ def _judge_requires(bundle: Bundle) -> list[Criterion]:
 
 def _compare_criteria(recorded: Iterable[Criterion], again: Iterable[Criterion]) -> Iterable[str]:
     known = {(criterion.kind, criterion.text): criterion for criterion in again}
-    for was in recorded:
+    for was in (each for each in recorded if not find_question(each.text)):  # no picture shows a person's answer
         if (now := known.get((was.kind, was.text))) is None:
             yield f"{was.kind} {was.text}: not judged again, was {was.truth}"
         elif (now.truth, now.measured) != (was.truth, was.measured):

@@ -18,6 +18,7 @@ from phyagentos.agent.judging.judges.judge_registry import FORESEEN, Judge, make
 from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
 from phyagentos.agent.judging.judges.predicates import LookaheadJudge, PredicateJudge
 from phyagentos.protocol.predicates.predicate import find_things
+from phyagentos.protocol.sessions.answers import ANSWERS
 from phyagentos.protocol.sessions.evidence import Bundle, refer_to
 from phyagentos.protocol.sessions.evidence_manifest import get_shown_name
 from phyagentos.protocol.sessions.lessons import Lesson
@@ -182,7 +183,7 @@ def _refer(bundle: Bundle, criteria: Sequence[Criterion]) -> tuple[EvidenceRefer
     known = {reference.file for reference in bundle.references}
     references = list(bundle.references)
     for name in dict.fromkeys(criterion.evidence for criterion in criteria):
-        if name and name not in known and "/" not in name:
+        if name and name not in known and "/" not in name.removeprefix(ANSWERS):
             with contextlib.suppress(OSError):  # the judge found none either and reported it
                 references.append(refer_to(name, (bundle.folder / name).read_bytes()))
     shown = dict.fromkeys(criterion.shown for criterion in criteria if criterion.shown is not msgspec.UNSET)

@@ -22,6 +22,7 @@ from phyagentos.agent.memory.advisor import Advisor
 from phyagentos.agent.mission.changes import Changes
 from phyagentos.agent.mission.drafting import Drafter, join
 from phyagentos.agent.mission.goal_facts import GoalFacts
+from phyagentos.agent.mission.patience import Patience
 from phyagentos.agent.mission.recovery import Recovery, is_look
 from phyagentos.agent.mission.task_document import TaskEdit
 from phyagentos.agent.mission.worklist import Worklist
@@ -37,6 +38,7 @@ from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, Relation
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.protocol.settings.verification_mode import VerificationMode
+from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.admission import Entry, GoalEvent
 from phyagentos.store.ledger import Ledger
@@ -59,8 +61,10 @@ class GoalController:
         verifier: SessionVerifier,
         advisor: Advisor,
         policy: RepairPolicy,
+        patience: Patience | None = None,
     ) -> None:
         self.goal, self.graph = compiler.goal, compiler.graph
+        self._patience = patience if verifier.mode is not VerificationMode.OFF else None
         self.worklist = Worklist(self.graph, self.goal, ledger)
         begun = ledger.goals[self.goal].memory if self.goal in ledger.goals else ""
         self._memory = advisor.begin(self.graph.name, begun)
@@ -136,7 +140,8 @@ class GoalController:
 
     def _judge_ended(self) -> list[Entry]:
         """Verdicts and consequences: of the sessions that succeeded up to the first that did not, or of that one."""
-        waiting = [self._ledger.sessions[id] for id in self.worklist.iter_unjudged()]
+        ended = (self._ledger.sessions[id] for id in self.worklist.iter_unjudged())
+        waiting = [status for status in ended if not self._waits_for_answer(status)]
         waiting.sort(key=lambda status: status.state != SessionState.VERIFYING)  # interrupted judgements come first
         entries: list[Entry] = []
         fresh: dict[str, Mapping[str, Any]] = {}
@@ -155,6 +160,13 @@ class GoalController:
             else:
                 break
         return entries
+
+    def _waits_for_answer(self, status: SessionStatus) -> bool:
+        """Whether a person may still answer; instructions that did not run to their end are asked nothing about."""
+        if self._patience is None or status.execution is None or status.execution.ended is not Ended.COMPLETED:
+            return False
+        own, folder = status.contract, Workspace(self._evidence.root).evidence_of(status.contract.id)
+        return self._patience.waits(folder, own.accept, status.updated_at, self.graph.spec.defaults.answer_s)
 
     def _judge(self, status: SessionStatus) -> tuple[Bundle, Attempt]:
         """The judgement of a session, or of the subject of a look on the snapshot of that, and its evidence."""
@@ -320,8 +332,13 @@ class GoalController:
         if self.worklist.has_live():
             return []
         self._drafter.take_in_ended()
-        blocked = self._facts.find_first_cause()
-        outcome = judge_goal(self.graph, self._evidence, blocked)
+        blocked, spec = self._facts.find_first_cause(), self.graph.spec
+        answers = Workspace(self._evidence.root).answers_of(self.goal)
+        if self._patience is not None and not blocked:
+            since = max((each.updated_at for each in self._facts.find_ended()), default="")
+            if self._patience.waits(answers, spec.accept, since, spec.defaults.answer_s):
+                return []
+        outcome = judge_goal(self.graph, self._evidence, blocked, answers)
         mode = self._verifier.mode
         if mode is VerificationMode.OFF and not blocked:
             reason = "verification is off: every execution completed, none was judged"

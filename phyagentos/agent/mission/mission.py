@@ -19,6 +19,7 @@ from phyagentos.agent.judging.goal_judgement import Evidence
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.agent.memory.advisor import Advisor, NoAdvice
 from phyagentos.agent.mission.goal_controller import GoalController
+from phyagentos.agent.mission.patience import Patience
 from phyagentos.agent.mission.report import MissionReport, build_report
 from phyagentos.agent.mission.task_document import TaskDocument
 from phyagentos.agent.repair.recovery_policies import GraphRepair, RepairPolicy
@@ -77,6 +78,7 @@ class Mission:
         self._verifier = verifier or SessionVerifier()
         self._advisor, self._policy = advisor or NoAdvice(), policy or GraphRepair()
         self._observers, self._is_runtime_alive = observers, is_runtime_alive
+        self.patience: Patience | None = None  # of verdicts with people; without it none is waited for
         self._cancelled = threading.Event()
         self._turns = TurnMarks(workspace.cache)
         self._next_publish_s = 0.0
@@ -153,7 +155,9 @@ class Mission:
         if compiler.asks_ahead:
             compiler = dataclasses.replace(compiler, distrusted=find_distrusted(self._workspace, compiler.goal))
         evidence = Evidence(self._workspace.root)
-        return GoalController(compiler, self.ledger, evidence, self._verifier, self._advisor, self._policy)
+        return GoalController(
+            compiler, self.ledger, evidence, self._verifier, self._advisor, self._policy, self.patience
+        )
 
     def _check_same(self, graph: GoalGraph, own: GoalGraph, graph_file: Path, goal: GoalId) -> None:
         """Refuse a goal id that belongs to another graph (`own`)."""

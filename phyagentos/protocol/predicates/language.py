@@ -1,5 +1,6 @@
 """The grammar of predicates: text to syntax tree. Knows no predicate by meaning; see `predicate_library`.
 
+    criterion := predicate | "human:" question, which a person answers
     predicate := all ("or" all)*
     all       := unary ("and" unary)*
     unary     := "not" unary | "(" predicate ")" | atom
@@ -52,6 +53,10 @@ class PredicateSyntaxError(ValueError):
 
 def parse(text: str) -> syntax.Formula:
     """Parse one predicate; raises PredicateSyntaxError at the first offending piece."""
+    if text.startswith(syntax.HUMAN):
+        if question := " ".join(text.removeprefix(syntax.HUMAN).split()):
+            return syntax.Question(question)
+        raise PredicateSyntaxError(len(text) + 1, "no question", "a question that a person answers with yes or no")
     parser = _Parser(tuple(_iter_tokens(text)))
     formula = parser.parse_or()
     parser.expect("end")

@@ -31,6 +31,7 @@ __all__ = [
     "Reference",
     "View",
     "find_entities",
+    "find_question",
     "find_things",
     "has_metric",
     "is_metric_only",
@@ -85,7 +86,8 @@ class Predicate:
     def is_lasting(self) -> bool:
         """Whether every part describes a lasting state, rather than a passing fact such as `holding`."""
         found = map(_find, syntax.iter_calls(self.formula))
-        return all(definition is not None and definition.lasting for definition in found)
+        is_question = isinstance(self.formula, syntax.Question)
+        return not is_question and all(definition is not None and definition.lasting for definition in found)
 
     def iter_references(self) -> Iterator[Reference]:
         """Every name it mentions, left to right; names of metrics and postures are none of the world's."""
@@ -140,6 +142,12 @@ def find_entities(text: str) -> tuple[str, ...]:
     """Names of the objects and places that a text mentions; none when it is no predicate, as from a model."""
     predicate, findings = read_formula(text, False)
     return tuple(iter_entities(predicate)) if predicate is not None and not findings else ()
+
+
+def find_question(text: str) -> str:
+    """What a person is asked by a criterion; empty where it is none."""
+    formula = find_formula(text)
+    return formula.text if isinstance(formula, syntax.Question) else ""
 
 
 def find_formula(text: str) -> syntax.Formula | None:
@@ -197,6 +205,9 @@ def read_formula(text: str, template: bool) -> tuple[Predicate | None, tuple[_Fi
         return None, ((error.column, Problem("SYNTAX", "", error.found, error.expected, error.hint)),)
     findings = [finding for call in syntax.iter_calls(formula) for finding in _iter_call_findings(call, template)]
     findings += _iter_use_findings(formula)
+    if isinstance(formula, syntax.Question) and not template and (reference := _REFERENCE.search(text)):
+        problem = Problem("UNKNOWN_NAME", "", reference[0], "a parameter that is known here", kind="reference")
+        findings.append((reference.start() + 1, problem))
     return Predicate(formula), tuple(sorted(findings, key=lambda finding: finding[0]))
 
 

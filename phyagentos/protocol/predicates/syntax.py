@@ -96,7 +96,15 @@ class Or:
     parts: tuple["Formula", ...]
 
 
-Formula = Call | Count | Compare | Not | And | Or
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What a person is asked after a session, `human: text`; always the whole of a criterion."""
+
+    text: str
+
+
+Formula = Call | Count | Compare | Not | And | Or | Question
+HUMAN = "human:"
 
 
 def render(formula: Formula) -> str:
@@ -114,6 +122,8 @@ def render(formula: Formula) -> str:
             return " and ".join(_enclose(part, (And, Or)) for part in parts)
         case Or(parts):
             return " or ".join(_enclose(part, (Or,)) for part in parts)
+        case Question(text):
+            return f"{HUMAN} {text}"
 
 
 def iter_calls(formula: Formula) -> Iterator[Call]:
@@ -142,7 +152,7 @@ def iter_free_stars(formula: Formula) -> Iterator[Star]:
         case And(parts) | Or(parts):
             for part in parts:
                 yield from iter_free_stars(part)
-        case Count():
+        case Count() | Question():
             return
 
 
@@ -163,6 +173,8 @@ def map_calls(formula: Formula, change: Callable[[Call], Call], *, into_counts: 
             return And(tuple(map_calls(part, change, into_counts=into_counts) for part in parts))
         case Or(parts):
             return Or(tuple(map_calls(part, change, into_counts=into_counts) for part in parts))
+        case Question():
+            return formula
 
 
 def format_number(value: float) -> str:

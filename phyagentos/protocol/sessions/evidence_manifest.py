@@ -10,7 +10,7 @@ import hashlib
 import os
 import shutil
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -20,7 +20,7 @@ from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.regular_files import read_regular
-from phyagentos.protocol.sessions.verdicts import Attempt
+from phyagentos.protocol.sessions.verdicts import Attempt, EvidenceReference
 
 MANIFEST = "manifest.json"
 OBJECTS = "objects"  # beside the bundles; a session's id holds a dot, so none is called that
@@ -197,6 +197,16 @@ def check_bundle(folder: Path, shown: Iterable[str] = ()) -> list[Problem]:
     records = {name: FileRecord(sha256=name, bytes=0) for name in sorted(contexts.keys() | set(shown))}
     problems += [_missing(folder, get_shown_name(n), record) for n, record in records.items() if n not in contexts]
     return problems + [problem for n, path in contexts.items() if (problem := _check(path, records[n]))]
+
+
+def check_answers(folder: Path, judged_on: Mapping[str, EvidenceReference]) -> list[Problem]:
+    """Answers of people that judgements name, hashed again: one problem for each that is missing or another one."""
+    records = {name: FileRecord(sha256=each.sha256, bytes=0) for name, each in judged_on.items()}
+    return [
+        problem
+        for name, record in records.items()
+        if (problem := _check(path, record) if (path := folder / name).is_file() else _missing(folder, name, record))
+    ]
 
 
 def get_shown_name(sha256: str) -> str:

@@ -28,6 +28,7 @@ class Verdict(StrEnum):
         return self in {Verdict.FAILURE, Verdict.REPLAN}
 
 
+PERSON = "person/1"  # the verifier of a judgement with which a person contests a verdict
 CAUSE_UNKNOWN = "UNKNOWN"  # code of a miss that names no other cause
 
 

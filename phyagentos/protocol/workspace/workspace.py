@@ -115,6 +115,10 @@ class Workspace:
         """The evidence bundle of one session."""
         return self.evidence / session
 
+    def answers_of(self, goal: GoalId) -> Path:
+        """Where answers of people to questions of one goal are kept; those about a session are in its bundle."""
+        return self.goals / goal
+
     def goal_file_of(self, goal: GoalId) -> Path:
         """The goal graph as it was submitted."""
         return self.goals / f"{goal}.yaml"

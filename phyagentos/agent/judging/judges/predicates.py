@@ -6,13 +6,16 @@ foreseen never outvotes an observation.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from msgspec import UNSET
 
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.judges.judge_registry import FORESEEN, make_unknown
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.predicates.predicate import View, has_metric, parse_predicate
+from phyagentos.protocol.predicates.predicate import View, find_question, has_metric, parse_predicate
+from phyagentos.protocol.predicates.syntax import HUMAN
+from phyagentos.protocol.sessions.answers import get_answer_name, read_answer
 from phyagentos.protocol.sessions.evidence import AFTER, Bundle
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, read_lookahead
 from phyagentos.protocol.sessions.session import Ended, Execution
@@ -20,6 +23,7 @@ from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.environment import UNPROVEN, Environment
 from phyagentos.protocol.world.truth import Truth
 
+UNANSWERED = "no person has answered"
 _LOST = {Ended.RUNNER_LOST, Ended.TARGET_LOST}
 _NO_METRICS: Mapping[str, float] = {}
 
@@ -31,8 +35,14 @@ class PredicateJudge:
     name: str = "predicates/2"
 
     def judge(self, bundle: Bundle) -> Sequence[Criterion]:
-        """One criterion for each predicate of `accept` that speaks of no metric."""
-        return [evaluate_criterion(text, "accept", bundle) for text in bundle.session.accept if not has_metric(text)]
+        """One criterion for each predicate of `accept` that speaks of no metric, and for each question of a person."""
+        return [
+            judge_answer(question, "accept", bundle.folder)
+            if (question := find_question(text))
+            else evaluate_criterion(text, "accept", bundle)
+            for text in bundle.session.accept
+            if not has_metric(text)
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +74,18 @@ class LookaheadJudge:
         return [
             Criterion(text=text, kind=FORESEEN, truth=truth, measured=measured, evidence=LOOKAHEAD, because=because)
         ]
+
+
+def judge_answer(question: str, kind: str, folder: Path) -> Criterion:
+    """What a person answered, as recorded in a folder; unknown before."""
+    text = f"{HUMAN} {question}"
+    try:
+        answer = read_answer(folder, question)
+    except ExecutionError as error:
+        return make_unknown(text, kind, "", str(error), failure=error.code)
+    if answer is None:
+        return make_unknown(text, kind, "", UNANSWERED)
+    return Criterion(text=text, kind=kind, truth=answer.truth, evidence=get_answer_name(question), because=str(answer))
 
 
 def evaluate_criterion(

@@ -21,7 +21,7 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.network.chat import OpenAiEndpoint
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates.library import get_predicate_library
-from phyagentos.protocol.predicates.predicate import find_formula, has_metric
+from phyagentos.protocol.predicates.predicate import find_formula, find_question, has_metric
 from phyagentos.protocol.predicates.syntax import iter_calls
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.evidence_manifest import keep_shown
@@ -57,8 +57,8 @@ class VisionJudge:
         return f"vision/3({self.endpoint.name})"
 
     def judge(self, bundle: Bundle) -> Sequence[Criterion]:
-        """One criterion for each predicate of `accept` without a metric."""
-        texts = [text for text in bundle.session.accept if not has_metric(text)]
+        """One criterion for each predicate of `accept` that neither has a metric nor asks a person."""
+        texts = [text for text in bundle.session.accept if not has_metric(text) and not find_question(text)]
         try:
             _, before = read_pictures(bundle.folder, LookRole.START)
             file, after = read_pictures(bundle.folder, LookRole.END)
