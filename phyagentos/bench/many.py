@@ -194,7 +194,7 @@ def run_many(request: ManyRequest, *, jobs: int = 1, ends: threading.Event | Non
     check_request(graph, faults, overrides)
     variant = {
         "set": {path.removeprefix("parameters.").removesuffix(".default"): value for path, value in overrides.items()},
-        "files": request.settings,
+        "files": {**request.settings} | _declare_speed(request),
         "faults": faults,
         "pictures": run.pictures,
         **{key: getattr(run, key) for key in ("world_mode", "sense", "prior")},
@@ -223,6 +223,11 @@ def run_many(request: ManyRequest, *, jobs: int = 1, ends: threading.Event | Non
         folder = request.folder or choose_folder(RUNS, name)
         manifest = begin_run(folder, source, plan, SystemClock(), is_own=True)
     return _carry_out(folder, manifest, plan.suite, jobs, ends, shows=shows)
+
+
+def _declare_speed(request: ManyRequest) -> dict[str, Mapping[str, object]]:
+    name, speed = "runtime_contract.yaml", request.run.speed
+    return {} if speed is None else {name: {**request.settings.get(name, {}), "speed": speed}}
 
 
 def compare(a: Runs, b: Runs, of: Figure = Figure.FINAL) -> Comparison:

@@ -18,6 +18,7 @@ from phyagentos.protocol.sessions.estop import read_latch
 
 WARM_UP_S = 6.0  # a machine that has compiled its kernels moves before
 _FOLDER_HELP = "Folder of the run; a new one under workspaces/ by default."
+_SPEED_HELP = "Share of the robots' speed limits, above 0 and up to 1; kept in runtime_contract.yaml."
 RunFolder = Annotated[Path | None, typer.Option("--workspace", "-w", help=_FOLDER_HELP)]
 
 
@@ -35,6 +36,7 @@ def run(
     sense: Sense = None,
     prior: Known = None,
     memory: WhichMemory = None,
+    speed: Annotated[float | None, typer.Option(help=_SPEED_HELP)] = None,
     trust_python: TrustPython = False,
 ) -> int:
     """Run a goal graph to its verdict: both planes, live progress, a final table."""
@@ -50,6 +52,7 @@ def run(
         sense=sense,
         prior=prior,
         memory=memory,
+        speed=speed,
         trusts_python=trust_python,
     )
     report = run_shown(request, quiet=quiet, as_json=as_json)

@@ -19,13 +19,16 @@ def run_tidy(seeds=range(4), **options):
 
 
 def test_runs_come_back_with_their_rate_and_their_failures_as_pictures(carried):
-    runs = run_tidy(faults="slip", sense="truth", settings={"safety.yaml": {}}, overrides={"targets.arm": "panda"})
+    runs = run_tidy(
+        faults="slip", sense="truth", settings={"safety.yaml": {}}, speed=0.5, overrides={"targets.arm": "panda"}
+    )
 
     assert str(runs) == "runs/tidy_table-1: 3/4 = 75.0 % [30.1, 95.4]"
     assert (runs.rate.value, runs.pending, [each.seed for each in runs.failures]) == (0.75, 0, [2])
     assert [path.name for path in runs.failures[0].pictures] == ["before.png", "after.png"]
     assert runs.failures._repr_html_().count('src="data:image/jpeg;base64,') == 2
     assert {job.order.variant["sense"] for job in carried.jobs} == {"truth"}
+    assert carried.jobs[0].order.variant["files"]["runtime_contract.yaml"] == {"speed": 0.5}
     assert carried.jobs[0].order.variant["set"] == {"targets.arm": "panda"}
 
 
@@ -103,6 +106,7 @@ def test_a_cancelled_task_leaves_what_has_ended(carried):
         ({"seeds": []}, "seeds: INVALID_VALUE"),
         ({"seeds": [-1]}, "seeds: INVALID_VALUE"),
         ({"sense": "truht"}, "UNKNOWN_NAME"),
+        ({"speed": 1.5}, "run_many: INVALID_VALUE"),
         ({"overrides": {"cube": "red"}}, "UNKNOWN_NAME"),
         ({"settings": {"runtime.yaml": {"a": 1}}}, "run_many: UNKNOWN_NAME .* Did you mean 'runtime_contract.yaml'"),
     ],
