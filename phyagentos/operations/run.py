@@ -74,6 +74,10 @@ class RunRequest(msgspec.Struct, frozen=True, kw_only=True):
     speed: float | None = None
     trusts_python: bool = False
 
+    def __post_init__(self) -> None:
+        if self.speed is not None and not 0.0 < self.speed <= 1.0:
+            raise DefinitionError.of("INVALID_VALUE", "--speed", f"{self.speed:g}", "a number above 0, at most 1")
+
 
 class RunReport(msgspec.Struct, frozen=True, kw_only=True):
     """What `paos run --json` prints.
@@ -173,8 +177,6 @@ def run_goal(
 
     Raises DefinitionError with every problem, before anything is started; PlaneEnded.
     """
-    if request.speed is not None and not 0.0 < request.speed <= 1.0:
-        raise DefinitionError.of("INVALID_VALUE", "--speed", f"{request.speed:g}", "a number above 0, at most 1")
     started_s, graph = clock.now_s(), get_file(request.graph, "goal_graphs")
     faults = get_file(request.faults, "faults") if request.faults is not None else None
     root = request.workspace or choose_folder(Path("workspaces"), f"{graph.stem}-{request.seed}")
