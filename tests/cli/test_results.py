@@ -27,6 +27,7 @@ ANYWHERE = {
     "schema": ("schema", "scene"),
     "lifecycle": ("lifecycle", "--target"),
     "codes": ("codes",),
+    "help": ("help", "make", "the", "arm", "slower"),
     "compile": ("compile", "tidy_table"),
     "lint": ("lint", ROOT / "goal_graphs" / "tidy_table.yaml"),
     "tree show": ("tree", "show", "pick_and_place"),
