@@ -20,7 +20,6 @@ STORED = ROOT / "tests" / "cli" / "stored" / "tidy_table_0_1_0.tar.xz"
 ANYWHERE = {
     "plan": ("plan", ROOT / "tests" / "api" / "put_red.goal.yaml"),
     "runs": ("runs",),
-    "help": ("help", "slow"),
     "init": ("init", "mine"),
     "list": ("list", "skills"),
     "describe": ("describe", "predicate"),
