@@ -81,6 +81,7 @@ def run(
     sense: str | None = None,
     prior: str | None = None,
     memory: str | None = None,
+    speed: float | None = None,
     pictures: bool = True,
     trust_python: bool = False,
 ) -> "RunReport":
@@ -106,6 +107,7 @@ def run(
         sense=_choose("sense", sense, Sensing),
         prior=_choose("prior", prior, Prior),
         memory=memory,
+        speed=speed,
         pictures=pictures,
         trusts_python=trust_python,
     )
@@ -128,6 +130,7 @@ def run_many(
     verify: str | None = None,
     sense: str | None = None,
     prior: str | None = None,
+    speed: float | None = None,
     pictures: bool = True,
     progress: bool = True,
     ends: Event | None = None,
@@ -151,6 +154,7 @@ def run_many(
         verify=_choose("verify", verify, VerificationMode),
         sense=_choose("sense", sense, Sensing),
         prior=_choose("prior", prior, Prior),
+        speed=speed,
         pictures=pictures,
     )
     order = many.ManyRequest(run=request, seeds=tuple(seeds), folder=_to_path(folder), settings=settings or {})
@@ -181,6 +185,7 @@ class ManyOptions(TypedDict, total=False):
     verify: str | None
     sense: str | None
     prior: str | None
+    speed: float | None
     pictures: bool
     progress: bool
 

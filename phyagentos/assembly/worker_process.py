@@ -141,7 +141,7 @@ def open_planner(site: WorkerSite) -> Planner:
         return LocalPlanner(NoModel())
     shared = {name for name, each in site.targets.items() if profile.world and each.world == profile.world}
     neighbours = {name: site.library.get_target(name) for name in sorted(shared - {site.target})}
-    return PlannerProcess(site.model, read_tool_bounds(site.settings.limits), neighbours)
+    return PlannerProcess(site.model, read_tool_bounds(site.settings.limits), neighbours, site.settings.contract.speed)
 
 
 def open_body(site: WorkerSite, socket: str, token: bytes) -> Embodiment:

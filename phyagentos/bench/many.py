@@ -38,6 +38,7 @@ from phyagentos.bench.sweep import SUITE, Manifest, begin_run, continue_run, rea
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.operations.run import RunRequest, check_request
+from phyagentos.protocol.documents.schema import parse_yaml
 from phyagentos.protocol.predicates.project_predicates import load_predicates
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 from phyagentos.wording import count
@@ -193,8 +194,11 @@ def run_many(request: ManyRequest, *, jobs: int = 1, ends: threading.Event | Non
     overrides = parse_overrides(run.overrides)
     check_request(graph, faults, overrides)
     variant = {
-        "set": {path.removeprefix("parameters.").removesuffix(".default"): value for path, value in overrides.items()},
-        "files": request.settings,
+        "set": {
+            path.removeprefix("parameters.").removesuffix(".default"): parse_yaml(text, path).data
+            for path, text in overrides.items()
+        },
+        "files": {**request.settings} | _declare_speed(request),
         "faults": faults,
         "pictures": run.pictures,
         **{key: getattr(run, key) for key in ("world_mode", "sense", "prior")},
@@ -223,6 +227,11 @@ def run_many(request: ManyRequest, *, jobs: int = 1, ends: threading.Event | Non
         folder = request.folder or choose_folder(RUNS, name)
         manifest = begin_run(folder, source, plan, SystemClock(), is_own=True)
     return _carry_out(folder, manifest, plan.suite, jobs, ends, shows=shows)
+
+
+def _declare_speed(request: ManyRequest) -> dict[str, Mapping[str, object]]:
+    name, speed = "runtime_contract.yaml", request.run.speed
+    return {} if speed is None else {name: {**request.settings.get(name, {}), "speed": speed}}
 
 
 def compare(a: Runs, b: Runs, of: Figure = Figure.FINAL) -> Comparison:

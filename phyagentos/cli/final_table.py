@@ -52,5 +52,5 @@ def print_report(report: RunReport, rows: Sequence[Row], console: Console) -> No
         more = f", and {len(pictures) - 1} more in evidence/" if pictures[1:] else ""
         console.print(f"picture {pictures[-1]}{more}", style="dim", soft_wrap=True)
     console.print(f"documents in {report.workspace}", style="dim", soft_wrap=True)
-    where = "" if Path(report.workspace).parent == FOLDER else f" -w {report.workspace}"
+    where = "" if Path(report.workspace).resolve().parent == FOLDER.resolve() else f" -w {report.workspace}"
     console.print(f"next: paos why{where} (what decided), paos view{where} (the run, on a page)", soft_wrap=True)

@@ -25,6 +25,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 
 WARM_UP_S = 6.0  # a machine that has compiled its kernels moves before
 _FOLDER_HELP = "Folder of the run; a new one under workspaces/ by default."
+_SPEED_HELP = "Share of the robots' speed limits, above 0 and up to 1; kept in runtime_contract.yaml."
 RunFolder = Annotated[Path | None, typer.Option("--workspace", "-w", help=_FOLDER_HELP)]
 
 
@@ -42,6 +43,7 @@ def run(
     sense: Sense = None,
     prior: Known = None,
     memory: WhichMemory = None,
+    speed: Annotated[float | None, typer.Option(help=_SPEED_HELP)] = None,
     trust_python: TrustPython = False,
 ) -> int:
     """Run a goal graph to its verdict: both planes, live progress, a final table."""
@@ -57,6 +59,7 @@ def run(
         sense=sense,
         prior=prior,
         memory=memory,
+        speed=speed,
         trusts_python=trust_python,
         asks=not quiet and not as_json and sys.stdin.isatty() and sys.stderr.isatty(),
     )

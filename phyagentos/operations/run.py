@@ -41,7 +41,7 @@ from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.settings.perception import Prior, Sensing, declare_sensing
-from phyagentos.protocol.settings.runtime_contract import WorldMode, declare_world_mode
+from phyagentos.protocol.settings.runtime_contract import WorldMode, declare_speed, declare_world_mode
 from phyagentos.protocol.settings.sensors import read_sensors
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -71,8 +71,13 @@ class RunRequest(msgspec.Struct, frozen=True, kw_only=True):
     sense: Sensing | None = None
     prior: Prior | None = None
     memory: str | None = None
+    speed: float | None = None
     trusts_python: bool = False
     asks: bool = False  # whether verdicts wait for a person
+
+    def __post_init__(self) -> None:
+        if self.speed is not None and not 0.0 < self.speed <= 1.0:
+            raise DefinitionError.of("INVALID_VALUE", "--speed", f"{self.speed:g}", "a number above 0, at most 1")
 
 
 class RunReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -183,6 +188,8 @@ def run_goal(
     with serve_alone(workspace, clock), interrupts.counted():
         if request.world_mode is not None:
             declare_world_mode(workspace.runtime_contract, request.world_mode)
+        if request.speed is not None:
+            declare_speed(workspace.runtime_contract, request.speed)
         declare_sensing(workspace.perception, request.sense, request.prior)
         announce(f"workspace {root}\nmemory {choose_memory(workspace, graph, request.memory)}")
         with contextlib.closing(Journal(workspace.root, side=Side.OPERATOR, by="paos run", clock=clock)) as journal:

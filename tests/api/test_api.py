@@ -223,6 +223,7 @@ def test_a_run_orders_what_the_command_orders(asked, monkeypatch, paos, tmp_path
         sense="truth",
         prior="shapes",
         memory="none",
+        speed=0.5,
         pictures=False,
         trust_python=True,
     )
@@ -237,7 +238,7 @@ def test_a_run_orders_what_the_command_orders(asked, monkeypatch, paos, tmp_path
     monkeypatch.setattr(shown, "run_goal", note)
     options = ["--seed", "3", "-w", tmp_path / "w", "--faults", "slip", "--set", "targets.arm=panda"]
     options += ["--world-mode", "realtime", "--verify", "audit", "--sense", "truth", "--prior", "shapes"]
-    paos("run", "tidy_table", *options, "--memory", "none", "--no-pictures", "--trust-python")
+    paos("run", "tidy_table", *options, "--memory", "none", "--speed", 0.5, "--no-pictures", "--trust-python")
     assert asked[0] == asked[1]
 
 
@@ -281,6 +282,7 @@ def test_a_request_becomes_a_graph_in_a_workspace_that_a_run_takes(tmp_path, mon
         ({"overrides": {"cube.of": "red"}}, "INVALID_VALUE"),
         ({"overrides": {"cube": "red"}}, "UNKNOWN_NAME (parameter)"),
         ({"sense": "truht"}, "UNKNOWN_NAME (sense)"),
+        ({"speed": 0.0}, "INVALID_VALUE"),
     ],
 )
 def test_a_run_that_cannot_begin_is_refused_before_a_folder_is_made(tmp_path, monkeypatch, options, code):

@@ -2,6 +2,7 @@
 
 import asyncio
 import sys
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
@@ -11,6 +12,7 @@ from phyagentos.bench import many
 from phyagentos.bench.engines import open_engine
 from phyagentos.errors import DefinitionError
 
+ROOT = Path(__file__).resolve().parents[2]
 EVIL = '<script>alert("x")</script>'
 
 
@@ -19,14 +21,27 @@ def run_tidy(seeds=range(4), **options):
 
 
 def test_runs_come_back_with_their_rate_and_their_failures_as_pictures(carried):
-    runs = run_tidy(faults="slip", sense="truth", settings={"safety.yaml": {}}, overrides={"targets.arm": "panda"})
+    runs = run_tidy(
+        faults="slip", sense="truth", settings={"safety.yaml": {}}, speed=0.5, overrides={"targets.arm": "panda"}
+    )
 
     assert str(runs) == "runs/tidy_table-1: 3/4 = 75.0 % [30.1, 95.4]"
     assert (runs.rate.value, runs.pending, [each.seed for each in runs.failures]) == (0.75, 0, [2])
     assert [path.name for path in runs.failures[0].pictures] == ["before.png", "after.png"]
     assert runs.failures._repr_html_().count('src="data:image/jpeg;base64,') == 2
     assert {job.order.variant["sense"] for job in carried.jobs} == {"truth"}
+    assert carried.jobs[0].order.variant["files"]["runtime_contract.yaml"] == {"speed": 0.5}
     assert carried.jobs[0].order.variant["set"] == {"targets.arm": "panda"}
+
+
+def test_an_override_is_the_value_that_its_text_is_in_yaml(carried, tmp_path):
+    written = (ROOT / "goal_graphs" / "tidy_table.yaml").read_text()
+    written += "  - near(red_cube, red_tray, ${far_m})\n"
+    parameters = "parameters: {far_m: {type: number, description: How far., default: 0.3}}\n"
+    graph = tmp_path / "far.yaml"
+    graph.write_text(written.replace("goal: tidy_table", f"goal: far\n{parameters}".rstrip()))
+    library.run_many(graph, seeds=[0], overrides={"far_m": 0.25, "targets.arm": "panda"})
+    assert carried.jobs[0].order.variant["set"] == {"far_m": 0.25, "targets.arm": "panda"}
 
 
 def test_nothing_that_a_run_says_becomes_markup(carried):
@@ -103,6 +118,7 @@ def test_a_cancelled_task_leaves_what_has_ended(carried):
         ({"seeds": []}, "seeds: INVALID_VALUE"),
         ({"seeds": [-1]}, "seeds: INVALID_VALUE"),
         ({"sense": "truht"}, "UNKNOWN_NAME"),
+        ({"speed": 1.5}, "--speed: INVALID_VALUE"),
         ({"overrides": {"cube": "red"}}, "UNKNOWN_NAME"),
         ({"settings": {"runtime.yaml": {"a": 1}}}, "run_many: UNKNOWN_NAME .* Did you mean 'runtime_contract.yaml'"),
     ],

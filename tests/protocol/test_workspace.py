@@ -10,6 +10,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
 from phyagentos.protocol.sessions import estop
+from phyagentos.protocol.settings.runtime_contract import declare_speed, read_runtime_contract
 from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 
 SKILL = """---
@@ -225,3 +226,12 @@ def test_limits_beside_a_profile_are_added_unless_the_site_has_its_own(tmp_path,
         put(tmp_path / "shipped", "protocol/safety.yaml", text)
         workspace = Workspace.create(tmp_path / folder, Library((tmp_path / "shipped",)))
         assert yaml.safe_load(workspace.safety.read_text())["targets"] == expected
+
+
+def test_a_share_of_the_speed_limits_is_noted_once_and_nothing_else_changes(tmp_path):
+    path = Workspace.create(tmp_path / "w", Library.open()).runtime_contract
+    before = path.read_text()
+    for speed in (1.0, 0.5, 0.25):
+        declare_speed(path, speed)
+        assert read_runtime_contract(path).speed == speed
+    assert path.read_text() == f"{before.rstrip()}\nspeed: 0.25\n"

@@ -90,6 +90,8 @@ class RuntimeContract(Authored):
         forecasting: How sessions are foreseen that ask for it.
         verification: Who judges sessions, and what a judgement is for.
         record: Cameras that are recorded all through; none without it.
+        speed: Share of the velocity limits that motions are timed within; acceleration scales with its square. Session
+            timeouts, guard and policies do not.
         memory: `project`: one memory for every run of a project; `workspace`: each workspace has its own; `none`; or a
             folder, relative to the workspace.
     """
@@ -109,6 +111,7 @@ class RuntimeContract(Authored):
     verification: Verification = Verification()
     record: CameraRecording | None = None
     memory: str = pydantic.Field(default="project", min_length=1)
+    speed: float = pydantic.Field(default=1.0, gt=0.0, le=1.0)
 
     @pydantic.model_validator(mode="after")
     def _check_record(self) -> "RuntimeContract":
@@ -124,6 +127,13 @@ def declare_world_mode(path: Path, mode: WorldMode) -> None:
     if read_runtime_contract(path).world_mode is not mode:
         text = re.sub(r"(?m)^world_mode:[ \t]*[\"']?\w+[\"']?", f"world_mode: {mode}", read_text(path))
         publish(path, text)
+
+
+def declare_speed(path: Path, speed: float) -> None:
+    """Write the share of the speed limits into runtime_contract.yaml, as `declare_world_mode` does the mode."""
+    if read_runtime_contract(path).speed != speed:
+        text = re.sub(r"(?m)^speed:.*\n", "", read_text(path))
+        publish(path, f"{text.rstrip()}\nspeed: {speed}\n")
 
 
 def read_runtime_contract(path: Path) -> RuntimeContract:

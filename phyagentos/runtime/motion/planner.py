@@ -71,6 +71,7 @@ class MotionPlanner:
         clock: Clock | None = None,
         bounds: ToolBounds = ANYWHERE,
         neighbours: Mapping[str, Path] | None = None,
+        speed: float = 1.0,
     ) -> None:
         self._clock = clock or SystemClock()
         self.robot = build_robot_model(profile, folder, bounds)
@@ -78,19 +79,23 @@ class MotionPlanner:
         self._kinematics = Kinematics(self.robot, self._chain)
         self._spheres = SphereModel(self.robot, self._chain)
         self._scenes = PlanningScenes(self.robot)
-        self._limits = JointLimits.from_profile(profile)
+        self._limits = JointLimits.from_profile(profile).scale(speed, speed**2)
         self._neighbours = {name: NeighbourModel(file) for name, file in (neighbours or {}).items()}
 
     @classmethod
     def open(
-        cls, profile_file: Path, bounds: ToolBounds = ANYWHERE, neighbours: Mapping[str, Path] | None = None
+        cls,
+        profile_file: Path,
+        bounds: ToolBounds = ANYWHERE,
+        neighbours: Mapping[str, Path] | None = None,
+        speed: float = 1.0,
     ) -> "MotionPlanner":
         """The planner of `robots/<name>/target.yaml`, whose tool centre point stays within `bounds`.
 
-        `neighbours` are the profiles of other robots of its world, by name.
+        `neighbours` are the profiles of other robots of its world, by name; motions use `speed`, a share of the limits.
         """
         profile = validate(TargetProfile, read_yaml(profile_file))
-        return cls(profile, profile_file.parent, bounds=bounds, neighbours=neighbours)
+        return cls(profile, profile_file.parent, bounds=bounds, neighbours=neighbours, speed=speed)
 
     def answer(self, request: MotionRequest, should_cancel: Callable[[], bool] = lambda: False) -> MotionAnswer:
         """Carry out one request.

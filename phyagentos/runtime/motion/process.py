@@ -103,13 +103,19 @@ class NoModel:
 class PlannerProcess:
     """A planner in its own process, replaced when it dies or ignores a cancellation.
 
-    `bounds` are of its tool, `neighbours` the profiles of the other robots of its world, by name.
+    `bounds` are of its tool, `neighbours` the profiles of the other robots of its world, by name; motions use
+    `speed`, a share of the limits.
     """
 
     def __init__(
-        self, profile_file: Path, bounds: ToolBounds = ANYWHERE, neighbours: Mapping[str, Path] | None = None
+        self,
+        profile_file: Path,
+        bounds: ToolBounds = ANYWHERE,
+        neighbours: Mapping[str, Path] | None = None,
+        speed: float = 1.0,
     ) -> None:
         command = ["-m", "phyagentos.runtime.motion.process", "--profile", str(profile_file)]
+        command += ["--speed", str(speed)]
         command += ["--bounds", msgspec.json.encode(bounds).decode()]
         command += [f"--neighbour={name}={file}" for name, file in (neighbours or {}).items()]
         self._start = partial(Child, command, spin_s=SPIN_S)
@@ -224,7 +230,11 @@ class _Inbox:
 
 
 def serve(
-    profile_file: Path, bounds: ToolBounds, neighbours: Mapping[str, Path], connection: "Connection[Any, Any]"
+    profile_file: Path,
+    bounds: ToolBounds,
+    neighbours: Mapping[str, Path],
+    speed: float,
+    connection: "Connection[Any, Any]",
 ) -> None:
     """Answer requests until the other side closes.
 
@@ -233,7 +243,7 @@ def serve(
     from phyagentos.runtime.motion.planner import MotionPlanner  # the port alone loads no simulator
 
     inbox = _Inbox(connection)
-    planner = MotionPlanner.open(profile_file, bounds=bounds, neighbours=neighbours)
+    planner = MotionPlanner.open(profile_file, bounds=bounds, neighbours=neighbours, speed=speed)
     if inbox.requests.empty():
         planner.warm_up()  # else what is asked loads what it needs, and is not kept waiting for the rest
     gc.freeze()  # modules and models stay: they are not searched for garbage in the midst of a request
@@ -258,13 +268,14 @@ def main() -> None:
     parser.add_argument("--profile", type=Path, required=True, help="robots/<name>/target.yaml")
     parser.add_argument("--bounds", required=True, help="where the tool may be, as JSON")
     parser.add_argument("--neighbour", action="append", default=[], help="NAME=robots/<name>/target.yaml")
+    parser.add_argument("--speed", type=float, required=True, help="share of the speed limits")
     parser.add_argument("--descriptor", type=int, required=True, help="socket to the worker, inherited")
     arguments = parser.parse_args()
     gc.disable()  # until all is loaded
     os.environ["MUJOCO_GL"] = "disable"  # no planner draws
     bounds = msgspec.json.decode(arguments.bounds, type=dict[str, Corners])
     neighbours = {name: Path(file) for name, _, file in (each.partition("=") for each in arguments.neighbour)}
-    serve(arguments.profile, bounds, neighbours, Connection(arguments.descriptor))
+    serve(arguments.profile, bounds, neighbours, arguments.speed, Connection(arguments.descriptor))
     gc.unfreeze()  # at its end the process would report what is frozen as leaked
 
 

@@ -7,6 +7,7 @@ import pytest
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.kinematics import POLISHED, REACHED
 from phyagentos.runtime.motion.moves import CHECK_RAD, leaves_contact, thin_out
+from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.requests import (
     Approaches,
@@ -161,6 +162,13 @@ def test_half_speed_takes_about_twice_as_long(planner, build, home):
     full, half = (planner.answer(msgspec.structs.replace(request, speed=speed)) for speed in (1.0, 0.5))
 
     assert len(half.trajectory.q_rad) / len(full.trajectory.q_rad) == pytest.approx(2.0, rel=0.05)
+
+
+def test_a_share_of_the_limits_for_all_motions_times_each_as_that_speed_does(planner, profile_file, home):
+    request = PlanMove(world=World(()), q_rad=home, goals_rad=home[None] + 0.4, seed=1)
+    half = planner.answer(msgspec.structs.replace(request, speed=0.5))
+    slow = MotionPlanner.open(profile_file, speed=0.5).answer(request)
+    assert np.array_equal(slow.trajectory.q_rad, half.trajectory.q_rad)
 
 
 def test_an_arm_that_is_there_already_holds_for_one_period(planner, home):
