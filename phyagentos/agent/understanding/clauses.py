@@ -75,10 +75,7 @@ class Clauses(Discourse):
             steps = [self._say(str(act.data), things) for act in acts]
         elif clause.data == "series":  # objects in an order, and one destination
             *series, dest = list_children(clause)
-            steps = []
-            for things in series:
-                self.recent.append([])
-                steps.append(self._read_wish_place(clause, things, dest))
+            steps = [self._read_wish_place(clause, things, dest) for things in series]
         elif clause.data in read_lexicon()["meanings"]:
             steps = [self._say(str(clause.data), list_children(clause)[0])]
         else:

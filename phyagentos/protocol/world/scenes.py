@@ -13,7 +13,17 @@ from typing import Annotated, Literal
 import pydantic
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.documents.schema import Authored, Located, Span, misfit, parse_library_yaml, read_text, salvage
+from phyagentos.protocol.documents.schema import (
+    Address,
+    Authored,
+    Located,
+    Span,
+    misfit,
+    parse_library_yaml,
+    read_text,
+    salvage,
+)
+from phyagentos.protocol.world.arrangements import Row, arrange
 from phyagentos.protocol.world.body_shapes import Number3, Shapes, Solid, add_interior
 from phyagentos.protocol.world.environment import CLOSES_AT, OPENS_AT, Mechanism, Pose, ShapeKind
 from phyagentos.protocol.world.friction import PAIRS, Surface
@@ -249,16 +259,24 @@ class Light(Authored):
 
 
 class SceneSpec(Authored):
-    """One scene file; `friction` replaces spans of the table of surface pairs (`plastic|wood: [0.1, 0.1]`)."""
+    """One scene file; `friction` replaces spans of the table of surface pairs (`plastic|wood: [0.1, 0.1]`).
+
+    Attributes:
+        rows: Bodies side by side, or in a grid, without places of their own.
+        stacks: Names of bodies that stand on each other, each from below; the lowest has a place.
+        lights: One lamp above the table by default.
+    """
 
     scene: str
     description: str = ""
     materials: dict[str, Material] = {}
     areas: dict[str, Area] = {}
     bodies: dict[str, Body]
+    rows: tuple[Row, ...] = ()
+    stacks: tuple[tuple[str, ...], ...] = ()
     regions: dict[str, NamedRegion] = {}
     cameras: dict[str, Camera]
-    lights: dict[str, Light] = {}
+    lights: dict[str, Light] = {"key": Light(position_m=(1.2, -1.2, 2.2), direction=(-0.4, 0.55, -1.0))}
     friction: dict[str, Span] = {}
     settle_s: float = pydantic.Field(default=0.4, ge=0.0, le=10.0)
 
@@ -296,12 +314,30 @@ def _parse_scene(text: str, path: Path) -> SceneSpec:
     spec, problems = salvage(SceneSpec, located)
     if spec is None:
         raise DefinitionError(problems)
+    problems += _iter_unplaced(spec, located)
+    spec = spec.model_copy(update={"bodies": arrange(spec.bodies, spec.rows, spec.stacks)})
     problems += [*_find_dangling(spec, located), *_iter_misnamed(spec, located), *_iter_oversized(spec, located)]
     if not path.with_suffix("").as_posix().endswith(f"scenes/{spec.scene}"):
         problems.append(located.problem("INVALID_VALUE", ("scene",), repr(spec.scene), "the file's path below scenes/"))
     if problems:
         raise DefinitionError(problems)
     return spec
+
+
+def _iter_unplaced(spec: SceneSpec, located: Located) -> Iterator[Problem]:
+    """Names in rows and stacks that no body has, and copies whose names others have."""
+    copies = [name for row in spec.rows for name in row.list_names()]
+    lists: list[tuple[Address, tuple[str, ...], set[str]]]
+    lists = [(("rows", index, "bodies"), row.bodies, {*spec.bodies}) for index, row in enumerate(spec.rows)]
+    lists += [(("stacks", index), names, {*spec.bodies, *copies}) for index, names in enumerate(spec.stacks)]
+    for path, place, name, known in ((path, *each, known) for path, names, known in lists for each in enumerate(names)):
+        if name not in known:
+            yield located.unknown("body", (*path, place), name, sorted(known))
+    for index, row in enumerate(spec.rows):
+        if taken := [
+            name for name in row.list_names() if copies.count(name) + (name in {*spec.bodies} - {*row.bodies}) > 1
+        ]:
+            yield located.problem("INVALID_VALUE", ("rows", index), taken[0], "names that no other body has")
 
 
 def _iter_misnamed(spec: SceneSpec, located: Located) -> Iterator[Problem]:
