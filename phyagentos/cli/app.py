@@ -48,6 +48,7 @@ SECTIONS = {  # of the help -> name -> module and function, the first line of wh
         "preflight": "preflight:preflight",
     },
     "See": {
+        "help": "helping:explain",
         "why": "explaining:why",
         "status": "observing:status",
         "runs": "observing:runs",
@@ -106,6 +107,7 @@ Begin with
   paos run tidy_table    a goal, carried out to its verdict
   paos why               what decided that verdict
   paos init DIR          a project of your own
+  paos help WORDS        how to do something: paos help make the arm slower
 """
 
 

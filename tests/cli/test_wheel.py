@@ -12,7 +12,7 @@ import pytest
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = ("trees", "goal_graphs", "skills", "scenes", "robots", "protocol", "faults")
+FOLDERS = ("trees", "goal_graphs", "skills", "scenes", "robots", "protocol", "faults", "docs/howto")
 KIT = ("pyproject.toml", "rollout_forecaster/forecaster.py")
 
 
@@ -81,6 +81,7 @@ def test_an_empty_folder_and_the_wheel_are_enough_to_begin(site, tmp_path):
     assert linted.returncode == 0, linted.stderr
     named = paos(site, tmp_path, "compile", "tidy_table")
     assert named.returncode == 0, named.stderr
+    assert "Make the arm slower" in paos(site, tmp_path, "help", "slower").stdout
 
 
 def test_the_installed_package_is_used_and_not_the_checkout(site, tmp_path):

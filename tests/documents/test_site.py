@@ -58,3 +58,15 @@ def test_the_goal_graph_in_the_readme_compiles(tmp_path, paos):
 @pytest.mark.parametrize("path", TEXTS, ids=name_of)
 def test_no_text_names_this_package_as_one_of_a_registry(path):
     assert re.findall(r"pip install '?phyagentos", read(path)) == []
+
+
+@pytest.mark.parametrize("path", [path for path in TEXTS if path.parent.name == "howto" and path.stem != "index"])
+def test_a_how_to_page_is_short_begins_with_its_answer_and_has_words_that_find_it(path):
+    title, blank, answer, *rest = read(path).splitlines()
+    assert len(rest) <= 57
+    assert title.startswith("# ")
+    assert blank == ""
+    assert answer
+    assert not answer.startswith(("#", "|", "<", "```"))
+    assert rest[-1].startswith("Also: ")
+    assert f"({path.name})" in read(path.parent / "index.md")

@@ -157,6 +157,7 @@ class Rehearser:
             planner=self.planner,
             initial=initial,
             world=stage.world,
+            start_rad=handle.start_rad,
         )
         skill = TreeSkillRuntime(build_tree(tree, session.parameters, context, self.library, self.registry), context)
         stage.recording.rows.clear()

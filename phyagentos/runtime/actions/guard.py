@@ -75,6 +75,11 @@ class SafetyGuard:
         self._points[0, 0] = np.minimum(np.maximum(q_rad, self._limits.q_min), self._limits.q_max)
         self._last_time_s, self._first_time_s = -np.inf, np.inf
 
+    @property
+    def start_rad(self) -> Array:
+        """Where the first command is expected to begin (n_joints,)."""
+        return self._points[0, 0].copy()
+
     def begin_again(self, q_rad: Array) -> None:
         """As `begin`, where the target has moved since; what its encoders alone may explain is no motion."""
         if np.abs(np.asarray(q_rad) - self._points[0, 0]).max() > ENCODER_RAD:

@@ -154,6 +154,16 @@ class TargetSessionHandle:
         return self._step
 
     @property
+    def start_rad(self) -> NDArray[np.float64]:
+        """Where the arm rests before the first command of this session (n_joints,), by one reading of its encoders.
+
+        The guard judges from here, so motions are planned from here: the noise of two readings looks like acceleration.
+        """
+        if self._guard is None:
+            raise ExecutionError("NO_AUTHORITY", "no session has begun on this target; call begin() first")
+        return self._guard.start_rad
+
+    @property
     def latest(self) -> wire.Step | None:
         """As `step`; None where no session has begun."""
         return self._step

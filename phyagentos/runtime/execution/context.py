@@ -99,22 +99,22 @@ def open_context(
     planner: "Planner",
     initial: Environment,
     world: WorldModel,
+    start_rad: NDArray[np.float64],
     cell: NeighbourAccess = NeighbourAccess(),
     evidence: Path | None = None,
 ) -> SkillContext:
-    """The services of a session that has authority; its set-points begin where the target rests.
+    """The services of a session that has authority; its set-points begin where the arm rests, at `start_rad`.
 
     A gripper that holds something begins closed, since it must keep squeezing. `initial` precedes the first command.
     """
-    step = world.step
-    state = initial.targets.get(session.target, step.target)
+    state = initial.targets.get(session.target, world.step.target)
     width_m = 0.0 if state.holding else min(max(state.gripper_width_m, 0.0), profile.gripper.max_width_m)
     return SkillContext(
         session=session,
         profile=profile,
         planner=planner,
         commands=CommandBuffer(
-            q_rad=np.clip(step.target.q_rad, description.q_min_rad, description.q_max_rad),
+            q_rad=np.clip(start_rad, description.q_min_rad, description.q_max_rad),
             gripper_width_m=width_m,
             acceleration_rad_s2=np.asarray(profile.arm.acceleration_rad_s2, dtype=np.float64),
             n_steps=description.steps_per_command,

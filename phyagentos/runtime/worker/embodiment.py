@@ -67,6 +67,7 @@ class SkillLoader:
             planner=self.planner,
             initial=initial,
             world=target.world,
+            start_rad=target.handle.start_rad,
             cell=NeighbourAccess(read_neighbours=target.handle.read_neighbours, announce=target.handle.announce),
             evidence=evidence,
         )

@@ -283,6 +283,20 @@ def test_the_handle_stops_the_target_as_the_reaction_says(doubles, profile, limi
     assert halts == ([category] if category else [])
 
 
+@pytest.mark.parametrize(("moved_rad", "expected_rad"), [(1e-4, 0.0), (0.01, 0.01)])
+def test_motions_begin_where_the_guard_expects_them_however_the_encoders_are_read_again(
+    doubles, profile, limits, moved_rad, expected_rad
+):
+    target = doubles.PerfectTarget(profile)
+    handle = TargetSessionHandle(doubles.DirectConnection(target), limits)
+    at_rest = np.asarray(handle.begin("s", 1).target.q_rad)
+    target.q = at_rest + moved_rad
+    handle.settle(0.3)
+    assert handle.start_rad == pytest.approx(at_rest + expected_rad)
+    q = np.tile(handle.start_rad, (N, 1))
+    handle.apply(SetPoints(q_rad=q, qd_rad_s=np.zeros((N, 7)), gripper_width_m=np.full(N, 0.08)))
+
+
 SOURCED = """
 version: 1
 targets:
