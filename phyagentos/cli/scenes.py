@@ -43,7 +43,7 @@ def check(scene: Scene, robot: Robot = "", seed: Seed = 0) -> Reply[CheckedScene
 
 
 def save(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Of the new scene.")],
+    name: Annotated[str, typer.Argument(help="Of the new scene.")],
     workspace: Annotated[Path | None, typer.Option("--workspace", "-w", help="Whose world; else the newest.")] = None,
     folder: Annotated[Path, typer.Option("--in", metavar="DIR", help="Project that gets it.")] = Path(),
 ) -> Reply[SavedScene]:

@@ -89,7 +89,9 @@ def save(name: str, workspace: Path, folder: Path) -> SavedScene:
     if name_plain(known.scene) != known.scene:
         raise DefinitionError.of("INVALID_VALUE", str(space.environment), known.scene, "a scene that no robot scales")
     if not all(map(NAME.fullmatch, name.split("/"))):
-        raise DefinitionError.of("INVALID_VALUE", "NAME", repr(name), "letters, digits and '_', with a letter first")
+        raise DefinitionError.of(
+            "INVALID_VALUE", "name of the scene", repr(name), "letters, digits and '_', with a letter first"
+        )
     if to.exists():
         raise DefinitionError.of("WOULD_OVERWRITE", str(to), "a scene", "a new name")
     path = open_library(find_project(workspace)).get_scene(known.scene)

@@ -36,6 +36,7 @@ from phyagentos.protocol.world.entity_geometry import (
     compute_reach,
     find_bridged_top,
     find_tops_below,
+    is_around,
 )
 from phyagentos.protocol.world.environment import CLOSED_M, CLOSES_AT, FRESH_S, OPENS_AT, Entity, Status, TargetState
 from phyagentos.wording import compare_angles, compare_lengths, format_angle, format_length, format_share
@@ -196,26 +197,16 @@ def _find_sure_top(view: View, a: Entity, b: str, doubt_m: float, near_m: float)
 
 
 def _find_between(view: View, a: Entity, b: str, top_m: float, most_m: float) -> Entity | None:
-    """An object under the middle of a whose top is above that of b, and by no more than `most_m`.
-
-    A container that a is inside of has a floor, however thin: what people put into it they took off the table.
-    """
-    center, highest_m = to_parent(a.pose, compute_centroid(a)), top_m + most_m
-    of = view.now.entities.get(b)
+    """An object under the middle of a with its top above b's by up to `most_m`; what a is in has a floor, if thin."""
+    center, of = to_parent(a.pose, compute_centroid(a)), view.now.entities.get(b)
     for other in view.now.entities.values():
         is_part = of is not None and (other.part_of == b or of.part_of == other.name)
         if other.name in {a.name, b} or is_part or other.held_by or not (other.movable or of is not None):
             continue
-        tops, least_m = find_tops_below(other, center[0], center[1], 0.0), 0.0 if _is_around(other, a) else CONTACT_M
-        if other.status is not Status.GONE and any(top_m + least_m < top.point_m[2] <= highest_m for top in tops):
+        tops, least_m = find_tops_below(other, center[0], center[1], 0.0), 0.0 if is_around(other, a) else CONTACT_M
+        if other.status is not Status.GONE and any(top_m + least_m < top.point_m[2] <= top_m + most_m for top in tops):
             return other
     return None
-
-
-def _is_around(container: Entity, a: Entity) -> bool:
-    """Whether the centre of a is within the sides of a container's interior."""
-    inside, center = container.interior, to_child(container.pose, compute_center(a))
-    return inside is not None and all(abs(center[i] - inside.center_m[i]) <= inside.half_m[i] for i in (0, 1))
 
 
 def _measure_below(a: Entity, of: Entity | None) -> float:

@@ -59,6 +59,12 @@ def compute_centroid(entity: Entity) -> Vector:
     return (x, y, z)
 
 
+def is_around(container: Entity, load: Entity) -> bool:
+    """Whether the centre of a load is within the sides of a container's interior."""
+    inside, center = container.interior, to_child(container.pose, compute_center(load))
+    return inside is not None and all(abs(center[i] - inside.center_m[i]) <= inside.half_m[i] for i in (0, 1))
+
+
 def compute_volume(kind: ShapeKind, size_m: Sequence[float]) -> float:
     """Of a solid [m^3]; sizes as of `ShapeKind`."""
     if kind is ShapeKind.BOX:
