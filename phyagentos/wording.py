@@ -49,6 +49,8 @@ def count(number: int, noun: str, plural: str = "") -> str:
 
 def count_criteria(held: int, total: int) -> str:
     """How many criteria hold, as a clause: `the criterion holds`, `both criteria hold`, `2 of 4 criteria hold`."""
+    if not total:
+        return "no criterion is stated"
     if total == 1:
         return "the criterion holds" if held else "the criterion does not hold"
     if held < total:

@@ -44,6 +44,7 @@ def test_one_is_counted_in_the_singular():
 @pytest.mark.parametrize(
     ("held", "total", "text"),
     [
+        (0, 0, "no criterion is stated"),
         (1, 1, "the criterion holds"),
         (0, 1, "the criterion does not hold"),
         (2, 2, "both criteria hold"),

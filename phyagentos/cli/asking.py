@@ -35,7 +35,9 @@ _ANSWER_HELP = "Answer to a question: its key, and one of its candidates. Repeat
 
 def ask(
     request: Annotated[str, typer.Argument(help="What is wanted, in English.")],
-    scene: Annotated[str | None, typer.Option(help="Name of a scene; that of the last request by default.")] = None,
+    scene: Annotated[
+        str | None, typer.Option(help="By default that of the last request, project, or first example.")
+    ] = None,
     robot: Annotated[str | None, typer.Option(help="A target; that of the scene's goal graphs by default.")] = None,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Approve the graph without being asked.")] = False,
     output: Annotated[Path | None, typer.Option("--output", "-o", help=_OUTPUT_HELP)] = None,

@@ -49,6 +49,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment, read_environment
 
 GOAL_SUFFIX = ".goal.yaml"
+FIRST_SCENE = "tabletop/cubes_and_trays"
 _OF_WORDS = frozenset(
     {RequestProblemKind.WORD, RequestProblemKind.SENTENCE}
 )  # what a model may understand where the grammar does not
@@ -125,10 +126,11 @@ def ask(
 ) -> Asked | NotUnderstood | Unsolvable | Answered:
     """Make a goal of a request, plan it, and write its graph, or answer a question; run nothing.
 
-    `scene` is that of the last request by default, and `robot` that of the scene's goal graphs. `answers` are those to
-    questions, by key; `choose` answers any other one, where all have candidates. `open_model` gives a scene's model,
-    for what the grammar does not know. Files go to the requests of `workspace`, a new one by default, or to `output`.
-    With `preview` the goal is drawn into `picture`, a file beside the graph by default.
+    `scene` is that of the last request by default, else the only one of the project or that of the first example, and
+    `robot` that of the scene's goal graphs. `answers` are those to questions, by key; `choose` answers any other one,
+    where all have candidates. `open_model` gives a scene's model, for what the grammar does not know. Files go to the
+    requests of `workspace`, a new one by default, or to `output`. With `preview` the goal is drawn into `picture`, a
+    file beside the graph by default.
 
     Raises DefinitionError for an unknown scene or target, letters that are not seen, and a graph with problems.
     """
@@ -217,13 +219,19 @@ def _read_vocabulary(
     """Scene, robot and past goals, and the scene's start; what is not named is of the last goal, and of its graphs."""
     if robot is not None and robot not in catalogue.targets:
         raise DefinitionError.unknown("target", "--robot", robot, catalogue.targets)
-    scene = scene or (past[-1].scene if past else "")
+    scene = scene or (past[-1].scene if past else _choose_scene(library))
     if scene not in catalogue.scenes:
         raise DefinitionError.unknown("scene", "--scene", scene, catalogue.scenes)
     graphs = [path for root in library.roots for path in sorted((root / "goal_graphs").glob("*.yaml"))]
     robot = robot or find_robot(catalogue, graphs, scene)
     world = draw_start(library, scene, [robot], seed)
     return Vocabulary.read(catalogue, scene, past, robot, world), world
+
+
+def _choose_scene(library: Library) -> str:
+    """The only scene of a project; where there is none or several, that of the first example."""
+    own = [names for root in library.roots[:-1] if (names := Library((root,)).names_of_scenes())]
+    return own[0][0] if own and len(own[0]) == 1 else FIRST_SCENE
 
 
 def _read_past(workspace: Path | None, scene: str | None, catalogue: Catalogue) -> dict[Path, WantedGoal]:

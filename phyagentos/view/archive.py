@@ -7,13 +7,17 @@ from typing_extensions import override
 
 from phyagentos.errors import DefinitionError
 from phyagentos.operations.export import Written
-from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
+from phyagentos.protocol.sessions.looks import read_picture
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.view.documents import Documents
-from phyagentos.view.pages import PanelRenderer, render
-from phyagentos.view.panels import PANELS, Panel, Query
+from phyagentos.view.pages import NOTHING, PanelRenderer, render
+from phyagentos.view.panels import PANELS, Query
+from phyagentos.view.story import Picture
 
-_OVERVIEW, _OF_SESSION = ("goal", "sessions", "memory", "log"), ("verdict", "tree", "statechart", "world", "guard")
+_OVERVIEW, _OF_SESSION = (
+    ("headline", "timeline", "goal", "memory", "log"),
+    ("story", "motion", "tree", "world", "guard"),
+)
 
 
 class AnchoredQuery(Query):
@@ -26,19 +30,20 @@ class AnchoredQuery(Query):
 
 def build_archive(documents: Documents, goal: GoalStatus) -> str:
     """The HTML of a goal, as its documents stand; raises DefinitionError `EXTRA_MISSING`."""
-    renderer = PanelRenderer(documents, lambda: {"actions": False, "live": False})
+    renderer = PanelRenderer(documents, lambda: {"actions": False, "live": False, "embed": _embed})
     by_name = {panel.name: panel for panel in PANELS}
+
+    def show(names: tuple[str, ...], session: str = "") -> list[tuple[str, str]]:
+        shown = [(name, renderer.render(by_name[name], AnchoredQuery(goal=goal.id, session=session))) for name in names]
+        return [(name, inside) for name, inside in shown if inside != NOTHING]
+
     return render(
         "archive",
         goal=goal,
         css=Path(__file__).with_name("static").joinpath("page.css").read_text(encoding="utf-8"),
-        overview=[renderer.render(by_name[name], AnchoredQuery(goal=goal.id)) for name in _OVERVIEW],
+        overview=show(_OVERVIEW),
         sessions=[
-            (
-                status,
-                [(by_name[name].title, _render_of(renderer, by_name[name], goal, id)) for name in _OF_SESSION],
-                _read_pictures(documents.workspace.evidence_of(status.contract.id)),
-            )
+            (id, show(_OF_SESSION, id))
             for id, status in documents.ledger.sessions.items()
             if status.contract.goal == goal.id
         ],
@@ -56,11 +61,8 @@ def write_archive(root: Path, goal: str, to: Path) -> Written:
     return Written(file=to)
 
 
-def _render_of(renderer: PanelRenderer, panel: Panel, goal: GoalStatus, session: str) -> str:
-    return renderer.render(panel, AnchoredQuery(goal=goal.id, session=session))
-
-
-def _read_pictures(folder: Path) -> list[tuple[str, str]]:
-    """Name and base64 of the pictures for people."""
-    found = [path for name in (PICTURE_BEFORE, PICTURE_AFTER) if (path := folder / name).is_file()]
-    return [(path.stem, b64encode(path.read_bytes()).decode()) for path in found]
+def _embed(picture: Picture) -> str:
+    """A picture as an address that holds it."""
+    path = picture.folder / picture.file
+    data = read_picture(path, picture.member) if picture.member else path.read_bytes()
+    return f"data:image/png;base64,{b64encode(data).decode()}"

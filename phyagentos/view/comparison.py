@@ -13,6 +13,7 @@ from phyagentos.protocol.sessions.evidence import TRAJECTORY
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
 from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.view.documents import Documents
+from phyagentos.view.plots import join_points, thin
 
 _MOVED_M = 0.005  # less is not shown
 _WIDTH, _HEIGHT, _POINTS = 360, 70, 120  # of a chart [px], and most points of a curve
@@ -35,7 +36,7 @@ def compare_sessions(documents: Documents, first: str, second: str) -> Fields:
         "criteria": [(text, *(_find_criterion(status, text) for status in both)) for text in texts],
         "charts": _draw_charts(courses),
         "figures": [(name, *(_measure(course).get(name, "") for course in courses)) for name in _measure(courses[0])],
-        "moved": [_list_moved(documents, each) for each in both],
+        "moved": [list_moved(documents, each) for each in both],
         "leaves": [[event for event in documents.read_trace(each) if event.code] for each in both],
     }
 
@@ -105,14 +106,11 @@ def _draw_charts(courses: list[Fields]) -> list[tuple[str, str]]:
 
 
 def _place(time: Any, values: Any, last_s: float, low: float, high: float) -> str:
-    some = np.linspace(0, len(time) - 1, min(len(time), _POINTS)).astype(int)
     scale = (_HEIGHT - 8) / max(high - low, 1e-9)
-    return " ".join(
-        f"{_WIDTH * time[index] / last_s:.1f},{_HEIGHT - 4 - (values[index] - low) * scale:.1f}" for index in some
-    )
+    return join_points(_WIDTH * time / last_s, _HEIGHT - 4 - (values - low) * scale, thin(values, _POINTS))
 
 
-def _list_moved(documents: Documents, status: SessionStatus) -> list[str]:
+def list_moved(documents: Documents, status: SessionStatus) -> list[str]:
     """What is elsewhere after a session than before, as believed."""
     bundle = documents.read_bundle(status)
     if bundle.before is None or bundle.after is None:

@@ -8,19 +8,21 @@ from pathlib import Path
 
 from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.sessions.evidence import TRACE, Bundle, Event, read_bundle
-from phyagentos.protocol.sessions.heartbeats import Heartbeat, read_heartbeats
-from phyagentos.protocol.sessions.lifecycle import FINAL_STATES
+from phyagentos.protocol.sessions.heartbeats import Heartbeat, is_process_alive, read_heartbeats
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState, Side
 from phyagentos.protocol.sessions.session import Ended, Execution, GoalId, SessionId, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.sessions.trace import TraceEvent
-from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, is_held
+from phyagentos.protocol.workspace.process_lock import RUNTIME_LOCK, WATCHDOG_LOCK, is_held
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment, read_environment
 from phyagentos.store.follower import Follower
 from phyagentos.store.journal import choose_partition
 from phyagentos.store.ledger import Ledger
+from phyagentos.store.records import Record
 
 BUNDLES_KEPT = 64
+_FAILED = (SessionState.FAILED, SessionState.REJECTED)
 _WATCHED = (
     "signals",
     "signals/new",
@@ -41,13 +43,21 @@ class Version:
         journal: Its last record.
         beats: Latest write of a heartbeat, or of the trace of a session that runs [ns].
         files: Latest change of the other documents [ns].
-        runs: Whether a runtime is there.
+        stage: How far a run has begun: see `Documents.list_stages`.
     """
 
     journal: int = 0
     beats: int = 0
     files: int = 0
-    runs: bool = False
+    stage: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Passage:
+    """A state that a session has entered, at a wall time (UTC)."""
+
+    state: str
+    at: str
 
 
 class Documents:
@@ -56,7 +66,8 @@ class Documents:
     def __init__(self, root: Path) -> None:
         self.workspace, self.given = Workspace.open(root), root
         self.ledger = Ledger(forgets=False)
-        self.visited: dict[SessionId, list[str]] = defaultdict(list)
+        self.passages: dict[SessionId, list[Passage]] = defaultdict(list)
+        self.requests: list[Record] = []  # of operators
         self.version = Version()
         self._bundles: dict[tuple[str, str, int], Bundle] = {}
         self._follower: Follower | None = None
@@ -71,18 +82,40 @@ class Documents:
             for record in self._follower.read_new() if self._follower is not None else ():
                 self.ledger.apply(record)
                 if record.to is not None:
-                    self.visited[SessionId(record.id)].append(str(record.to))
+                    self.passages[SessionId(record.id)].append(Passage(str(record.to), record.at))
+                if record.side == Side.OPERATOR:
+                    self.requests.append(record)
             running = [self.workspace.evidence_of(id) / TRACE for id in self.list_running()]
             beats = [*self.workspace.heartbeats.glob("*.json"), *running]
             files = [self.workspace.root / name for name in _WATCHED]
             newest = _find_latest([*files, *self.workspace.logs.glob("*.log")])
-            self.version = Version(self.ledger.seq, _find_latest(beats), newest, self.is_running())
+            self.version = Version(self.ledger.seq, _find_latest(beats), newest, sum(self.list_stages().values()))
             return self.version
 
     def is_running(self) -> bool:
         """Whether a runtime serves the workspace."""
+        return self._is_held(WATCHDOG_LOCK)
+
+    def list_stages(self) -> dict[str, bool]:
+        """What has to be there before a robot moves, in this order; whether it is."""
+        sessions = list(self.ledger.live_sessions())
+        states = {each.state for each in sessions}
+        is_up, goal = self.is_running(), self.find_goal()
+        is_open = goal is not None and not goal.verdict and not goal.is_cancelled
+        begun = states - {SessionState.PENDING, SessionState.CLAIMED}
+        return {
+            "command": is_up or self._is_held(RUNTIME_LOCK),
+            "runtime": is_up,
+            "goal": is_open,
+            "plan": is_open and bool(sessions),
+            "worker": is_up and any(is_process_alive(beat.pid) for beat in self.read_beats().values()),
+            "world": bool(begun),
+            "motion": bool(begun - {SessionState.PREFLIGHT}),
+        }
+
+    def _is_held(self, lock: Path) -> bool:
         try:
-            return is_held(self.workspace.root / WATCHDOG_LOCK)
+            return is_held(self.workspace.root / lock)
         except OSError:  # a copy that may only be read
             return False
 
@@ -96,12 +129,17 @@ class Documents:
         return self.ledger.goals.get(GoalId(id or latest))
 
     def find_session(self, id: str = "", goal: str = "") -> SessionStatus | None:
-        """A session by its id; without one that which runs, else the latest, of a goal if it is named."""
+        """A session by its id; without one that which runs, else one that failed last, else the latest.
+
+        Without a name the goal is that of the latest session.
+        """
         if id:
             return self.ledger.sessions.get(SessionId(id))
         of_goal = [each for each in self.ledger.sessions.values() if not goal or each.contract.goal == goal]
-        live = [each for each in of_goal if each.state not in FINAL_STATES and each.claimed_by]
-        return next(iter([*live, *reversed(of_goal)]), None)
+        live = [each for each in of_goal if each.state not in FINAL_STATES]
+        last = [each for each in reversed(of_goal) if each.contract.goal == of_goal[-1].contract.goal]
+        failed = [each for each in last if each.state in _FAILED]
+        return next(iter([*(each for each in live if each.claimed_by), *reversed(live), *failed, *last]), None)
 
     def read_beats(self) -> dict[str, Heartbeat]:
         """The latest heartbeat of each target."""

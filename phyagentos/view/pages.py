@@ -1,5 +1,6 @@
 """HTML of panels and pages: templates of this package, everything from documents escaped."""
 
+import math
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -11,6 +12,8 @@ from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.view.documents import Documents
 from phyagentos.view.panels import Panel, Query
 
+NOTHING = "<!---->"  # of a panel that has nothing to show
+_UNITS = {"_m": (1e3, 0, "mm"), "_rad": (math.degrees(1), 1, "°"), "_s": (1.0, 2, "s"), "_n": (1.0, 1, "N")}
 _KEPT = 256  # rendered panels
 
 
@@ -26,6 +29,8 @@ def get_templates() -> Any:
     made.filters |= {
         "drawing": Markup,
         "number": _format_number,
+        "measure": _format_measure,
+        "quantity": lambda name: name.removesuffix(_find_unit(name)).replace("_", " "),
         "yaml": _render_yaml,
     }  # drawings and panels are escaped
     return made
@@ -62,7 +67,10 @@ class PanelRenderer:
         }
         head = {"panel": panel, "file": panel.file.format(**names), "command": panel.command.format(**names)}
         try:
-            inside = render(panel.name, query=query, **self._extras(), **panel.read(self.documents, query, status))
+            values = panel.read(self.documents, query, status)
+            if panel.empty and not values[panel.empty]:
+                return NOTHING
+            inside = render(panel.name, query=query, **self._extras(), **values)
         except (DefinitionError, ExecutionError, OSError, ValueError, LookupError, TypeError) as error:
             inside = render("unreadable", error=error)
         return render("panel", inside=inside, **head)
@@ -70,6 +78,18 @@ class PanelRenderer:
 
 def _format_number(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _find_unit(name: str) -> str:
+    """The end of a quantity's name that is its unit, as far as it is known."""
+    return next((unit for unit in _UNITS if name.endswith(unit)), "")
+
+
+def _format_measure(value: Any, name: str) -> str:
+    """A quantity in the unit in which people read it."""
+    factor, digits, unit = _UNITS.get(_find_unit(name), (1.0, 3, ""))
+    is_plain = isinstance(value, bool) or not isinstance(value, int | float)
+    return str(value) if is_plain else f"{factor * value:.{digits}f} {unit}".strip().replace("-", "−")
 
 
 def _render_yaml(value: Any) -> str:

@@ -4,11 +4,12 @@ import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from urllib.parse import urlencode
 
 from phyagentos.agent.tools.proposals import Proposals
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.pictures.goals import draw_goal
 from phyagentos.pictures.statechart import draw_statechart
 from phyagentos.pictures.trees import draw_tree, tick
@@ -17,15 +18,22 @@ from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.regular_files import open_regular, read_regular
 from phyagentos.protocol.sessions.estop import read_latch
-from phyagentos.protocol.sessions.evidence import BEFORE
+from phyagentos.protocol.sessions.evidence import BEFORE, TRAJECTORY
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
 from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.sessions.tasks import GoalStatus
+from phyagentos.protocol.settings.safety import get_target_limits, read_safety
+from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.store.views.tasks import describe_fault
+from phyagentos.view.comparison import list_moved
 from phyagentos.view.documents import Documents
 from phyagentos.view.frames import read_frames
+from phyagentos.view.plots import draw_plots
+from phyagentos.view.story import find_decisive, find_pictures, list_phases
+from phyagentos.view.timeline import read_timeline
 
-SESSIONS_SHOWN, LINES_SHOWN, FRAMES_SHOWN = 60, 40, 12
+SESSIONS_SHOWN, LINES_SHOWN, FRAMES_SHOWN, GOALS_SHOWN = 60, 40, 12, 20
 LINE_SHOWN = 2000  # letters of a line
 END_BYTES, PROPOSALS_BYTES = 1 << 16, 1 << 20  # read of a log; of proposals that are shown with a form
 Session = SessionStatus | None  # that a viewer has chosen, or that runs
@@ -50,6 +58,14 @@ class Query:
         return "./?" + urlencode({name: value for name, value in chosen.items() if value})
 
 
+class Place(StrEnum):
+    """Where a panel stands on a wide page."""
+
+    TOP = "top"
+    LEFT = "left"
+    RIGHT = "right"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panel:
     """One panel.
@@ -60,7 +76,8 @@ class Panel:
         command: What prints the same; `{id}` likewise, and `{w}` the workspace.
         read: The values of its template.
         follows: Parts of `Version` with which it changes.
-        is_right: On which side of a wide page it stands.
+        place: Where it stands on a wide page.
+        empty: A value of its template without which there is nothing to show; such a panel is absent.
     """
 
     name: str
@@ -69,21 +86,46 @@ class Panel:
     command: str
     read: Callable[[Documents, Query, Session], Fields]
     follows: tuple[str, ...] = ("journal",)
-    is_right: bool = False
+    place: Place = Place.LEFT
+    empty: str = ""
 
 
-def _read_goal(documents: Documents, query: Query, _: Session) -> Fields:
-    goal = documents.find_goal(query.goal)
+def _choose_goal(documents: Documents, query: Query, status: Session) -> GoalStatus | None:
+    """That of the address, else that of the session, else the latest."""
+    of_session = status.contract.goal if status is not None else ""
+    return documents.find_goal(query.goal or of_session) or documents.find_goal(query.goal)
+
+
+def _read_headline(documents: Documents, query: Query, status: Session) -> Fields:
+    goal = _choose_goal(documents, query, status)
+    others = list(documents.ledger.goals)[-GOALS_SHOWN:]
     if goal is None:
-        return {"goal": None, "goals": []}
+        return {"goal": None, "goals": others, "w": documents.given}
+    sessions = [each for node in goal.nodes.values() for each in node.sessions]
+    replans = [each for node in goal.nodes.values() for each in node.replans]
+    wall_s = read_timeline(documents, goal).length_s
+    return {"goal": goal, "goals": others, "sessions": sessions, "replans": replans, "wall_s": wall_s}
+
+
+def _read_timeline(documents: Documents, query: Query, status: Session) -> Fields:
+    goal = _choose_goal(documents, query, status)
+    timeline = read_timeline(documents, goal) if goal is not None else None
+    is_there = timeline is not None and (timeline.lanes or timeline.waiting)
+    return {"timeline": timeline if is_there else None, "status": status}
+
+
+def _read_goal(documents: Documents, query: Query, status: Session) -> Fields:
+    goal = _choose_goal(documents, query, status)
+    if goal is None or not goal.nodes:
+        return {"goal": None}
     svg = draw_goal(goal, find=query.find, link=lambda step: query.link(session=step.session) if step.session else "")
     every = [each for node in goal.nodes.values() for each in node.replans]
     replans = [(each, describe_fault(each, documents.ledger)) for each in every]
-    return {"goal": goal, "goals": list(documents.ledger.goals)[-20:], "svg": svg, "replans": replans}
+    return {"goal": goal, "svg": svg, "replans": replans}
 
 
-def _read_sessions(documents: Documents, query: Query, _: Session) -> Fields:
-    goal, wanted = documents.find_goal(query.goal), query.find.casefold()
+def _read_sessions(documents: Documents, query: Query, status: Session) -> Fields:
+    goal, wanted = _choose_goal(documents, query, status), query.find.casefold()
     every = [each for each in documents.ledger.sessions.values() if goal is None or each.contract.goal == goal.id]
     words = ((each, f"{each.contract.id} {each.state} {each.contract.skill}".casefold()) for each in reversed(every))
     found = [each for each, text in words if wanted in text]
@@ -91,13 +133,13 @@ def _read_sessions(documents: Documents, query: Query, _: Session) -> Fields:
 
 
 def _read_statechart(documents: Documents, _: Query, status: Session) -> Fields:
-    visited = documents.visited[status.contract.id] if status is not None else []
+    visited = [each.state for each in documents.passages[status.contract.id]] if status is not None else []
     return {"status": status, "visited": visited, "svg": draw_statechart(visited)}
 
 
 def _read_tree(documents: Documents, _: Query, status: Session) -> Fields:
     if status is None:
-        return {"root": None, "loose": []}
+        return {"has_run": False}
     trace, beat = documents.read_trace(status), documents.find_beat(status)
     root = next((event.path.partition("/")[0] for event in trace), status.contract.skill)
     library = documents.workspace.library()
@@ -105,16 +147,41 @@ def _read_tree(documents: Documents, _: Query, status: Session) -> Fields:
     try:
         drawing = draw_tree(read_tree(library.get_tree(root)), library)
     except DefinitionError:  # a policy, or an agent that chooses its tools
-        return {"root": None, "loose": trace[-LINES_SHOWN:], "active": active}
-    return {"root": tick(drawing, trace), "loose": [], "active": active, "beat": beat}
+        return {"has_run": bool(trace), "root": None, "loose": trace[-LINES_SHOWN:], "active": active}
+    return {"has_run": bool(trace), "root": tick(drawing, trace), "loose": [], "active": active}
 
 
-def _read_verdict(documents: Documents, _: Query, status: Session) -> Fields:
+def _read_story(documents: Documents, _: Query, status: Session) -> Fields:
     if status is None:
         return {"status": None}
-    parent = documents.ledger.sessions.get(status.contract.parent) if status.contract.parent else None
-    children = [each for each in documents.ledger.sessions.values() if each.contract.parent == status.contract.id]
-    return {"status": status, "parent": parent, "children": children, "folder": f"evidence/{status.contract.id}"}
+    sessions, beat = documents.ledger.sessions, documents.find_beat(status)
+    story: Fields = {
+        "status": status,
+        "parent": sessions.get(status.contract.parent) if status.contract.parent else None,
+        "children": [each for each in sessions.values() if each.contract.parent == status.contract.id],
+        "leaf": beat.leaf if beat is not None else "",
+        "decisive": find_decisive(status.decision),
+        "phases": [],
+        "pictures": [],
+        "moved": [],
+        "problem": "",
+    }
+    try:
+        bundle = documents.read_bundle(status)
+        story["phases"], story["pictures"] = list_phases(bundle.trace), find_pictures(bundle.folder)
+        story["moved"] = list_moved(documents, status)
+    except ExecutionError as error:
+        story["problem"] = str(error)
+    return story
+
+
+def _read_motion(documents: Documents, _: Query, status: Session) -> Fields:
+    path = documents.workspace.evidence_of(status.contract.id) / TRAJECTORY if status is not None else None
+    if status is None or path is None or not path.is_file():
+        return {"plots": []}
+    file = documents.workspace.safety
+    limits = get_target_limits(read_safety(file), status.contract.target, file.name)
+    return {"plots": draw_plots(read_arrays(path), limits), "status": status}
 
 
 def _read_world(documents: Documents, _: Query, status: Session) -> Fields:
@@ -143,7 +210,8 @@ def _read_guard(documents: Documents, _: Query, status: Session) -> Fields:
 def _read_log(documents: Documents, _: Query, __: Session) -> Fields:
     events = [line for line in _read_end(documents.workspace.log) if _EVENT.match(line)]
     logs = {path.stem: _read_end(path)[-LINES_SHOWN:] for path in sorted(documents.workspace.logs.glob("*.log"))}
-    return {"events": events[-LINES_SHOWN:], "logs": {name: lines for name, lines in logs.items() if lines}}
+    logs = {name: lines for name, lines in logs.items() if lines}
+    return {"events": events[-LINES_SHOWN:], "logs": logs, "has_lines": bool(events or logs)}
 
 
 def _read_end(path: Path) -> list[str]:
@@ -166,9 +234,13 @@ def _read_memory(documents: Documents, _: Query, __: Session) -> Fields:
 
 def _read_runtime(documents: Documents, _: Query, __: Session) -> Fields:
     place = documents.workspace
-    is_running = documents.is_running()
-    beats = documents.read_beats().values() if is_running else ()
-    return {"is_running": is_running, "latch": read_latch(place.signals.parent), "beats": list(beats)}
+    stages = documents.list_stages()
+    beats = documents.read_beats().values() if stages["runtime"] else ()
+    goal = documents.find_goal()
+    ended = [each for each in documents.ledger.sessions.values() if goal and each.contract.goal == goal.id]
+    is_open = goal is None or not (goal.verdict or goal.is_cancelled or any(each.execution for each in ended))
+    waits = stages["command"] and is_open and not stages["motion"]
+    return {"stages": stages, "begins": waits, "latch": read_latch(place.signals.parent), "beats": list(beats)}
 
 
 def _read_proposals(documents: Documents, _: Query, __: Session) -> Fields:
@@ -192,29 +264,39 @@ def _read_proposals(documents: Documents, _: Query, __: Session) -> Fields:
     return {"proposals": shown}
 
 
-_JOURNAL, _BEATS, _FILES = "journal", "beats", "files"
+_JOURNAL, _BEATS, _FILES, _STAGE = "journal", "beats", "files", "stage"
+_LIVE = (_JOURNAL, _BEATS)
 PANELS = (
+    Panel(name="headline", title="Run", file="TASK.md", command="paos graph -w {w}", read=_read_headline,
+          follows=_LIVE, place=Place.TOP),
     Panel(name="runtime", title="Now", file="heartbeats/", command="paos status -w {w}", read=_read_runtime,
-          follows=(_JOURNAL, _BEATS, _FILES, "runs")),
-    Panel(name="goal", title="Goal", file="TASK.md", command="paos graph -w {w}", read=_read_goal),
-    Panel(name="sessions", title="Sessions", file="SESSIONS.md", command="paos graph -w {w}", read=_read_sessions),
-    Panel(name="verdict", title="Verdict", file="SESSIONS.md", command="paos why {id} -w {w}", read=_read_verdict),
-    Panel(name="guard", title="Guard", file="evidence/{id}/events.jsonl", command="paos why {id} -w {w}",
-          read=_read_guard),
-    Panel(name="proposals", title="Proposals", file="proposals/new/", command="paos approve -w {w}",
-          read=_read_proposals, follows=(_FILES,)),
-    Panel(name="memory", title="Memory", file="LESSONS.md", command="paos memory show --all -w {w}", read=_read_memory,
-          follows=(_FILES,)),
-    Panel(name="log", title="Log", file="LOG.md", command="paos logs -w {w}", read=_read_log,
-          follows=(_JOURNAL, _FILES)),
+          follows=(_JOURNAL, _BEATS, _FILES, _STAGE), place=Place.TOP),
+    Panel(name="timeline", title="Timeline", file="sessions/", command="paos graph -w {w}", read=_read_timeline,
+          follows=_LIVE, place=Place.TOP, empty="timeline"),
+    Panel(name="story", title="Session", file="SESSIONS.md", command="paos why {id} -w {w}", read=_read_story,
+          follows=_LIVE, place=Place.TOP, empty="status"),
     Panel(name="scene", title="Scene", file="evidence/{id}/motion.npz", command="paos render {id} -w {w}",
-          read=_read_scene, follows=(_JOURNAL, _BEATS), is_right=True),
-    Panel(name="tree", title="Behaviour tree", file="evidence/{id}/trace.jsonl", command="paos tree show {skill}",
-          read=_read_tree, follows=(_JOURNAL, _BEATS), is_right=True),
-    Panel(name="world", title="Objects", file="evidence/{id}/environment_after.json",
-          command="paos context -w {w}", read=_read_world, follows=(_JOURNAL, _FILES), is_right=True),
+          read=_read_scene, follows=_LIVE, empty="status"),
+    Panel(name="motion", title="Motion", file="evidence/{id}/trajectory.npz", command="paos render {id} -w {w}",
+          read=_read_motion, empty="plots"),
     Panel(name="frames", title="Camera frames", file="evidence/{id}/looks.json",
-          command="paos verify {id} -w {w} --from-frames", read=_read_frames, is_right=True),
+          command="paos verify {id} -w {w} --from-frames", read=_read_frames, empty="frames"),
+    Panel(name="world", title="Objects", file="evidence/{id}/environment_after.json",
+          command="paos context -w {w}", read=_read_world, follows=(_JOURNAL, _FILES), empty="world"),
     Panel(name="statechart", title="Statechart", file="sessions/", command="paos lifecycle", read=_read_statechart,
-          is_right=True),
+          empty="status"),
+    Panel(name="tree", title="Behaviour tree", file="evidence/{id}/trace.jsonl", command="paos tree show {skill}",
+          read=_read_tree, follows=_LIVE, place=Place.RIGHT, empty="has_run"),
+    Panel(name="guard", title="Guard", file="evidence/{id}/events.jsonl", command="paos why {id} -w {w}",
+          read=_read_guard, place=Place.RIGHT, empty="events"),
+    Panel(name="goal", title="Goal", file="TASK.md", command="paos graph -w {w}", read=_read_goal, place=Place.RIGHT,
+          empty="goal"),
+    Panel(name="sessions", title="Sessions", file="SESSIONS.md", command="paos graph -w {w}", read=_read_sessions,
+          place=Place.RIGHT, empty="all"),
+    Panel(name="proposals", title="Proposals", file="proposals/new/", command="paos approve -w {w}",
+          read=_read_proposals, follows=(_FILES,), place=Place.RIGHT, empty="proposals"),
+    Panel(name="memory", title="Memory", file="LESSONS.md", command="paos memory show --all -w {w}", read=_read_memory,
+          follows=(_FILES,), place=Place.RIGHT, empty="entries"),
+    Panel(name="log", title="Log", file="LOG.md", command="paos logs -w {w}", read=_read_log,
+          follows=(_JOURNAL, _FILES), place=Place.RIGHT, empty="has_lines"),
 )  # fmt: skip

@@ -18,7 +18,7 @@ from phyagentos.view import actions, comparison, scenes
 from phyagentos.view.access import Access, hash_source
 from phyagentos.view.documents import Documents, Version
 from phyagentos.view.pages import PanelRenderer, render
-from phyagentos.view.panels import PANELS, Query
+from phyagentos.view.panels import PANELS, Place, Query
 
 LOOK_PERIOD_S = 0.4  # between two looks at the documents
 SILENCE_S = 10.0  # after so long a stream says that it lives
@@ -167,7 +167,7 @@ def _add_pages(
         shown = [(panel, renderer.render(panel, query)) for panel in PANELS]
         return render(
             "page",
-            sides=[[each for each in shown if each[0].is_right == is_right] for is_right in (False, True)],
+            places={place.value: [each for each in shown if each[0].place is place] for place in Place},
             query=query,
             stream=query.link().replace("./", "events", 1),
             status=status,

@@ -146,10 +146,11 @@ def test_a_goal_without_a_plan_says_what_is_missing(paos):
 
 
 @pytest.mark.slow
-def test_a_scene_has_to_be_named_once(paos):
-    assert paos("ask", SHORT).code == ExitCode.INVALID_INPUT
-    paos("ask", SHORT, *CUBES)
-    assert paos("ask", "put the blue cube into the blue tray").code == ExitCode.GOAL_MET
+def test_a_first_request_is_about_the_scene_of_the_project_else_of_the_first_example(paos, monkeypatch):
+    assert "tabletop/cubes_and_trays" in paos("ask", SHORT).out
+    paos("init", "mine")
+    monkeypatch.chdir("mine")
+    assert "in desk" in paos("ask", "put the block into the box").out
 
 
 @pytest.mark.slow

@@ -96,7 +96,7 @@ def test_a_run_is_followed_from_its_start_to_its_verdict_without_a_reload(worksp
     with served(workspace.root) as server:
         page = visits.open(server, with_scene=True)
         assert "not running" in get_panel(page, "runtime").text_content()
-        assert "No goal has been submitted" in get_panel(page, "goal").text_content()
+        assert "No goal has been submitted" in get_panel(page, "headline").text_content()
         page.evaluate(WATCH)
         with running(workspace, "--faults", "faults/slip.yaml") as run:
             wait_until(lambda: is_moving(workspace) or run.poll() is not None, "a robot that moves", PATIENCE_S)
@@ -115,7 +115,7 @@ def test_a_run_is_followed_from_its_start_to_its_verdict_without_a_reload(worksp
             shoot(page, "live_moved", whole=False)
             assert page.locator("#panel-scene iframe").get_attribute("title") == "3D scene of tidy_table-7.red"
             resume(workspace)
-            goal = get_panel(page, "goal").locator("p .state.success")
+            goal = get_panel(page, "headline").locator("p .state.success")
             goal.wait_for()
             assert run.wait(PATIENCE_S) == 0
         get_panel(page, "runtime").get_by_text("not running").wait_for()

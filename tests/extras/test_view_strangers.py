@@ -82,13 +82,13 @@ def hostile(desk):
 def test_texts_of_documents_are_shown_and_no_script_of_theirs_runs(hostile, desk, visits):
     with served(desk.workspace.root, "--allow-actions") as server:
         page = visits.open(server, f"/?session={hostile}", with_scene=True)
-        for name in ("runtime", "goal", "verdict", "guard", "log", "tree", "world"):
+        for name in ("headline", "runtime", "goal", "story", "guard", "log", "tree", "world"):
             assert ATTACK in get_panel(page, name).text_content(), name
         assert "window.hurt=1" in get_panel(page, "proposals").text_content()
         page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true })")
         shoot(page, "hostile")
         assert page.evaluate("window.hurt") is None
-        assert page.evaluate("document.querySelector('#panel-scene iframe').contentDocument === null"), "each apart"
+        await_true(page, "document.querySelector('#panel-scene iframe').contentDocument === null")  # each apart
         assert page.evaluate("document.querySelectorAll('main script, main img[src=x], svg[onload]').length") == 0
         for path in (
             f"/?find={quote(ATTACK)}&session={quote(ATTACK)}&goal={quote(ATTACK)}",

@@ -13,7 +13,7 @@ from phyagentos.protocol.workspace.array_files import encode_arrays
 from phyagentos.view.access import FORM_HEADER, Access
 from phyagentos.view.archive import build_archive
 from phyagentos.view.comparison import compare_sessions
-from phyagentos.view.pages import PanelRenderer
+from phyagentos.view.pages import NOTHING, PanelRenderer
 from phyagentos.view.panels import PANELS, Query
 from tests.looks import keep_look
 from tests.view.conftest import HOSTILE
@@ -65,6 +65,9 @@ def see(text):
 @pytest.mark.parametrize("panel", PANELS, ids=lambda panel: panel.name)
 def test_every_panel_names_its_file_and_the_command_that_prints_the_same(told, panel):
     shown = see(read(told, panel.name, session="tidy-7.a"))
+    if panel.name in {"frames", "proposals", "memory", "log"}:  # they have nothing to show
+        assert read(told, panel.name, session="tidy-7.a") == NOTHING
+        return
     assert panel.title in shown
     assert panel.file.format(id="tidy-7.a") in shown
     names = {"w": told.given, "id": "tidy-7.a", "skill": "pick_and_place"}
@@ -72,15 +75,16 @@ def test_every_panel_names_its_file_and_the_command_that_prints_the_same(told, p
 
 
 def test_panels_say_what_the_told_say(told):
-    assert "Tidy." in see(read(told, "goal"))
+    assert "Tidy." in see(read(told, "headline"))
+    assert "2 sessions 1 replan" in see(read(told, "headline"))
     assert "tidy-7.a → tidy-7.a.r1" in see(read(told, "goal"))
     assert "2 of 2 found" in see(read(told, "sessions"))
     chart = see(read(told, "statechart", session="tidy-7.a"))
     assert "pending → claimed → preflight → running → halting → awaiting verification → verifying → replanned" in chart
     assert "JOINT_ACCELERATION too fast" in see(read(told, "guard", session="tidy-7.a"))
-    verdict = see(read(told, "verdict", session="tidy-7.a"))
-    assert "replan GRASP_LOST" in verdict
-    assert "Continued by tidy-7.a.r1" in verdict
+    story = see(read(told, "story", session="tidy-7.a"))
+    assert "replan GRASP_LOST" in story
+    assert "Continued by tidy-7.a.r1" in story
     world = see(read(told, "world", session="tidy-7.a"))
     assert "red_cube 0.300 0.000 0.020 seen 2.5 s 50 %" in world
 
@@ -92,7 +96,7 @@ def test_frames_show_where_things_were_seen_in_them(documents, access):
     cube = world["entities"]["red_cube"]
     cube["evidence"] = ["top@0.500:91,47,9,8", "left@0.400:1,2,3,4", "left@0.500:1,2,<b>", "top"]
     (folder / "environment_before.json").write_text(json.dumps(world))
-    top, left = read(documents, "frames", session="tidy-7.a").split("<figure>")[1:]
+    top, left = read(documents, "frames", session="tidy-7.a").split("<figure")[1:]
     assert '<rect x="91" y="47" width="9" height="8"><title>red_cube</title></rect>' in top
     assert "top 0.50 s (start) sees red_cube" in see(top)
     assert "<rect" not in left
@@ -115,13 +119,13 @@ def test_without_a_choice_the_page_follows_the_session_that_runs(documents, desk
     third = desk.submit("b")
     documents.refresh()
     assert documents.find_session().contract.id == third
-    assert "pending" in see(read(documents, "verdict"))
+    assert "pending" in see(read(documents, "story"))
 
 
 def test_texts_of_told_are_shown_and_never_run(told):
     for panel in PANELS:
         assert "<script" not in read(told, panel.name, session="tidy-7.a")
-    assert HOSTILE in see(read(told, "goal"))
+    assert HOSTILE in see(read(told, "headline"))
     assert "<script" not in build_archive(told, told.find_goal())
 
 
@@ -129,7 +133,8 @@ def test_damaged_evidence_is_named_in_its_panel_and_the_others_stand(documents):
     (documents.workspace.evidence_of("tidy-7.a") / "trace.jsonl").write_text("{")
     assert "trace" in see(read(documents, "tree", session="tidy-7.a"))
     assert 'role="alert"' in read(documents, "tree", session="tidy-7.a")
-    assert "Tidy." in see(read(documents, "goal", session="tidy-7.a"))
+    assert "EVIDENCE_DAMAGED" in see(read(documents, "story", session="tidy-7.a"))
+    assert "Tidy." in see(read(documents, "headline", session="tidy-7.a"))
 
 
 def test_a_comparison_shows_what_differs_and_nothing_else(told):
@@ -143,7 +148,7 @@ def test_a_comparison_shows_what_differs_and_nothing_else(told):
 def test_an_archive_needs_no_server(told):
     page = build_archive(told, told.find_goal())
     assert not re.search(r"(src|href)=\"(?!data:|#)", page)
-    assert page.count('<section id="session-') == 2
+    assert page.count('id="session-') == 2
 
 
 def test_a_thousand_nodes_are_collapsed_by_state_and_found_by_name(desk):
@@ -349,4 +354,4 @@ def test_a_document_of_400_mb_stops_no_panel_and_a_link_is_not_followed(document
     assert "of another folder" not in see(read(documents, "log"))
     for name, code in (("memory", "bytes"), ("tree", "EVIDENCE_DAMAGED")):
         assert code in see(read(documents, name, session="tidy-7.a"))
-    assert "Tidy." in see(read(documents, "goal"))
+    assert "Tidy." in see(read(documents, "headline"))

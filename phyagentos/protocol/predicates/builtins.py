@@ -37,6 +37,7 @@ from phyagentos.protocol.world.entity_geometry import (
     find_bridged_top,
     find_tops_below,
     is_around,
+    list_points,
 )
 from phyagentos.protocol.world.environment import CLOSED_M, CLOSES_AT, FRESH_S, OPENS_AT, Entity, Status, TargetState
 from phyagentos.wording import compare_angles, compare_lengths, format_angle, format_length, format_share
@@ -94,7 +95,7 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
     box = get_place(view, b)
     if box.half_m == (0.0, 0.0, 0.0):
         return Reading(-1.0, {"interior": False}, f"{b} has no interior")
-    points = [to_child(box.pose, point) for point in _list_points(a)]
+    points = [to_child(box.pose, point) for point in list_points(a)]
     up = rotate(box.pose.quaternion_wxyz, UP)
     low_m = compute_lowest(a, up) - sum(p * u for p, u in zip(box.pose.position_m, up, strict=True))
     slack_m = {
@@ -118,14 +119,9 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
     return Reading(margin, {name: round(s, 5) for name, s in slack_m.items()}, because, abs(margin - turned))
 
 
-def _list_points(a: Entity) -> list[Vector]:
-    """The points of an object that say where it is, in the world: its centre, and its datum."""
-    return [compute_center(a), *([] if a.datum_m is None else [to_parent(a.pose, a.datum_m)])]
-
-
 def measure_centred(view: View, a: Entity, b: Entity, tol_m: float) -> Reading:
     """Datums no further apart than `tol_m` as seen from above; centres where one has none."""
-    *_, (one, other) = zip(_list_points(a), _list_points(b), strict=False)  # in the order: centre, datum
+    *_, (one, other) = zip(list_points(a), list_points(b), strict=False)  # in the order: centre, datum
     apart_m = math.dist(one[:2], other[:2])
     apart, allowed = compare_lengths(apart_m, tol_m)
     because = f"{a.name} is {apart} off the middle of {b.name}; up to {allowed} is allowed"
@@ -197,14 +193,18 @@ def _find_sure_top(view: View, a: Entity, b: str, doubt_m: float, near_m: float)
 
 
 def _find_between(view: View, a: Entity, b: str, top_m: float, most_m: float) -> Entity | None:
-    """An object under the middle of a with its top above b's by up to `most_m`; what a is in has a floor, if thin."""
-    center, of = to_parent(a.pose, compute_centroid(a)), view.now.entities.get(b)
+    """An object under the middle of a whose top is above that of b, and by no more than `most_m`.
+
+    A container that a is inside of has a floor, however thin: what people put into it they took off the table.
+    """
+    center, highest_m = to_parent(a.pose, compute_centroid(a)), top_m + most_m
+    of = view.now.entities.get(b)
     for other in view.now.entities.values():
         is_part = of is not None and (other.part_of == b or of.part_of == other.name)
         if other.name in {a.name, b} or is_part or other.held_by or not (other.movable or of is not None):
             continue
         tops, least_m = find_tops_below(other, center[0], center[1], 0.0), 0.0 if is_around(other, a) else CONTACT_M
-        if other.status is not Status.GONE and any(top_m + least_m < top.point_m[2] <= top_m + most_m for top in tops):
+        if other.status is not Status.GONE and any(top_m + least_m < top.point_m[2] <= highest_m for top in tops):
             return other
     return None
 

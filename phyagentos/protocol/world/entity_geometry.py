@@ -59,12 +59,6 @@ def compute_centroid(entity: Entity) -> Vector:
     return (x, y, z)
 
 
-def is_around(container: Entity, load: Entity) -> bool:
-    """Whether the centre of a load is within the sides of a container's interior."""
-    inside, center = container.interior, to_child(container.pose, compute_center(load))
-    return inside is not None and all(abs(center[i] - inside.center_m[i]) <= inside.half_m[i] for i in (0, 1))
-
-
 def compute_volume(kind: ShapeKind, size_m: Sequence[float]) -> float:
     """Of a solid [m^3]; sizes as of `ShapeKind`."""
     if kind is ShapeKind.BOX:
@@ -252,3 +246,14 @@ def _compute_support(shape: Shape, direction: Vector) -> float:
         return sum(abs(x) * h for x, h in zip(d, size, strict=True))
     along_m = 0.0 if shape.kind is ShapeKind.SPHERE else abs(d[2]) * size[1]
     return along_m + (math.hypot(d[0], d[1]) * radius_m if shape.kind is ShapeKind.CYLINDER else radius_m)
+
+
+def list_points(a: Entity) -> list[Vector]:
+    """The points of an object that say where it is, in the world: its centre, and its datum."""
+    return [compute_center(a), *([] if a.datum_m is None else [to_parent(a.pose, a.datum_m)])]
+
+
+def is_around(container: Entity, a: Entity) -> bool:
+    """Whether the centre of a is within the sides of a container's interior."""
+    inside, center = container.interior, to_child(container.pose, compute_center(a))
+    return inside is not None and all(abs(center[i] - inside.center_m[i]) <= inside.half_m[i] for i in (0, 1))

@@ -78,7 +78,8 @@ class SafetyGuard:
     @property
     def start_rad(self) -> Array:
         """Where the first command is expected to begin (n_joints,)."""
-        return self._points[0, 0].copy()
+        start: Array = self._points[0, 0].copy()
+        return start
 
     def begin_again(self, q_rad: Array) -> None:
         """As `begin`, where the target has moved since; what its encoders alone may explain is no motion."""

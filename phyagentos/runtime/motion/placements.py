@@ -143,7 +143,7 @@ class _Search:
         )
         turned = {degrees: cache(partial(_turn, degrees, placing, self.tilt)) for degrees in attitudes}
         found, avoided = list[Approach](), set(request.avoid)
-        for fall_m, sites, release_m in product(_list_falls(placing), groups, self.releases_m):
+        for fall_m, sites, release_m in product(_list_falls(placing), filter(None, groups), self.releases_m):
             ways = (
                 [
                     way

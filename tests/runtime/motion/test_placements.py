@@ -242,3 +242,11 @@ def test_the_datum_of_what_is_larger_than_its_place_is_put_within_it_as_well(pla
     world = deep(0.02, x=0.037, y=0.04)
     assert isinstance(place_into(planner, build.replace(world, mug), home, 0.06), Approaches)
     assert place_into(planner, build.replace(world, marked), home, 0.06).code in {"NO_SPACE", "NO_FREE_SITE"}
+
+
+def test_a_thing_is_put_across_the_slats_of_a_floor_where_a_circle_around_it_finds_none(planner, build, deep, home):
+    table, vessel, cube = deep(0.055, half_m=0.0105, x=0.092, y=0.057).entities
+    slats = [build.box((0, y, 0.0025), (0.092, 0.0082, 0.0025)) for y in (-0.0492, -0.0164, 0.0164, 0.0492)]
+    slatted = msgspec.structs.replace(vessel, shapes=(*slats, *vessel.shapes[1:]))
+    answer = place_into(planner, World((table, slatted, cube)), home, 0.021, count=1)
+    assert isinstance(answer, Approaches), answer

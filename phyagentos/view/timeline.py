@@ -1,0 +1,187 @@
+"""A goal over time: its sessions as bars, a lane for each target, with what led from one to another and what happened.
+
+All from records and evidence. Records have wall times. What evidence holds in simulated time is placed in between,
+evenly over the time in which its session ran.
+"""
+
+import contextlib
+import datetime
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import groupby
+
+from phyagentos.clock import compute_seconds
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
+from phyagentos.protocol.sessions.looks import read_looks
+from phyagentos.protocol.sessions.session import SessionStatus
+from phyagentos.protocol.sessions.tasks import GoalStatus, Relation, get_step_name
+from phyagentos.view.documents import Documents
+
+BARS_MARKED = 40  # with more, evidence is not read for marks
+TICKS = 8  # of the axis, at most
+_ROUND_S = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600, 86400)
+_S = SessionState
+_PHASES = {
+    **dict.fromkeys((_S.CLAIMED, _S.PREFLIGHT), "checking"),
+    **dict.fromkeys((_S.RUNNING, _S.HALTING, _S.CANCELLING, _S.OUTCOME_UNKNOWN), "running"),
+    **dict.fromkeys((_S.AWAITING_VERIFICATION, _S.VERIFYING), "judging"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A part of the time of a session: `checking`, `running` or `judging`, since the goal was submitted [s]."""
+
+    phase: str
+    from_s: float
+    to_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A moment: a `look` of the cameras, a `guard` that intervened, a `request` of an operator."""
+
+    kind: str
+    at_s: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """One session.
+
+    Attributes:
+        name: Its id without the goal.
+        spans: Growing, one after another; empty while it waits.
+        sim_s: First and last simulated time of what it ran; equal where that is not known.
+    """
+
+    status: SessionStatus
+    name: str
+    spans: tuple[Span, ...]
+    marks: tuple[Mark, ...] = ()
+    sim_s: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def from_s(self) -> float:
+        """Wall time of its claim."""
+        return self.spans[0].from_s
+
+    @property
+    def to_s(self) -> float:
+        """Wall time of its end."""
+        return self.spans[-1].to_s
+
+    @property
+    def ran(self) -> Span:
+        """When it ran; without that, the whole."""
+        found = [each for each in self.spans if each.phase == "running"]
+        return Span("running", *((found[0].from_s, found[-1].to_s) if found else (self.from_s, self.to_s)))
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """What led from one session to another: the lanes and times of both."""
+
+    relation: Relation
+    before: Bar
+    after: Bar
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """One goal.
+
+    Attributes:
+        began: Wall time of its submission, UTC.
+        length_s: Until its latest record, or the latest heartbeat while something runs.
+        lanes: Target -> its bars.
+        waiting: Sessions that no worker has claimed yet.
+        requests: Of operators.
+    """
+
+    began: str
+    length_s: float
+    lanes: dict[str, list[Bar]]
+    waiting: list[Bar]
+    links: list[Link]
+    requests: list[Mark]
+
+    @property
+    def ticks(self) -> list[float]:
+        """Times of the axis [s]."""
+        step_s = next((each for each in _ROUND_S if self.length_s / each <= TICKS), self.length_s)
+        return [number * step_s for number in range(int(self.length_s / step_s) + 1)] if step_s else [0.0]
+
+    def share(self, at_s: float) -> float:
+        """A time as a share of the whole [%]."""
+        return round(100.0 * min(max(at_s / self.length_s, 0.0), 1.0), 3) if self.length_s else 0.0
+
+    def stamp(self, at_s: float) -> float:
+        """A time since the epoch [ms]."""
+        return 1e3 * (datetime.datetime.fromisoformat(self.began).timestamp() + at_s)
+
+
+def read_timeline(documents: Documents, goal: GoalStatus) -> Timeline:
+    """The timeline of a goal so far."""
+    sessions = [each for each in documents.ledger.sessions.values() if each.contract.goal == goal.id]
+    passages = [each.at for status in sessions for each in documents.passages[status.contract.id]]
+    began = goal.submitted_at or min(passages, default=goal.updated_at)
+    ends = [*passages, goal.updated_at]
+    if any(each.state not in FINAL_STATES and each.claimed_by for each in sessions):
+        beat = datetime.datetime.fromtimestamp(documents.version.beats / 1e9, datetime.UTC)
+        ends.append(beat.isoformat(timespec="microseconds").replace("+00:00", "Z"))
+    length_s = max((compute_seconds(began, each) for each in ends if each), default=0.0)
+    bars = [_read_bar(documents, status, began, length_s, marks=len(sessions) <= BARS_MARKED) for status in sessions]
+    lanes: dict[str, list[Bar]] = {}
+    for bar in bars:
+        if bar.spans:
+            lanes.setdefault(bar.status.contract.target, []).append(bar)
+    by_id = {bar.status.contract.id: bar for bar in bars if bar.spans}
+    links = [
+        Link(each.relation, by_id[each.session], by_id[each.child])
+        for node in goal.nodes.values()
+        for each in node.replans
+        if each.session in by_id and each.child in by_id
+    ]
+    own = {*by_id, f"goal:{goal.id}"}
+    requests = [
+        Mark("request", compute_seconds(began, each.at), f"{each.ev} by {each.by}")
+        for each in documents.requests
+        if each.id in own
+    ]
+    waiting = [bar for bar in bars if not bar.spans]
+    return Timeline(began, length_s, dict(sorted(lanes.items())), waiting, links, requests)
+
+
+def _read_bar(documents: Documents, status: SessionStatus, began: str, length_s: float, *, marks: bool) -> Bar:
+    entered = [(each.state, compute_seconds(began, each.at)) for each in documents.passages[status.contract.id]]
+    ends = [at_s for _, at_s in entered[1:]] + [length_s]
+    states = [
+        Span(_PHASES.get(SessionState(state), ""), from_s, to_s)
+        for (state, from_s), to_s in zip(entered, ends, strict=True)
+    ]
+    runs = ((phase, [*same]) for phase, same in groupby(states, key=lambda each: each.phase))
+    spans = tuple(Span(phase, same[0].from_s, same[-1].to_s) for phase, same in runs if phase)
+    if not spans and status.state in FINAL_STATES:
+        spans = (Span("checking", entered[-1][1], entered[-1][1]),)
+    bar = Bar(status, get_step_name(status.contract.goal, status.contract.id), spans)
+    if not marks or not spans or status.execution is None:
+        return bar
+    with contextlib.suppress(ExecutionError, OSError):  # its own panels say what is wrong with its evidence
+        bundle = documents.read_bundle(status)
+        first_s = bundle.before.time_s if bundle.before is not None else 0.0
+        sim_s = (first_s, first_s + status.execution.sim_time_s)
+        return Bar(status, bar.name, spans, tuple(_iter_marks(documents, bar, sim_s)), sim_s)
+    return bar
+
+
+def _iter_marks(documents: Documents, bar: Bar, sim_s: tuple[float, float]) -> Iterator[Mark]:
+    folder = documents.workspace.evidence_of(bar.status.contract.id)
+    looks = [(each.time_s, "look", f"look ({each.role})") for each in read_looks(folder)]
+    guard = [(each.time_s, "guard", f"guard: {each.code}") for each in documents.read_interventions(bar.status)]
+    for time_s, kind, text in (*looks, *guard):
+        share = min(max((time_s - sim_s[0]) / max(sim_s[1] - sim_s[0], 1e-9), 0.0), 1.0)
+        at_s = bar.ran.from_s + share * (bar.ran.to_s - bar.ran.from_s)
+        yield Mark(kind, at_s, f"{text} at {time_s:.2f} s simulated")

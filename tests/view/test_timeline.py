@@ -1,0 +1,51 @@
+"""The timeline: what stands where on it, by the records alone."""
+
+import pytest
+
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.tasks import Relation
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.view.timeline import Timeline, read_timeline
+
+
+def test_a_session_is_a_bar_in_its_targets_lane_and_its_revision_is_linked_to_it(told):
+    timeline = read_timeline(told, told.find_goal())
+    first, second = timeline.lanes["panda"]
+    assert (first.name, second.name) == ("a", "a.r1")
+    assert [span.phase for span in first.spans] == ["checking", "running", "judging"]
+    assert 0.0 <= first.from_s <= first.to_s <= second.from_s <= second.to_s <= timeline.length_s
+    ((link),) = timeline.links
+    assert (link.relation, link.before, link.after) == (Relation.REPLAN, first, second)
+    assert timeline.waiting == []
+
+
+def test_what_evidence_says_in_simulated_time_stands_within_the_time_in_which_the_session_ran(told):
+    (first, _) = read_timeline(told, told.find_goal()).lanes["panda"]
+    (mark,) = first.marks
+    assert (mark.kind, first.sim_s) == ("guard", (3.5, pytest.approx(7.4)))
+    assert "JOINT_ACCELERATION" in mark.text
+    assert first.ran.from_s <= mark.at_s <= first.ran.to_s
+
+
+def test_a_session_without_a_worker_waits_and_a_request_of_an_operator_is_marked(documents, desk):
+    waiting = desk.submit("b")
+    documents.refresh()
+    assert [bar.name for bar in read_timeline(documents, documents.find_goal()).waiting] == ["b"]
+    with_hand = Journal(desk.workspace.root, side=Side.OPERATOR, by="person", clock=SystemClock())
+    with_hand.read_new()
+    with_hand.commit([Entry(waiting, "cancel", {"reason": "supper"})])
+    with_hand.close()
+    documents.refresh()
+    timeline = read_timeline(documents, documents.find_goal())
+    assert timeline.waiting == []
+    assert [(mark.kind, mark.text) for mark in timeline.requests] == [("request", "cancel by person")]
+
+
+@pytest.mark.parametrize(
+    ("length_s", "ticks"), [(0.0, [0.0]), (14.5, [0, 2, 4, 6, 8, 10, 12, 14]), (600.0, [0, 120, 240, 360, 480, 600])]
+)
+def test_the_axis_has_few_round_ticks(length_s, ticks):
+    timeline = Timeline("2026-01-01T00:00:00Z", length_s, {}, [], [], [])
+    assert timeline.ticks == ticks
+    assert all(0.0 <= timeline.share(tick) <= 100.0 for tick in timeline.ticks)
