@@ -37,8 +37,9 @@ def get_file(argument: Path, folder: str) -> Path:
     names = (argument, Path(folder) / argument, Path(folder) / f"{argument}.yaml")
     if (found := next((root / name for root in roots for name in names if (root / name).is_file()), None)) is not None:
         return found
-    known = sorted({path.stem for root in roots for path in (root / folder).glob("*.yaml")})
-    hint = format_hint(argument.stem, known)
+    files = {path.relative_to(root / folder) for root in roots for path in (root / folder).rglob("*.yaml")}
+    known = sorted(path.with_suffix("").as_posix() for path in files)
+    hint = format_hint(argument.with_suffix("").as_posix(), known)
     expected = f"a path or a name in {folder}/" if hint else f"a path, or one of: {format_names(known)}"
     raise DefinitionError.of("UNKNOWN_NAME", str(argument), "no such file", expected, hint, "file")
 

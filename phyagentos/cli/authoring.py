@@ -1,16 +1,20 @@
 """Commands for people who write goals and skills: `init`, `lint` and `compile`."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from msgspec.structs import replace
 
 from phyagentos.assembly.project import get_file, parse_overrides
 from phyagentos.cli.arguments import Overrides, RunPython
+from phyagentos.cli.exporting import draw_without_screen
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.reply import Reply
+from phyagentos.errors import DefinitionError
 from phyagentos.operations.init import Extension
 from phyagentos.wording import count
 
@@ -28,6 +32,12 @@ def init(
     from phyagentos.operations.init import init
 
     found = init(folder, extensions or ())
+    with suppress(DefinitionError, StopIteration):  # no scene was written, or nothing can be drawn here
+        scene = next(path for path in map(Path, found.files) if path.parent.name == "scenes")
+        draw_without_screen()
+        from phyagentos.operations.scene_files import render
+
+        found = replace(found, files=(*found.files, str(render(scene, scene.with_suffix(".png")).file)))
     install = "" if find_spec("pytest") else "pip install pytest && "  # which no run needs
     test = f"{install}pytest {found.tests} && " if found.tests else ""
     steps = f"next: {test}paos lint {folder} && paos run {found.graph}"

@@ -6,8 +6,9 @@ MUJOCO_GL selects the graphics when MuJoCo is imported.
 import io
 import itertools
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from textwrap import shorten
 
 import mujoco
 import numpy as np
@@ -21,7 +22,7 @@ WIDTH, HEIGHT, LINE_PX, MARGIN_PX, GAP_PX, FONT_PX = 1000, 720, 22, 12, 6, 15
 AZIMUTH_DEG, ELEVATION_DEG, SPARE = 180.0, -42.0, 1.25
 LEAST_RADIUS_M, TALL = 0.3, 0.3  # of what is looked at; height of an arrow, as a share of its length
 GHOST_ALPHA, ARROW, PAPER, INK = 0.45, (255, 138, 0), (250, 250, 248, 235), (24, 28, 32)
-MOST_LINES, LABEL_PX = 14, 11  # half the height of a label
+MOST_LINES, LETTERS, LABEL_PX = 14, 120, 11  # of a line; half the height of a label
 _SIDES = ((0, -1), (0, 1), (1, 0), (-1, 0), (1, -1), (-1, -1), (1, 1), (-1, 1))
 _AWAY_PX = (10, 24, 42, 64, 90, 120)
 
@@ -31,9 +32,10 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """A body that goes to a place (3,) of its origin in the world [m], by the numbered line of the text."""
+    """A body whose origin goes from one place (3,) in the world to another [m], by the numbered line of the text."""
 
     name: str
+    from_m: Vector
     to_m: Vector
     number: int
 
@@ -64,39 +66,32 @@ def draw_labelled(model: mujoco.MjModel, data: mujoco.MjData, drawing: Drawing) 
             renderer.update_scene(data, drawing.camera or _aim(model, data, drawing))
             for move in drawing.moves:
                 _add_ghost(renderer.scene, model, data, move)
-            image, view = Image.fromarray(renderer.render()), _View.read(renderer.scene)
+            image, project = Image.fromarray(renderer.render()), _make_projection(renderer.scene)
     except Exception as error:  # graphics drivers raise what they like
         found = f"{type(error).__name__}: {error}"
         raise DefinitionError.of(
             "NO_GRAPHICS", "the picture", found, "MuJoCo's graphics", "See `paos doctor`."
         ) from error
-    _write(image, _locate(model, data, drawing, view), [*_iter_arcs(data, drawing, view)])
+    at = {name: project(data.geom_xpos[int(model.body(name).geomadr[0])]) for name in drawing.names}
+    seen = {name: (x, y) for name, (x, y) in at.items() if 0 <= x < WIDTH and 0 <= y < HEIGHT}
+    _write(image, seen, {move.number: [*map(project, _trace(move))] for move in drawing.moves})
     buffer = io.BytesIO()
     _extend(image, drawing.lines).save(buffer, format="PNG")
     return buffer.getvalue()
 
 
-@dataclass(frozen=True, slots=True)
-class _View:
-    """Where points of the world are in the picture."""
+def _make_projection(scene: mujoco.MjvScene) -> Callable[[NDArray[np.float64]], Pixel]:
+    """What gives the pixel of a point (3,) of the world."""
+    left, right = scene.camera
+    middle_m, slope = (np.array(left.pos) + right.pos) / 2, left.frustum_top / left.frustum_near
+    aside = np.cross(left.forward, left.up)
 
-    position_m: NDArray[np.float64]
-    forward: NDArray[np.float64]
-    up: NDArray[np.float64]
-    slope: float  # of the upper edge of the picture
+    def project(point_m: NDArray[np.float64]) -> Pixel:
+        way_m = point_m - middle_m
+        x, y = (HEIGHT / 2 * float(way_m @ axis / (way_m @ left.forward)) / slope for axis in (aside, left.up))
+        return WIDTH / 2 + x, HEIGHT / 2 - y
 
-    @classmethod
-    def read(cls, scene: mujoco.MjvScene) -> "_View":
-        left, right = scene.camera
-        middle = (np.array(left.pos) + right.pos) / 2
-        return cls(middle, np.array(left.forward), np.array(left.up), left.frustum_top / left.frustum_near)
-
-    def project(self, point_m: NDArray[np.float64] | Vector) -> Pixel:
-        """Pixel of a point (3,) of the world."""
-        way_m = np.array(point_m) - self.position_m
-        depth_m = max(float(way_m @ self.forward), 1e-3)
-        x, y = (float(way_m @ axis) / depth_m / self.slope for axis in (np.cross(self.forward, self.up), self.up))
-        return (WIDTH / 2 + x * HEIGHT / 2, HEIGHT / 2 - y * HEIGHT / 2)
+    return project
 
 
 def _aim(model: mujoco.MjModel, data: mujoco.MjData, drawing: Drawing) -> mujoco.MjvCamera:
@@ -126,38 +121,27 @@ def _add_ghost(scene: mujoco.MjvScene, model: mujoco.MjModel, data: mujoco.MjDat
         scene.ngeom += 1
 
 
-def _locate(model: mujoco.MjModel, data: mujoco.MjData, drawing: Drawing, view: _View) -> dict[str, Pixel]:
-    """Where the middle of each named body is seen; what is out of the picture is left out."""
-    at = {name: view.project(data.geom_xpos[int(model.body(name).geomadr[0])]) for name in drawing.names}
-    return {name: (x, y) for name, (x, y) in at.items() if 0 <= x < WIDTH and 0 <= y < HEIGHT}
+def _trace(move: Move) -> NDArray[np.float64]:
+    """Points (33, 3) of the bow over which an arrow goes."""
+    shares = np.linspace(0.0, 1.0, 33)[:, None]
+    way_m = np.subtract(move.to_m, move.from_m)
+    up_m = np.array((0.0, 0.0, 0.04 + TALL * float(np.linalg.norm(way_m))))
+    bow: NDArray[np.float64] = np.array(move.from_m) + shares * way_m + 4 * shares * (1 - shares) * up_m
+    return bow
 
 
-def _iter_arcs(data: mujoco.MjData, drawing: Drawing, view: _View) -> Iterator[tuple[int, list[Pixel]]]:
-    """Number and course of each arrow: from where a body is, or where it was put before, over a bow."""
-    last = {move.name: np.array(data.body(move.name).xpos) for move in drawing.moves}
-    for move in drawing.moves:
-        start_m, end_m = last[move.name], np.array(move.to_m)
-        lift_m = np.array((0.0, 0.0, 0.04 + TALL * float(np.linalg.norm(end_m - start_m))))
-        shares = np.linspace(0.0, 1.0, 33)
-        yield (
-            move.number,
-            [view.project(start_m + t * (end_m - start_m) + 4 * t * (1 - t) * lift_m) for t in shares],
-        )
-        last[move.name] = end_m
-
-
-def _write(image: Image.Image, at: dict[str, Pixel], arcs: list[tuple[int, list[Pixel]]]) -> None:
+def _write(image: Image.Image, at: Mapping[str, Pixel], arcs: Mapping[int, list[Pixel]]) -> None:
     """Arrows, their numbers, and names beside what they name."""
     draw, font = ImageDraw.Draw(image, "RGBA"), ImageFont.load_default(FONT_PX)
-    taken = [_square(point) for point in (*at.values(), *(course[-1] for _, course in arcs))]
-    for _, course in arcs:
+    taken = [_square(point) for point in (*at.values(), *(course[-1] for course in arcs.values()))]
+    for course in arcs.values():
         draw.line(course, fill=(*INK, 160), width=6, joint="curve")
         draw.line(course, fill=ARROW, width=3, joint="curve")
         (ax, ay), (bx, by) = course[-4], course[-1]
         turn = math.atan2(by - ay, bx - ax)
         wings = [(bx - 15 * math.cos(turn + side), by - 15 * math.sin(turn + side)) for side in (-0.45, 0.45)]
         draw.polygon([(bx, by), *wings], fill=ARROW, outline=INK)
-    for number, course in arcs:
+    for number, course in arcs.items():
         place = next((each for each in course[8:25] if not _covers(_square(each), taken)), course[16])
         draw.ellipse(_square(place), fill=ARROW, outline=INK)
         draw.text(place, str(number), fill=INK, font=font, anchor="mm")
@@ -197,21 +181,12 @@ def _covers(box: Box, others: Sequence[Box]) -> bool:
 
 def _extend(image: Image.Image, lines: Sequence[str]) -> Image.Image:
     """The picture above its text."""
-    if not lines:
-        return image
-    font = ImageFont.load_default(FONT_PX)
-    shown = [*lines[:MOST_LINES], *([f"... and {len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else [])]
-    page = Image.new("RGB", (WIDTH, HEIGHT + LINE_PX * len(shown) + 2 * MARGIN_PX), PAPER[:3])
+    shown = [shorten(line, LETTERS, placeholder=" ...") for line in lines[:MOST_LINES]]
+    shown += [f"... and {len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else []
+    page = Image.new("RGB", (WIDTH, HEIGHT + LINE_PX * (len(shown) + 1) * bool(shown)), PAPER[:3])
     page.paste(image)
-    draw = ImageDraw.Draw(page)
-    for row, line in enumerate(shown):
-        draw.text((MARGIN_PX, HEIGHT + MARGIN_PX + LINE_PX * row), _shorten(draw, line, font), fill=INK, font=font)
+    draw, font = ImageDraw.Draw(page), ImageFont.load_default(FONT_PX)
+    draw.multiline_text(
+        (MARGIN_PX, HEIGHT + MARGIN_PX), "\n".join(shown), fill=INK, font=font, spacing=LINE_PX - FONT_PX
+    )
     return page
-
-
-def _shorten(draw: ImageDraw.ImageDraw, line: str, font: "ImageFont.FreeTypeFont | ImageFont.ImageFont") -> str:
-    """A line up to the width of the picture."""
-    cut = line
-    while draw.textlength(cut if cut == line else f"{cut}...", font=font) > WIDTH - 2 * MARGIN_PX:
-        cut = cut[:-1]
-    return cut if cut == line else f"{cut}..."

@@ -36,7 +36,10 @@ def test_labels_cover_neither_each_other_nor_the_edge():
 
 def test_a_move_changes_the_picture_and_its_line_stands_below(tmp_path):
     plain = _draw(tmp_path, Drawing(names=("a", "b"), camera="top"))
-    moved = _draw(tmp_path, Drawing(names=("a", "b"), camera="top", moves=[Move("a", (0.3, 0.3, 0.0), 1)], lines=["x"]))
+    moved = _draw(
+        tmp_path,
+        Drawing(names=("a", "b"), camera="top", moves=[Move("a", (0.0, 0.0, 0.0), (0.3, 0.3, 0.0), 1)], lines=["x"]),
+    )
 
     assert plain.shape == (HEIGHT, WIDTH, 3)
     assert moved.shape[0] > HEIGHT

@@ -73,6 +73,9 @@ class Clauses(Discourse):
             *acts, things = list_children(clause)
             self._verb = str(acts[-1].data)
             steps = [self._say(str(act.data), things) for act in acts]
+        elif clause.data == "series":  # objects in an order, and one destination
+            *series, dest = list_children(clause)
+            steps = [self._read_wish_place(clause, things, dest) for things in series]
         elif clause.data in read_lexicon()["meanings"]:
             steps = [self._say(str(clause.data), list_children(clause)[0])]
         else:
@@ -130,9 +133,24 @@ class Clauses(Discourse):
         names = self._put(self.resolve(things, Slot.MOVED))
         return [self._relate(name, self.get(name).stands or ground) for name in names]
 
-    def _read_put_away(self, clause: Node, things: Node) -> Step:
+    def _read_put_where(self, clause: Node, things: Node, other: Node) -> Step:
+        """To where another object is: in or on what bears it; else, where that stays, a question what is meant."""
+        names, owners = self.resolve(things, Slot.MOVED).names, self.resolve_one(other, Slot.MOVED).names
+        if len(names) != 1 or len(owners) != 1 or names == owners:
+            return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
+        owner, at_m = self.get(owners[0]), self.get(names[0]).at_m
+        if owner.stands:
+            return [self._relate(name, owner.stands) for name in self._put(Named(names=names))]
+        if owner.at_m is None or at_m is None:
+            return self.lack(RequestProblemKind.CAPABILITY, clause)
+        beside_m = find_beside(self.get(names[0]), owner, [*self.vocabulary.things.values()])
+        points = {"in its place": owner.at_m} | ({"beside it": beside_m} if beside_m is not None else {})
+        meant = ("in its place",) if owner.name in self.moved else self.ask(QuestionKind.WHERE, clause, points)
+        return [self._stand_at(names[0], (*points[each][:2], at_m[2])) for each in meant]
+
+    def _read_put_away(self, clause: Node, *parts: Node) -> Step:
         """A question where to, as no skill hands anything to a person; where there is a single vessel, into that."""
-        named = self.resolve(things, Slot.ANY).names
+        named = self._find_untidy(clause, *parts)
         standing = (each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), named))
         names = self._put(Named(names=named if all(self.get(name).movable for name in named) else tuple(standing)))
         gives = has_token(clause, "give") or has_token(clause, "hand_over")
@@ -142,6 +160,16 @@ class Clauses(Discourse):
         chosen = single or self.ask(QuestionKind.WHERE, clause, places)
         self.reasons += [f"{self.quote(clause)}: {name} is all that takes objects here" for name in single]
         return [self._relate(name, place) for place in chosen for name in names]
+
+    def _find_untidy(self, clause: Node, *parts: Node) -> tuple[str, ...]:
+        """What a phrase names; without one, or with `them` of which nothing was said, all that can be moved."""
+        if parts:
+            return self.resolve(parts[0], Slot.ANY).names
+        if has_token(clause, "them") and any(self.recent):
+            return self.find_them(clause, Slot.MOVED)
+        if has_token(clause, "them") and (before := [name for name in self.list_past() if self.get(name).movable]):
+            return tuple(before)
+        return tuple(each.name for each in self.list_fitting(Slot.MOVED))
 
     def _put(self, named: Named) -> tuple[str, ...]:
         """The objects, noted as put somewhere."""

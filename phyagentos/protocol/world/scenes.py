@@ -5,17 +5,29 @@ Sizes are half extents in metres, angles radians, poses in the frame `world` (z 
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
 import pydantic
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.documents.schema import Authored, Located, Span, misfit, parse_library_yaml, read_text, salvage
+from phyagentos.geometry import UP, convert_euler, invert_rotation, rotate
+from phyagentos.protocol.documents.schema import (
+    Address,
+    Authored,
+    Located,
+    Span,
+    misfit,
+    parse_library_yaml,
+    read_text,
+    salvage,
+)
 from phyagentos.protocol.world.body_shapes import Number3, Shapes, Solid, add_interior
-from phyagentos.protocol.world.environment import CLOSES_AT, OPENS_AT, Mechanism, Pose, ShapeKind
+from phyagentos.protocol.world.entity_geometry import compute_lowest, compute_reach
+from phyagentos.protocol.world.environment import CLOSES_AT, OPENS_AT, Entity, Mechanism, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.friction import PAIRS, Surface
 
 Number2 = tuple[float, float]
@@ -248,17 +260,60 @@ class Light(Authored):
     shadow: bool = True
 
 
+class Row(Authored):
+    """Bodies side by side, each with its foot at the height of the first; with `columns` a grid.
+
+    Attributes:
+        bodies: Their names, in order.
+        copies: So many of each, with a number at its name: `cube_1`, `cube_2`.
+        position_m: Where the foot of the first is.
+        spacing_m: From the middle of one to the middle of the next.
+        columns: How many are side by side along y, before the next row begins farther along x; all without it.
+    """
+
+    bodies: tuple[str, ...] = pydantic.Field(min_length=1)
+    copies: int = pydantic.Field(default=1, ge=1, le=99)
+    position_m: tuple[float, float, float]
+    spacing_m: float = pydantic.Field(gt=0.0)
+    columns: int | None = pydantic.Field(default=None, ge=1)
+
+    def list_names(self) -> list[str]:
+        """Of all that stand in it, in order."""
+        numbers = range(1, self.copies + 1)
+        return [f"{name}_{number}" if self.copies > 1 else name for name in self.bodies for number in numbers]
+
+    def place(self, bodies: Mapping[str, Body]) -> dict[str, Body]:
+        """Its bodies at their places, by name; those that are not known are left out."""
+        columns = self.columns or self.copies * len(self.bodies)
+        x, y, z = self.position_m
+        placed = {}
+        for index, name in enumerate(self.list_names()):
+            body = bodies.get(self.bodies[index // self.copies])
+            ahead, aside = self.spacing_m * (index // columns), self.spacing_m * (index % columns)
+            if body is not None:
+                placed[name] = _move(body, (x + ahead, y + aside, z - _measure(body)[0]), None)
+        return placed
+
+
 class SceneSpec(Authored):
-    """One scene file; `friction` replaces spans of the table of surface pairs (`plastic|wood: [0.1, 0.1]`)."""
+    """One scene file; `friction` replaces spans of the table of surface pairs (`plastic|wood: [0.1, 0.1]`).
+
+    Attributes:
+        rows: Bodies side by side, or in a grid, without places of their own.
+        stacks: Names of bodies that stand on each other, each from below; the lowest has a place.
+        lights: One lamp above the table by default.
+    """
 
     scene: str
     description: str = ""
     materials: dict[str, Material] = {}
     areas: dict[str, Area] = {}
     bodies: dict[str, Body]
+    rows: tuple[Row, ...] = ()
+    stacks: tuple[tuple[str, ...], ...] = ()
     regions: dict[str, NamedRegion] = {}
     cameras: dict[str, Camera]
-    lights: dict[str, Light] = {}
+    lights: dict[str, Light] = {"key": Light(position_m=(1.2, -1.2, 2.2), direction=(-0.4, 0.55, -1.0))}
     friction: dict[str, Span] = {}
     settle_s: float = pydantic.Field(default=0.4, ge=0.0, le=10.0)
 
@@ -296,12 +351,30 @@ def _parse_scene(text: str, path: Path) -> SceneSpec:
     spec, problems = salvage(SceneSpec, located)
     if spec is None:
         raise DefinitionError(problems)
+    problems += _iter_unplaced(spec, located)
+    spec = spec.model_copy(update={"bodies": _arrange(spec.bodies, spec.rows, spec.stacks)})
     problems += [*_find_dangling(spec, located), *_iter_misnamed(spec, located), *_iter_oversized(spec, located)]
     if not path.with_suffix("").as_posix().endswith(f"scenes/{spec.scene}"):
         problems.append(located.problem("INVALID_VALUE", ("scene",), repr(spec.scene), "the file's path below scenes/"))
     if problems:
         raise DefinitionError(problems)
     return spec
+
+
+def _iter_unplaced(spec: SceneSpec, located: Located) -> Iterator[Problem]:
+    """Names in rows and stacks that no body has, and copies whose names others have."""
+    copies = [name for row in spec.rows for name in row.list_names()]
+    lists: list[tuple[Address, tuple[str, ...], set[str]]]
+    lists = [(("rows", index, "bodies"), row.bodies, {*spec.bodies}) for index, row in enumerate(spec.rows)]
+    lists += [(("stacks", index), names, {*spec.bodies, *copies}) for index, names in enumerate(spec.stacks)]
+    for path, place, name, known in ((path, *each, known) for path, names, known in lists for each in enumerate(names)):
+        if name not in known:
+            yield located.unknown("body", (*path, place), name, sorted(known))
+    for index, row in enumerate(spec.rows):
+        if taken := [
+            name for name in row.list_names() if copies.count(name) + (name in {*spec.bodies} - {*row.bodies}) > 1
+        ]:
+            yield located.problem("INVALID_VALUE", ("rows", index), taken[0], "names that no other body has")
 
 
 def _iter_misnamed(spec: SceneSpec, located: Located) -> Iterator[Problem]:
@@ -348,3 +421,42 @@ def _find_dangling(spec: SceneSpec, located: Located) -> list[Problem]:
     for name, region in spec.regions.items():
         require("body", region.body, spec.bodies, "regions", name, "body")
     return problems
+
+
+def _arrange(bodies: Mapping[str, Body], rows: tuple[Row, ...], stacks: tuple[tuple[str, ...], ...]) -> dict[str, Body]:
+    """All bodies at their places: rows first, then stacks, each upper one in the frame of that below."""
+    every = dict(bodies)
+    for row in rows:
+        placed = row.place(bodies)
+        for name in row.bodies:
+            every.pop(name, None)
+        every |= placed
+    for lower, upper in (pair for stack in stacks for pair in pairwise(stack)):
+        if lower in every and upper in every:
+            below, above = every[lower], every.pop(upper)
+            inside, (_, top_m) = below.interior, _measure(below)
+            top_m = inside.center_m[2] - inside.half_m[2] if inside is not None else top_m
+            up = rotate(invert_rotation(convert_euler(below.place.euler_rad)), (0.0, 0.0, top_m - _measure(above)[0]))
+            every[upper] = _move(above, up, lower)
+    return every
+
+
+def _move(body: Body, at_m: tuple[float, float, float], frame: str | None) -> Body:
+    place = body.place.model_copy(update={"position_m": at_m, "area": None, "frame": frame})
+    return body.model_copy(update={"place": place})
+
+
+def _measure(body: Body) -> tuple[float, float]:
+    """Height of its lowest and its highest point over its origin, before its yaw [m]."""
+    entity = Entity(
+        name="",
+        kind=body.kind,
+        movable=True,
+        pose=Pose((0.0, 0.0, 0.0), convert_euler(body.place.euler_rad)),
+        shapes=tuple(
+            Shape(each.kind, each.size_m, Pose(each.position_m, convert_euler(each.euler_rad)))
+            for each in body.shapes
+            if not each.decor
+        ),
+    )
+    return compute_lowest(entity), compute_reach(entity, UP)

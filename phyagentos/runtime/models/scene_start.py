@@ -3,6 +3,7 @@
 Authors learn it from lint, which draws a few seeds; preflight asks for the seed of the session, with the robot.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
@@ -25,6 +26,7 @@ LEVEL = 0.9  # cosine between a contact's normal and the vertical: one body lies
 SEEDS = (0, 1, 2)
 _SOLID = np.array([1, 1, 0, 1, 1, 1], dtype=np.uint8)  # groups of geoms that touch; decor is in group 2
 ALIKE_RGB = 0.12  # of two colours that noise and shadow make one
+BAND_SHARE, IN_VIEW = 1.35, "in view"  # of the farthest that a robot grasps best: its reach, about
 _DRAWN = np.ones(6, dtype=np.uint8)
 
 
@@ -124,6 +126,27 @@ def explain_unseen(spec: SceneSpec, name: str, seed: int, robot: Robot, sensors:
     return f"The scene starts {name} at ({x:.3f}, {y:.3f}, {z:.3f}) m: {told}. Move it, or a camera of sensors.yaml"
 
 
+def find_remote(path: Path, seed: int, robot: Robot, sensors: Sensors) -> list[Problem]:
+    """Objects of a scene that start beyond the reach of a fixed robot at home, or in view of none of its cameras."""
+    spec, located, profile = place_scene(read_scene(path), robot[0].placement), read_yaml(path), robot[0]
+    model = compile_scene([robot], spec, seed).model
+    data, cameras = pose_start(model, [robot]), [each.camera for each in sensors.cameras.values() if each.camera]
+    problems = []
+    for name, body in spec.bodies.items():
+        if body.fixed or body.joint or body.part_of or not body.listed:
+            continue
+        at, far_m = ("bodies", name, "place"), BAND_SHARE * profile.grasp_band_m[1]
+        away_m = math.dist(data.body(name).xpos[:2], profile.mount_position_m[:2])
+        if profile.base is None and away_m > far_m:
+            found, expected = f"{name!r}, {away_m:.2f} m from {profile.target}", f"at most {far_m:.2f} m"
+            problems.append(located.problem("OUT_OF_REACH", at, found, expected, "Move it nearer."))
+        reasons = dict.fromkeys(_find_reason(model, data, name, each) for each in cameras)
+        if reasons and not any(each.startswith(IN_VIEW) for each in reasons):
+            found = f"{name!r}: {'; '.join(reasons)}"
+            problems.append(located.problem("NOT_VISIBLE", at, found, "in view of a camera", "Move it, or a camera."))
+    return problems
+
+
 def _find_reason(model: mujoco.MjModel, data: mujoco.MjData, name: str, camera: CameraSettings) -> str:
     mounting = find_mounting(model, camera)
     if mounting is None:
@@ -144,7 +167,7 @@ def _find_reason(model: mujoco.MjModel, data: mujoco.MjData, name: str, camera: 
     shades = [(model.mat_rgba[of] if of >= 0 else model.geom_rgba[geom])[:3] for geom, of in materials]
     if len(shades) == 2 and np.abs(shades[0] - shades[1]).max() < ALIKE_RGB:
         return f"of the colour of {behind} behind it"
-    return "in view, and too small or too far for a sure look"
+    return f"{IN_VIEW}, and too small or too far for a sure look"
 
 
 def _cast(model: mujoco.MjModel, data: mujoco.MjData, from_m: np.ndarray, way_m: np.ndarray, without: int) -> int:
