@@ -27,7 +27,7 @@ EXPORTS = ("bt_xml", "html", "lerobot", "mcap", "mermaid", "rrd", "video")
 GROUPS = {  # name -> help, module and functions
     "memory": ("What verdicts taught.", "memory", ("show", "why", "forget", "promote", "revoke")),
     "tree": ("Behaviour trees.", "showing", ("show",)),
-    "scene": ("Scenes: how they look and begin.", "scenes", ("render", "check", "save")),
+    "scene": ("Scenes: how they look and begin.", "scene_files", ("render", "check", "save")),
     "robot": ("Profiles of robots.", "robots", ("list_", "show", "check", "render", "try_", "new")),
     "export": ("Trees, goals and sessions as files for the tools of others.", "exporting", EXPORTS),
     "evidence": ("Evidence bundles.", "keeping", ("verify", "prune")),

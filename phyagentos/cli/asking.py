@@ -30,14 +30,13 @@ MOST_POSSIBLE = 8  # names in a line
 _OUTPUT_HELP = "File of the goal graph; one among the requests of the run's workspace by default."
 _PREVIEW_HELP = "Draw the goal as a picture: objects, and where each is to be; run nothing."
 _PICTURE_HELP = "File of that picture; one beside the graph by default."
+_SCENE_HELP = "By default that of the last request, the project or the first example."
 _ANSWER_HELP = "Answer to a question: its key, and one of its candidates. Repeatable."
 
 
 def ask(
     request: Annotated[str, typer.Argument(help="What is wanted, in English.")],
-    scene: Annotated[
-        str | None, typer.Option(help="By default that of the last request, project, or first example.")
-    ] = None,
+    scene: Annotated[str | None, typer.Option(help=_SCENE_HELP)] = None,
     robot: Annotated[str | None, typer.Option(help="A target; that of the scene's goal graphs by default.")] = None,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Approve the graph without being asked.")] = False,
     output: Annotated[Path | None, typer.Option("--output", "-o", help=_OUTPUT_HELP)] = None,
@@ -58,11 +57,7 @@ def ask(
     as_json: AsJson = False,
 ) -> int:
     """Make a goal of a request in words, plan it, show the graph and, once approved, run it."""
-    preview = preview or picture is not None
-    if preview and yes:
-        raise Exit(ExitCode.INVALID_INPUT, "--yes: runs the graph, which --preview does not; give one of them")
-    if preview:
-        draw_without_screen()
+    preview = _prepare_preview(yes=yes) if preview or picture is not None else False
     limits = {"time_s": model_time, "tokens": model_tokens, "price": model_price, "cost": model_cost}
     found = asking.ask(
         request,
@@ -81,17 +76,28 @@ def ask(
         return _show_without_goal(found, as_json=as_json)
     _show(found, mermaid=mermaid, as_json=as_json)
     if found.graph is None or not (yes or (not as_json and not preview and _is_approved())):
-        place = f" -w {found.workspace}" if found.workspace is not None else ""
-        print_note(f"nothing was run; next: paos run {found.graph}{place}" if found.graph else "nothing is to be done")
-        if as_json:
-            print_json(found)
-        return ExitCode.GOAL_MET
+        return _end_without_run(found, as_json=as_json)
     into = Path(found.workspace) if found.workspace is not None else None
     run = RunRequest(graph=Path(found.graph), seed=seed, workspace=into, pictures=not no_pictures)
     report = run_shown(replace(run, memory=memory, trusts_python=trust_python), as_json=as_json)
     if as_json:
         print_json(replace(found, report=report))
     return report.exit_code
+
+
+def _prepare_preview(*, yes: bool) -> bool:
+    if yes:
+        raise Exit(ExitCode.INVALID_INPUT, "--yes: runs the graph, which --preview does not; give one of them")
+    draw_without_screen()
+    return True
+
+
+def _end_without_run(found: asking.Asked, *, as_json: bool) -> ExitCode:
+    place = f" -w {found.workspace}" if found.workspace is not None else ""
+    print_note(f"nothing was run; next: paos run {found.graph}{place}" if found.graph else "nothing is to be done")
+    if as_json:
+        print_json(found)
+    return ExitCode.GOAL_MET
 
 
 def _show_without_goal(found: asking.Answered | asking.NotUnderstood | Unsolvable, *, as_json: bool) -> ExitCode:

@@ -28,6 +28,7 @@ from phyagentos.agent.understanding.understanding import (
     RequestProblem,
     RequestProblemKind,
     Understanding,
+    Understood,
 )
 from phyagentos.agent.understanding.vocabulary import Vocabulary, find_robot
 from phyagentos.assembly.paths import choose_folder
@@ -155,8 +156,20 @@ def ask(
     if preview:
         picture = picture or (graph.with_suffix(".png") if graph is not None else Path(f"{goal.goal}.png"))
         write_preview(goal, planned.steps, world, library, seed, picture)
+    files = (graph, workspace, next(reversed(past), None), picture if preview else None)
+    return _describe_goal(understood, plan, *files)
+
+
+def _describe_goal(
+    understood: Understood,
+    plan: PlannedGraph,
+    graph: Path | None,
+    workspace: Path | None,
+    before: Path | None,
+    picture: Path | None,
+) -> Asked:
     return Asked(
-        goal=goal.model_dump(mode="json"),
+        goal=understood.goal.model_dump(mode="json"),
         reasons=understood.reasons,
         left_out=understood.left_out,
         unsaid=understood.unsaid,
@@ -165,8 +178,8 @@ def ask(
         mermaid=plan.mermaid,
         graph=str(graph) if graph is not None else None,
         workspace=str(workspace) if workspace is not None else None,
-        before=str(next(reversed(past))) if past else None,
-        picture=str(picture) if preview else None,
+        before=str(before) if before is not None else None,
+        picture=str(picture) if picture is not None else None,
     )
 
 

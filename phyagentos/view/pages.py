@@ -85,7 +85,7 @@ def _find_unit(name: str) -> str:
     return next((unit for unit in _UNITS if name.endswith(unit)), "")
 
 
-def _format_measure(value: Any, name: str) -> str:
+def _format_measure(value: object, name: str) -> str:
     """A quantity in the unit in which people read it."""
     factor, digits, unit = _UNITS.get(_find_unit(name), (1.0, 3, ""))
     if isinstance(value, bool):

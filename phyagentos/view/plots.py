@@ -1,9 +1,8 @@
 """What a session measured over time, as curves with the limits that the guard enforces."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +38,7 @@ class Plot:
     time_s: tuple[float, float]
 
 
-def draw_plots(course: Mapping[str, Any], limits: TargetLimits) -> list[Plot]:
+def draw_plots(course: Mapping[str, Array], limits: TargetLimits) -> list[Plot]:
     """Of a trajectory: joint positions, their speed, what the drive lags behind, the gripper, the force if it is felt.
 
     Raises ValueError where arrays of the trajectory do not fit together.
@@ -57,8 +56,10 @@ def draw_plots(course: Mapping[str, Any], limits: TargetLimits) -> list[Plot]:
     percent = "{:.0f} %".format
     speed = np.abs(course["qd_measured"]) / fastest
     plots = [
-        _draw("Joint positions, of their range", joints, time, (100 * (q - low) / (high - low)).T, (0, 100), percent),
-        _draw("Joint speeds, of their limit", joints, time, (100 * speed).T, (None, 100), percent),
+        _draw(
+            "Joint positions, of their range", joints, time, list((100 * (q - low) / (high - low)).T), (0, 100), percent
+        ),
+        _draw("Joint speeds, of their limit", joints, time, list((100 * speed).T), (None, 100), percent),
         _draw(
             "Tracking error", ("largest of all joints",), time, [1e3 * lag], (None, 1e3 * lag_max), "{:.1f} mrad".format
         ),
@@ -75,7 +76,7 @@ def _draw(
     title: str,
     names: tuple[str, ...],
     time: Array,
-    curves: Any,
+    curves: Sequence[Array],
     bounds: tuple[float | None, float | None],
     say: Callable[[float], str],
 ) -> Plot:
@@ -87,7 +88,7 @@ def _draw(
     low, high = min(least, 0.0), max(most, limit) if limit is not None and is_near else most
     room = _HEADROOM * max(high - low, 1e-9)
 
-    def raise_to(value: Any) -> Any:
+    def raise_to(value: Array) -> Array:
         return _HEIGHT - _HEIGHT * (value - low + room) / (high - low + 2 * room)
 
     shown = [(bound, "least")] if bound is not None else []
@@ -98,7 +99,7 @@ def _draw(
         title,
         names,
         tuple(join_points(across, raise_to(np.asarray(each)), thin(each)) for each in curves),
-        tuple((round(float(raise_to(bound)), 2), f"{text} {say(bound)}") for bound, text in shown),
+        tuple((round(float(raise_to(np.array(bound))), 2), f"{text} {say(bound)}") for bound, text in shown),
         f"{say(least)} to {say(most)}{beyond}",
         (float(time[0]), float(time[-1])),
     )

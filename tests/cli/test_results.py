@@ -35,6 +35,7 @@ ANYWHERE = {
     "robot list": ("robot", "list"),
     "robot show": ("robot", "show", "panda"),
     "robot check": ("robot", "check", "panda"),
+    "scene check": ("scene", "check", "tabletop/cubes_and_trays"),
 }
 IN_A_WORKSPACE = {
     "why": ("why", "red"),
@@ -61,6 +62,8 @@ ELSEWHERE = {  # command -> the test file that calls it
     "run": "tests/examples/test_own_python.py",
     "ask": "tests/cli/test_asking.py",
     "logs": "tests/cli/test_observing.py",
+    "contest": "tests/cli/test_answering.py",
+    "scene save": "tests/cli/test_scenes.py",
     "import": "tests/export/test_bt_xml.py",
     "deny": "tests/cli/test_approving.py",
     "amend": "tests/cli/test_amending.py",
@@ -80,8 +83,10 @@ BY_TYPE = {  # command -> why none is called here: its result has the type of it
     "agent": "needs a runtime plane; its result is `goal` in that of `run`",
     "preflight": "starts a worker and a world; tests/preflight_corpus calls it in a process of its own",
     "rerun": "simulates a session again",
+    "answer": "needs an open question; tests/cli/test_answering.py answers one",
     "render": "renders pictures",
     "robot render": "renders pictures",
+    "scene render": "renders pictures",
     "export video": "renders pictures",
     "export rrd": "needs an extra",
     "export lerobot": "needs an extra",

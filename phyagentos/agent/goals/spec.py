@@ -116,7 +116,7 @@ class Question(Authored):
     human: Annotated[str, pydantic.StringConstraints(strip_whitespace=True, min_length=1)]
 
 
-def _read_criterion(value: object) -> Any:
+def _read_criterion(value: object) -> object:
     """A question as the text of its criterion."""
     return f"{HUMAN} {Question.model_validate(value).human}" if isinstance(value, dict) else value
 

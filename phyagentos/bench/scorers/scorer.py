@@ -51,7 +51,7 @@ def _score(parts: Mapping[str, Any], workspace: Path, bundle: Path | None) -> di
 OUTCOMES = Scorer(name="outcomes", check=_check, score=_score)
 
 
-def _read_verdicts(parts: Mapping[str, Any], workspace: Path, _: Path | None) -> dict[str, bool]:
+def _read_verdicts(parts: Mapping[str, object], workspace: Path, _: Path | None) -> dict[str, bool]:
     goals = read_ledger(workspace).goals.values()
     return {part: any(goal.verdict == wanted for goal in goals) for part, wanted in parts.items()}
 
