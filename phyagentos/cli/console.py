@@ -32,7 +32,7 @@ _STYLES = {  # of states and verdicts
 }
 PIPE_WIDTH = 160  # characters of a table that no terminal bounds
 UNBOUNDED = 4096  # of what is read by programs line by line
-GAP, TIME = 2, 8  # columns between two of a table, and of a time
+GAP, TIME = 2, 11  # columns between two of a table, and of a time, `at 1234.5 s`
 COLOURS = {Truth.TRUE: "green", Truth.FALSE: "red", Truth.UNKNOWN: "yellow"}
 
 
@@ -133,8 +133,8 @@ def build_progress_table(title: str, rows: list[Row], width: int = PIPE_WIDTH) -
     for row, name in zip(rows, named, strict=True):
         beat = row.beat
         doing = f"{beat.phase} {'/'.join(beat.leaf.split('/')[-2:])}" if beat is not None else summarise(row)
-        time_s = beat.sim_time_s if beat is not None else row.sim_time_s
-        time = f"{time_s:.1f} s" if time_s else ""
+        ran = f"{row.sim_time_s:.1f} s" if row.sim_time_s else ""
+        time = f"at {beat.sim_time_s:.1f} s" if beat is not None else ran  # by the clock of its target while it runs
         table.add_row(name, Text(row.state, choose_style(row, row.state)), doing, time)
     return table
 
