@@ -44,7 +44,7 @@ def test_each_question_finds_its_page_first_or_second(page, paos):
 def test_a_page_is_shown_with_its_first_lines_and_its_commands_and_commands_beside_it(paos):
     shown = paos("help", "make", "the", "arm", "slower").out.splitlines()
     assert shown[0].startswith("Make the arm slower  (")
-    assert shown[1].startswith("  The whole robot, in every skill.")
+    assert shown[1].startswith("  One run. --speed is the share")
     assert "    $ paos init mine" in shown
     assert "paos estop " in paos("help", "emergency", "stop").out
 
