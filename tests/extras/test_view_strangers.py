@@ -20,6 +20,7 @@ from tests.view.conftest import GOAL, Desk
 
 pytestmark = [pytest.mark.extras, pytest.mark.journey]
 
+SAVED_MS = 20_000  # a page that the browser saves does not arrive
 ATTACK = "<script>window.hurt=1</script><img src=x onerror='window.hurt=2'>\"'><svg onload=window.hurt=3>"
 MANY, REFRESH_S = 1000, 0.2
 EVIL_PAGE = """<!doctype html><title>other</title>
@@ -101,7 +102,7 @@ def test_texts_of_documents_are_shown_and_no_script_of_theirs_runs(hostile, desk
             assert page.evaluate("window.hurt") is None, path
         for name in ("evil.html", "evil.svg"):
             with contextlib.suppress(Exception):  # it may be saved instead of shown
-                page.goto(f"{server.origin}/evidence/{hostile}/{name}")
+                page.goto(f"{server.origin}/evidence/{hostile}/{name}", timeout=SAVED_MS)
             page.wait_for_timeout(200)
             assert page.evaluate("window.hurt") is None, name
 
