@@ -96,7 +96,7 @@ class After(Authored):
     on: Literal["success", "failure"] = "success"
 
 
-def _read_edge(value: object) -> Any:
+def _read_edge(value: object) -> object:
     """A bare name as a mapping; and the key `on`, which YAML 1.1 takes for a truth value."""
     if isinstance(value, dict):
         return {"on" if key is True else key: item for key, item in value.items()}
