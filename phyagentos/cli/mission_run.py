@@ -87,16 +87,16 @@ def run_shown(request: RunRequest, *, quiet: bool = False, as_json: bool = False
     return report
 
 
-def ask(console: RunConsole, workspace: Workspace, asked: OpenQuestion) -> None:
+def ask(console: RunConsole, workspace: Workspace, question: OpenQuestion) -> None:
     """Put a question on the terminal, once, and take the line that answers it, without waiting for one."""
     console.pause()
-    pictures = "".join(f"\n  {each}" for each in asked.pictures)
-    console.print_once(f"{asked.subject} asks: {asked.question} yes or no?{pictures}", "bold")
+    pictures = "".join(f"\n  {each}" for each in question.pictures)
+    console.print_once(f"{question.subject} asks: {question.question} yes or no?{pictures}", "bold")
     if not select.select([sys.stdin], [], [], 0.0)[0]:
         return
     if (truth := read_says(line := sys.stdin.readline())) is not None:
         with contextlib.suppress(DefinitionError):  # another terminal was faster
-            record(workspace, asked.subject, asked.question, truth, getpass.getuser())
+            record(workspace, question.subject, question.question, truth, getpass.getuser())
     elif line:
         console.print_line(f"{line.strip()!r} is neither yes nor no")
 

@@ -49,7 +49,7 @@ def _render(found: WorkspaceStatus) -> Iterator[str]:
         yield f"  {goal} has no verdict yet; continue it: {again}"
     for each in found.questions:
         shown = f" ({', '.join(each.pictures)})" if each.pictures else ""
-        yield f"  asked: {each.question} `paos answer {each.subject} yes|no -w {found.workspace}`{shown}"
+        yield f"  question: {each.question} `paos answer {each.subject} yes|no -w {found.workspace}`{shown}"
     for beat in found.workers:
         doing = f"{beat.session} {beat.leaf}, {beat.sim_time_s:.1f} s simulated" if beat.session else ""
         yield f"  {beat.target}: {beat.phase} {doing}".rstrip()

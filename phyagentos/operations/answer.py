@@ -96,9 +96,9 @@ def answer(root: Path, name: str, says: str, *, by: str, question: int = 0) -> A
     subject = name if GoalId(name) in ledger.goals else get_session(name, ledger.sessions)
     if (truth := read_says(says)) is None:
         raise DefinitionError.of("INVALID_VALUE", "answer", repr(says), "yes or no")
-    asked = list(iter_open(workspace, ledger))
-    if not (found := [each.question for each in asked if each.subject == subject]):
-        expected = f"one that waits: {', '.join(dict.fromkeys(each.subject for each in asked)) or 'none does'}"
+    waiting = list(iter_open(workspace, ledger))
+    if not (found := [each.question for each in waiting if each.subject == subject]):
+        expected = f"one that waits: {', '.join(dict.fromkeys(each.subject for each in waiting)) or 'none does'}"
         raise DefinitionError.of("INVALID_VALUE", subject, "no question that waits for an answer", expected)
     if (not question and len(found) > 1) or question > len(found):
         several = "; ".join(f"{number} {each}" for number, each in enumerate(found, 1))

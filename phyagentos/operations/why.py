@@ -71,8 +71,10 @@ def _explain_goal(workspace: Workspace, ledger: Ledger, goal: GoalStatus) -> Ite
     unknown = filter(None, (find_question(each.text) for each in goal.criteria if each.truth is Truth.UNKNOWN))
     since = [judge_answer(question, "accept", workspace.answers_of(goal.id)) for question in unknown]
     answered = (("answered", f"{each.text}: {each.because}") for each in since if each.evidence)
-    asked = map(_show_question, iter_open(workspace, ledger, goal.id))
-    yield from _render([("objective", goal.objective), ("because", goal.reason), *criteria, *answered, *nodes, *asked])
+    questions = map(_show_question, iter_open(workspace, ledger, goal.id))
+    yield from _render(
+        [("objective", goal.objective), ("because", goal.reason), *criteria, *answered, *nodes, *questions]
+    )
     for bad in [name for name, node in goal.nodes.items() if node.state is NodeState.BLOCKED][:1]:
         yield from _explain_node(workspace, ledger, goal, bad)
 
@@ -119,8 +121,8 @@ def _explain_session(workspace: Workspace, ledger: Ledger, status: SessionStatus
     return iter([f"{own.id}: {status.state}", *_render(facts)])
 
 
-def _show_question(asked: OpenQuestion) -> Fact:
-    return "asked", f"{asked.question} `paos answer {asked.subject} yes|no`"
+def _show_question(each: OpenQuestion) -> Fact:
+    return "question", f"{each.question} `paos answer {each.subject} yes|no`"
 
 
 def _describe_strategy(session: Session) -> str:

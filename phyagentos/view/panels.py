@@ -31,7 +31,7 @@ from phyagentos.view.documents import Documents
 from phyagentos.view.frames import read_frames
 from phyagentos.view.plots import draw_plots
 from phyagentos.view.story import find_decisive, find_pictures, list_phases
-from phyagentos.view.timeline import read_timeline
+from phyagentos.view.timeline import measure_length, read_timeline
 
 SESSIONS_SHOWN, LINES_SHOWN, FRAMES_SHOWN, GOALS_SHOWN = 60, 40, 12, 20
 LINE_SHOWN = 2000  # letters of a line
@@ -103,7 +103,7 @@ def _read_headline(documents: Documents, query: Query, status: Session) -> Field
         return {"goal": None, "goals": others, "w": documents.given}
     sessions = [each for node in goal.nodes.values() for each in node.sessions]
     replans = [each for node in goal.nodes.values() for each in node.replans]
-    wall_s = read_timeline(documents, goal).length_s
+    _, wall_s = measure_length(documents, goal)
     return {"goal": goal, "goals": others, "sessions": sessions, "replans": replans, "wall_s": wall_s}
 
 

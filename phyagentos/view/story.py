@@ -1,4 +1,4 @@
-"""The story of one session: what was asked, what it did, what was seen, and what decided the verdict."""
+"""The story of one session: its objective, what it did, what was seen, and what decided the verdict."""
 
 import contextlib
 from collections.abc import Iterable

@@ -123,16 +123,25 @@ class Timeline:
         return 1e3 * (datetime.datetime.fromisoformat(self.began).timestamp() + at_s)
 
 
-def read_timeline(documents: Documents, goal: GoalStatus) -> Timeline:
-    """The timeline of a goal so far."""
-    sessions = [each for each in documents.ledger.sessions.values() if each.contract.goal == goal.id]
+def measure_length(documents: Documents, goal: GoalStatus) -> tuple[str, float]:
+    """When a goal was submitted, and its time until the latest record or heartbeat [s]; reads no evidence."""
+    sessions = _list_sessions(documents, goal)
     passages = [each.at for status in sessions for each in documents.passages[status.contract.id]]
     began = goal.submitted_at or min(passages, default=goal.updated_at)
     ends = [*passages, goal.updated_at]
     if any(each.state not in FINAL_STATES and each.claimed_by for each in sessions):
         beat = datetime.datetime.fromtimestamp(documents.version.beats / 1e9, datetime.UTC)
         ends.append(beat.isoformat(timespec="microseconds").replace("+00:00", "Z"))
-    length_s = max((compute_seconds(began, each) for each in ends if each), default=0.0)
+    return began, max((compute_seconds(began, each) for each in ends if each), default=0.0)
+
+
+def _list_sessions(documents: Documents, goal: GoalStatus) -> list[SessionStatus]:
+    return [each for each in documents.ledger.sessions.values() if each.contract.goal == goal.id]
+
+
+def read_timeline(documents: Documents, goal: GoalStatus) -> Timeline:
+    """The timeline of a goal so far."""
+    sessions, (began, length_s) = _list_sessions(documents, goal), measure_length(documents, goal)
     bars = [_read_bar(documents, status, began, length_s, marks=len(sessions) <= BARS_MARKED) for status in sessions]
     lanes: dict[str, list[Bar]] = {}
     for bar in bars:

@@ -1,4 +1,4 @@
-"""Criteria that a person judges: the verdict waits where a person is asked, and is unknown where none answers."""
+"""Criteria that a person judges: the verdict waits where a person can answer, and is unknown where none answers."""
 
 import pytest
 
@@ -27,7 +27,7 @@ GRAPH = """
 
 
 class Person:
-    """Answers what it is asked about, one look at the records later."""
+    """Answers the open question, one look at the records later."""
 
     def __init__(self, stage, **says):
         self.workspace, self.says, self.looks = stage.workspace, says, 0
@@ -53,8 +53,12 @@ def pursue(stage, graph, *people, patience=True):
 def test_without_an_answer_in_time_the_criterion_is_unknown_and_nothing_is_repeated(make_stage, write_graph, patience):
     report, ledger = pursue(make_stage(), write_graph(GRAPH % "0.05"), patience=patience)
     (status,) = ledger.sessions.values()
-    (asked,) = (each for each in status.decision.criteria if find_question(each.text))
-    assert (asked.text, asked.truth, asked.because) == (f"human: {FLAT}", Truth.UNKNOWN, "no person has answered")
+    (judged,) = (each for each in status.decision.criteria if find_question(each.text))
+    assert (judged.text, judged.truth, judged.because) == (
+        f"human: {FLAT}",
+        Truth.UNKNOWN,
+        "no person has answered",
+    )
     assert (report.verdict, status.state, status.decision.cause) == ("failure", "failed", "EVIDENCE_MISSING")
 
 
@@ -62,9 +66,9 @@ def test_yes_in_time_is_evidence_with_a_name_and_decides(make_stage, write_graph
     stage = make_stage()
     report, ledger = pursue(stage, write_graph(GRAPH % 60), Person(stage, flat=Truth.TRUE, clean=Truth.TRUE))
     (status,) = ledger.sessions.values()
-    (asked,) = (each for each in status.decision.criteria if find_question(each.text))
-    assert (report.verdict, asked.truth, asked.because[:21]) == ("success", Truth.TRUE, "yes, answered by ann ")
-    assert asked.evidence in {each.file for each in status.decision.evidence}
+    (judged,) = (each for each in status.decision.criteria if find_question(each.text))
+    assert (report.verdict, judged.truth, judged.because[:21]) == ("success", Truth.TRUE, "yes, answered by ann ")
+    assert judged.evidence in {each.file for each in status.decision.evidence}
 
 
 @pytest.mark.parametrize(
@@ -82,9 +86,14 @@ def test_no_is_false_and_the_objective_of_a_session_is_tried_again(make_stage, w
 
 
 def test_a_question_is_a_criterion_of_its_own_which_no_snapshot_decides():
-    asked = parse_predicate("human:  Is it   clean?")
-    expected = ("human: Is it clean?", False, False, asked)
-    assert (asked.text, asked.is_lasting, has_metric(asked.text), parse_predicate(asked.text)) == expected
+    parsed = parse_predicate("human:  Is it   clean?")
+    expected = ("human: Is it clean?", False, False, parsed)
+    assert (
+        parsed.text,
+        parsed.is_lasting,
+        has_metric(parsed.text),
+        parse_predicate(parsed.text),
+    ) == expected
     for text in ("human:", "human: Is ${thing} clean?"):
         with pytest.raises(DefinitionError):
             parse_predicate(text)

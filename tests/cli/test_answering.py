@@ -23,7 +23,7 @@ QUESTION = "Is the table clean?"
 
 
 @pytest.fixture
-def asked(run):
+def unanswered(run):
     """A session that was judged without an answer."""
     run.begin()
     accept = ("inside(red_cube, red_tray)", f"human: {QUESTION}")
@@ -39,8 +39,8 @@ def asked(run):
 
 
 @pytest.fixture
-def type_(paos, asked):
-    return lambda *words: paos(*words, "-w", asked.workspace.root)
+def type_(paos, unanswered):
+    return lambda *words: paos(*words, "-w", unanswered.workspace.root)
 
 
 def fold(run):
@@ -54,13 +54,13 @@ def test_an_open_question_stands_in_status_and_why_until_it_is_answered(type_):
     assert_refused(type_("answer", "red", "no"), "no question that waits")
 
 
-def test_an_answer_is_kept_with_its_name_judged_on_beside_the_verdict_and_not_changed_unseen(type_, asked):
+def test_an_answer_is_kept_with_its_name_judged_on_beside_the_verdict_and_not_changed_unseen(type_, unanswered):
     done = type_("answer", "red", "yes", "--by", "ann")
     assert done.code == ExitCode.GOAL_MET, done.err
     assert f"{SESSION}: {QUESTION} yes, answered by ann at " in done.out
-    status = fold(asked)
+    status = fold(unanswered)
     assert (status.state, [each.verdict for each in status.attempts]) == ("failed", ["failure", "success"])
-    (file,) = asked.workspace.evidence_of(SESSION).glob("answers/*")
+    (file,) = unanswered.workspace.evidence_of(SESSION).glob("answers/*")
     assert '"truth":"true","by":"ann"' in file.read_text()
     file.write_text(file.read_text().replace("true", "false"))
     assert str(file) in type_("evidence", "verify").err
@@ -79,10 +79,10 @@ def test_an_answer_to_nothing_is_refused(type_, words, texts):
     assert_refused(type_("answer", *words), *texts)
 
 
-def test_a_contested_verdict_stays_and_says_who_contests_it_and_why(type_, asked):
+def test_a_contested_verdict_stays_and_says_who_contests_it_and_why(type_, unanswered):
     done = type_("contest", "red", "--because", "It leans.", "--by", "bob")
     assert (done.code, "the verdict stays failure" in done.out) == (ExitCode.GOAL_MET, True), done.err
-    assert fold(asked).decision.verdict == "failure"
+    assert fold(unanswered).decision.verdict == "failure"
     assert re.search("  contested   success, by bob at 2.*: It leans.", type_("why", "red").out)
 
 

@@ -92,11 +92,11 @@ def test_state_and_time_of_every_row_stand_on_a_narrow_screen(replanned, width):
 def test_the_world_is_a_line_that_begins_with_what_distinguishes_an_object(replanned):
     assert replanned.fold.describe_world() == ""
     held = {"a": "arm"}
-    things = {name: Entity(name=name, kind="thing", pose=Pose(), held_by=held.get(name, "")) for name in "abcd"}
+    entities = {name: Entity(name=name, kind="thing", pose=Pose(), held_by=held.get(name, "")) for name in "abcd"}
     said = [("on", "c", "table"), ("on", "d", "table"), ("inside", "b", "tray"), ("near", "b", "c")]
     relations = tuple(Relation(name=name, arguments=tuple(of)) for name, *of in (*said, ("closed", "door")))
     facts = {"time_s": 1.25, "scene": "s", "episode": "e", "revision": 1, "sensing": "truth"}
-    snapshot = Snapshot(**facts, entities=things, relations=relations)
+    snapshot = Snapshot(**facts, entities=entities, relations=relations)
     block = json.dumps(msgspec.to_builtins(snapshot))
     replanned.workspace.environment.write_text(f"---\nphy: environment/1\n---\n## Snapshot\n\n```yaml\n{block}\n```\n")
     line = replanned.fold.describe_world()

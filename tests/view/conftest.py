@@ -112,9 +112,9 @@ def documents(desk):
 
 
 @pytest.fixture(scope="session")
-def told(tmp_path_factory):
+def reported(tmp_path_factory):
     """The same, for tests that change nothing."""
-    made = Desk(tmp_path_factory.mktemp("told") / "w")
+    made = Desk(tmp_path_factory.mktemp("reported") / "w")
     yield tell(made)
     made.close()
 

@@ -78,14 +78,14 @@ def test_a_graph_that_is_unsound_is_linted_and_not_submitted(documents):
 
 
 @pytest.mark.parametrize("name", [name for name, action in ACTIONS.items() if action.needs])
-def test_an_empty_field_is_refused(told, name):
+def test_an_empty_field_is_refused(reported, name):
     with pytest.raises(DefinitionError, match="MISSING_VALUE"):
-        perform(told.workspace, name, dict.fromkeys(ACTIONS[name].needs, " "))
+        perform(reported.workspace, name, dict.fromkeys(ACTIONS[name].needs, " "))
 
 
-def test_an_unknown_action_names_those_that_there_are(told):
+def test_an_unknown_action_names_those_that_there_are(reported):
     with pytest.raises(DefinitionError, match="cancel"):
-        perform(told.workspace, "launch", {})
+        perform(reported.workspace, "launch", {})
 
 
 def test_a_sound_graph_is_pursued_by_planes_that_outlive_the_page(desk, planes):

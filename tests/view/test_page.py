@@ -39,11 +39,11 @@ def carry_token(access):
 
 
 @pytest.fixture
-def open_page(told, access):
+def open_page(reported, access):
     clients = []
 
     def start(**options):
-        client = TestClient(build_app(told, access, **options), base_url=OWN, headers=carry_token(access))
+        client = TestClient(build_app(reported, access, **options), base_url=OWN, headers=carry_token(access))
         clients.append(client.__enter__())
         return client
 
@@ -63,29 +63,29 @@ def see(text):
 
 
 @pytest.mark.parametrize("panel", PANELS, ids=lambda panel: panel.name)
-def test_every_panel_names_its_file_and_the_command_that_prints_the_same(told, panel):
-    shown = see(read(told, panel.name, session="tidy-7.a"))
+def test_every_panel_names_its_file_and_the_command_that_prints_the_same(reported, panel):
+    shown = see(read(reported, panel.name, session="tidy-7.a"))
     if panel.name in {"frames", "proposals", "memory", "log"}:  # they have nothing to show
-        assert read(told, panel.name, session="tidy-7.a") == NOTHING
+        assert read(reported, panel.name, session="tidy-7.a") == NOTHING
         return
     assert panel.title in shown
     assert panel.file.format(id="tidy-7.a") in shown
-    names = {"w": told.given, "id": "tidy-7.a", "skill": "pick_and_place"}
+    names = {"w": reported.given, "id": "tidy-7.a", "skill": "pick_and_place"}
     assert panel.command.format(**names) in shown
 
 
-def test_panels_say_what_the_told_say(told):
-    assert "Tidy." in see(read(told, "headline"))
-    assert "2 sessions 1 replan" in see(read(told, "headline"))
-    assert "tidy-7.a → tidy-7.a.r1" in see(read(told, "goal"))
-    assert "2 of 2 found" in see(read(told, "sessions"))
-    chart = see(read(told, "statechart", session="tidy-7.a"))
+def test_panels_say_what_the_documents_say(reported):
+    assert "Tidy." in see(read(reported, "headline"))
+    assert "2 sessions 1 replan" in see(read(reported, "headline"))
+    assert "tidy-7.a → tidy-7.a.r1" in see(read(reported, "goal"))
+    assert "2 of 2 found" in see(read(reported, "sessions"))
+    chart = see(read(reported, "statechart", session="tidy-7.a"))
     assert "pending → claimed → preflight → running → halting → awaiting verification → verifying → replanned" in chart
-    assert "JOINT_ACCELERATION too fast" in see(read(told, "guard", session="tidy-7.a"))
-    story = see(read(told, "story", session="tidy-7.a"))
+    assert "JOINT_ACCELERATION too fast" in see(read(reported, "guard", session="tidy-7.a"))
+    story = see(read(reported, "story", session="tidy-7.a"))
     assert "replan GRASP_LOST" in story
     assert "Continued by tidy-7.a.r1" in story
-    world = see(read(told, "world", session="tidy-7.a"))
+    world = see(read(reported, "world", session="tidy-7.a"))
     assert "red_cube 0.300 0.000 0.020 seen 2.5 s 50 %" in world
 
 
@@ -105,8 +105,8 @@ def test_frames_show_where_things_were_seen_in_them(documents, access):
         assert client.get("/frames/tidy-7.a/look-start.zip/other.png").status_code == 404
 
 
-def test_a_tree_shows_each_nodes_status_its_ports_and_the_last_one_before_a_reset(told):
-    tree = read(told, "tree", session="tidy-7.a")
+def test_a_tree_shows_each_nodes_status_its_ports_and_the_last_one_before_a_reset(reported):
+    tree = read(reported, "tree", session="tidy-7.a")
     rows = [see(row) for row in tree.split("<li")]
     failed = next(row for row in rows if "▣ pick " in row and "GRASP_LOST" in row)
     assert "✗" in failed
@@ -122,11 +122,11 @@ def test_without_a_choice_the_page_follows_the_session_that_runs(documents, desk
     assert "pending" in see(read(documents, "story"))
 
 
-def test_texts_of_told_are_shown_and_never_run(told):
+def test_texts_of_told_are_shown_and_never_run(reported):
     for panel in PANELS:
-        assert "<script" not in read(told, panel.name, session="tidy-7.a")
-    assert HOSTILE in see(read(told, "headline"))
-    assert "<script" not in build_archive(told, told.find_goal())
+        assert "<script" not in read(reported, panel.name, session="tidy-7.a")
+    assert HOSTILE in see(read(reported, "headline"))
+    assert "<script" not in build_archive(reported, reported.find_goal())
 
 
 def test_damaged_evidence_is_named_in_its_panel_and_the_others_stand(documents):
@@ -137,16 +137,16 @@ def test_damaged_evidence_is_named_in_its_panel_and_the_others_stand(documents):
     assert "Tidy." in see(read(documents, "headline", session="tidy-7.a"))
 
 
-def test_a_comparison_shows_what_differs_and_nothing_else(told):
-    found = compare_sessions(told, "tidy-7.a", "tidy-7.a.r1")
+def test_a_comparison_shows_what_differs_and_nothing_else(reported):
+    found = compare_sessions(reported, "tidy-7.a", "tidy-7.a.r1")
     assert [row[0] for row in found["parameters"]] == ["seed"]
     assert [[each.truth for each in row[1:]] for row in found["criteria"]] == [["false", "true"]]
     assert found["moved"] == [["red_cube moved 0.200 m, seen"], ["red_cube moved 0.320 m, seen"]]
     assert len(found["charts"]) == 8
 
 
-def test_an_archive_needs_no_server(told):
-    page = build_archive(told, told.find_goal())
+def test_an_archive_needs_no_server(reported):
+    page = build_archive(reported, reported.find_goal())
     assert not re.search(r"(src|href)=\"(?!data:|#)", page)
     assert page.count('id="session-') == 2
 
@@ -213,11 +213,11 @@ def test_a_read_only_page_has_no_actions(open_page):
         {"origin": OWN, FORM_HEADER: "guessed"},
     ],
 )
-def test_an_action_that_is_not_from_our_own_page_is_refused(open_page, access, told, headers):
+def test_an_action_that_is_not_from_our_own_page_is_refused(open_page, access, reported, headers):
     sent = {name: access.form_secret if value == "secret" else value for name, value in headers.items()}
     refused = open_page(allows_actions=True).post("/actions/estop", headers=sent)
     assert refused.status_code == 403
-    assert not is_latched(told.workspace.signals.parent)
+    assert not is_latched(reported.workspace.signals.parent)
 
 
 def test_the_stop_waits_for_no_thread_that_other_actions_hold(documents, access, monkeypatch):
@@ -239,7 +239,7 @@ def enter(client, access):
     return dict(client.cookies)
 
 
-def test_a_cookie_alone_opens_nothing_and_two_servers_do_not_share_its_name(open_page, access, told):
+def test_a_cookie_alone_opens_nothing_and_two_servers_do_not_share_its_name(open_page, access, reported):
     client = open_page(allows_actions=True)
     ((name, value),) = enter(client, access).items()
     assert (HOST.rpartition(":")[2] in name, access.token in value, access.page_key in value) == (True, False, False)
@@ -253,7 +253,7 @@ def test_a_cookie_alone_opens_nothing_and_two_servers_do_not_share_its_name(open
     client.cookies.clear()
     assert client.get(f"{inside}/").status_code == 401, "nor does the address"
     assert client.post(f"{inside}/actions/estop", headers=stolen).status_code == 401
-    assert not is_latched(told.workspace.signals.parent)
+    assert not is_latched(reported.workspace.signals.parent)
 
 
 def test_no_answer_lets_a_script_in_or_is_kept_and_the_scene_has_an_origin_of_its_own(open_page, access):

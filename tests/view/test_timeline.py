@@ -9,8 +9,8 @@ from phyagentos.store.journal import Entry, Journal
 from phyagentos.view.timeline import Timeline, read_timeline
 
 
-def test_a_session_is_a_bar_in_its_targets_lane_and_its_revision_is_linked_to_it(told):
-    timeline = read_timeline(told, told.find_goal())
+def test_a_session_is_a_bar_in_its_targets_lane_and_its_revision_is_linked_to_it(reported):
+    timeline = read_timeline(reported, reported.find_goal())
     first, second = timeline.lanes["panda"]
     assert (first.name, second.name) == ("a", "a.r1")
     assert [span.phase for span in first.spans] == ["checking", "running", "judging"]
@@ -20,8 +20,8 @@ def test_a_session_is_a_bar_in_its_targets_lane_and_its_revision_is_linked_to_it
     assert timeline.waiting == []
 
 
-def test_what_evidence_says_in_simulated_time_stands_within_the_time_in_which_the_session_ran(told):
-    (first, _) = read_timeline(told, told.find_goal()).lanes["panda"]
+def test_what_evidence_says_in_simulated_time_stands_within_the_time_in_which_the_session_ran(reported):
+    (first, _) = read_timeline(reported, reported.find_goal()).lanes["panda"]
     (mark,) = first.marks
     assert (mark.kind, first.sim_s) == ("guard", (3.5, pytest.approx(7.4)))
     assert "JOINT_ACCELERATION" in mark.text

@@ -52,7 +52,7 @@ class Defaults(Authored):
         think_s: Longest time without a control period while it waits for a planner, by the wall clock [s].
         policy_s: Longest wait for an answer of a policy server, by the wall clock [s].
         answer_s: Longest wait for a person's answer to a question (`human`), by the wall clock [s]; none where
-            no person is asked, as without a terminal.
+            no person can answer, as without a terminal.
         max_replans: Children that a node may have.
         reset_policy: When a target's world may be begun anew for this goal.
         lookahead: What is foreseen before a session starts; nothing when it is absent.

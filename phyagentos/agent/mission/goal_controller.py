@@ -162,7 +162,7 @@ class GoalController:
         return entries
 
     def _waits_for_answer(self, status: SessionStatus) -> bool:
-        """Whether a person may still answer; instructions that did not run to their end are asked nothing about."""
+        """Whether a person may still answer; where the instructions did not run to their end, no answer is awaited."""
         if self._patience is None or status.execution is None or status.execution.ended is not Ended.COMPLETED:
             return False
         own, folder = status.contract, Workspace(self._evidence.root).evidence_of(status.contract.id)

@@ -1,4 +1,4 @@
-"""How long verdicts wait for people: for the answers to questions of sessions and of the goal, where any is asked."""
+"""How long verdicts wait for people: for answers to the questions of sessions and of the goal."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from phyagentos.protocol.sessions.answers import find_open
 
 @dataclass(frozen=True, slots=True)
 class Patience:
-    """Waits as long as a goal says, from the end of the session that is asked about."""
+    """Waits as long as a goal says, from the end of the session in question."""
 
     clock: Clock
 

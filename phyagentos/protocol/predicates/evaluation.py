@@ -135,7 +135,7 @@ def _evaluate_known(formula: syntax.Formula, view: View) -> Evaluation:
         case syntax.Or(parts):
             return max((_evaluate(part, view) for part in parts), key=lambda e: e.order)
         case syntax.Question():
-            return _unknown("a person is asked after the session, and only for its acceptance")
+            return _unknown("a person judges it after the session, and only as acceptance")
     return _unknown(f"{syntax.render(formula)} is not compared with a number")
 
 

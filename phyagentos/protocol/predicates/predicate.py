@@ -145,7 +145,7 @@ def find_entities(text: str) -> tuple[str, ...]:
 
 
 def find_question(text: str) -> str:
-    """What a person is asked by a criterion; empty where it is none."""
+    """The question of a criterion to a person; empty where it has none."""
     formula = find_formula(text)
     return formula.text if isinstance(formula, syntax.Question) else ""
 

@@ -98,7 +98,7 @@ class Or:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What a person is asked after a session, `human: text`; always the whole of a criterion."""
+    """A question to a person after a session, `human: text`; always the whole of a criterion."""
 
     text: str
 
