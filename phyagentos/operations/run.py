@@ -87,7 +87,7 @@ class RunReport(msgspec.Struct, frozen=True, kw_only=True):
         report: Version of this format.
         exit_code: 0 goal met, 1 not met, 3 rejected by preflight, 4 no verdict, 130 interrupted or cancelled.
         wall_s: From the request until both planes have ended [s].
-        pictures: Session -> files.
+        pictures: Session -> files, in the order in which the sessions ended.
     """
 
     report: int = 1
@@ -219,8 +219,9 @@ def build_report(fold: RunFold, wall_s: float, *, is_interrupted: bool = False) 
     """The whole run in one value, from journal and evidence alone."""
     goal, workspace = fold.goal, fold.workspace
     report = build_mission_report(goal, fold.ledger, round(wall_s, 3)) if goal is not None else None
-    sessions = [row.session.contract.id for row in fold.rows() if row.session is not None]
-    pairs = {id: [workspace.evidence_of(id) / name for name in (PICTURE_BEFORE, PICTURE_AFTER)] for id in sessions}
+    sessions = sorted((row.session for row in fold.rows() if row.session is not None), key=lambda each: each.updated_at)
+    ids = [each.contract.id for each in sessions]
+    pairs = {id: [workspace.evidence_of(id) / name for name in (PICTURE_BEFORE, PICTURE_AFTER)] for id in ids}
     pictures = {id: tuple(str(path) for path in pair if path.is_file()) for id, pair in pairs.items()}
     exit_code = report.exit_code if report is not None and report.verdict else 4
     return RunReport(

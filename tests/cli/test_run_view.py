@@ -155,6 +155,16 @@ def test_the_report_is_one_json_value_with_every_judgement(replanned):
     assert data["goal"]["first_attempt_success"] == {"red": False, "blue": False}
 
 
+def test_pictures_of_a_report_end_with_those_of_the_session_that_ended_last(replanned):
+    sessions = replanned.fold.ledger.sessions
+    for id in (f"{GOAL}.red", f"{GOAL}.red.r1"):
+        (replanned.workspace.evidence / id).mkdir()
+        (replanned.workspace.evidence / id / "after.png").write_bytes(b"")
+    assert [*build_report(replanned.fold, 2.0).pictures] == [f"{GOAL}.red", f"{GOAL}.red.r1"]
+    sessions[f"{GOAL}.red"] = msgspec.structs.replace(sessions[f"{GOAL}.red"], updated_at="2999-01-01T00:00:00Z")
+    assert [*build_report(replanned.fold, 2.0).pictures] == [f"{GOAL}.red.r1", f"{GOAL}.red"]
+
+
 def test_the_final_table_names_nodes_verdicts_times_and_pictures(replanned):
     picture = replanned.workspace.evidence / f"{GOAL}.red" / "after.png"
     picture.parent.mkdir()
