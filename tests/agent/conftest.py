@@ -331,6 +331,34 @@ class Stage:
         return self.make_mission().run(graph, seed=seed)
 
 
+def get_order(stage: Stage) -> list[str]:
+    """The sessions that ran, without their goal."""
+    return [session.id.partition(".")[2] for session in stage.runtime.ran]
+
+
+def check_report(report: MissionReport, reasons: dict[str, str] | None = None, **expected: Any) -> None:
+    """Raise unless a mission ended as expected; ids of sessions are without their goal.
+
+    Args:
+        report: Of the mission.
+        reasons: Id of a session, or "" for the goal itself -> what its reason holds.
+        expected: What `found` has.
+    """
+    of_session = {each.id.partition(".")[2]: each for each in report.sessions}
+    found = {
+        "verdict": report.verdict,
+        "exit_code": report.exit_code,
+        "replans": report.replans,
+        "nodes": {name: str(state) for name, state in report.nodes.items()},
+        "sessions": [(id, str(each.state)) for id, each in of_session.items()],
+        "causes": {id: each.cause for id, each in of_session.items() if each.cause},
+        "ended": {id: each.ended for id, each in of_session.items()},
+    }
+    assert {key: found[key] for key in expected} == expected
+    for id, text in (reasons or {}).items():
+        assert text in (of_session[id].reason if id else report.reason)
+
+
 @pytest.fixture
 def make_stage(tmp_path: Path, library: Library) -> Iterator[Callable[..., Stage]]:
     stages: list[Stage] = []

@@ -407,7 +407,7 @@ MUTANTS = (
                 "or case.miss",
             ),
         ),
-        tests=("tests/agent/test_repair.py::test_what_two_looks_did_not_decide_ends_there",),
+        tests=("tests/agent/test_repair.py::test_what_two_looks_did_not_decide_or_show_ends_there",),
     ),
     Mutant(
         name="unseen_hold_forgotten_by_the_replan",
