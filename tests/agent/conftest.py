@@ -1,6 +1,7 @@
 """A small library, synthetic worlds, and a runtime that plays its part in the journal without a robot."""
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from textwrap import dedent
@@ -34,6 +35,7 @@ from phyagentos.protocol.world.environment import (
 from phyagentos.store.admission import Entry
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
+from tests.chat_server import ChatServer
 
 SKILLS = {
     "pick_and_place": """
@@ -373,3 +375,16 @@ def make_stage(tmp_path: Path, library: Library) -> Iterator[Callable[..., Stage
     yield make
     for stage in stages:
         stage.close()
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[..., ChatServer]]:
+    """Starts servers of language models; they answer what is given, in turn."""
+    with ExitStack() as stack:
+
+        def open_one(*answers: object, **facts: Any) -> ChatServer:
+            server = ChatServer(answers, **facts)
+            stack.callback(server.close)
+            return server
+
+        yield open_one

@@ -1,6 +1,5 @@
 """The understander that asks a model: servers that answer rightly, wrongly, slowly, never, or as they are told to."""
 
-import contextlib
 import hashlib
 import json
 import time
@@ -14,7 +13,6 @@ from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.network.chat import OpenAiEndpoint
-from tests.chat_server import ChatServer
 from tests.hostile_server import HostileServer
 
 from .conftest import get_vocabulary
@@ -27,18 +25,6 @@ UNFIT = {"goal": {"accept": ["inside(wall, red_tray)"]}}
 INCAPABLE = {"goal": {"accept": ["near(red_cube, blue_cube)"]}}
 NO_PREDICATE = {"goal": {"accept": ["import os"]}}
 CONTRADICTION = {"goal": {"accept": ["inside(red_cube, red_tray)"], "constraints": ["not moved(red_cube)"]}}
-
-
-@pytest.fixture
-def serve():
-    with contextlib.ExitStack() as stack:
-
-        def open_one(*answers, **facts):
-            server = ChatServer(answers, **facts)
-            stack.callback(server.close)
-            return server
-
-        yield open_one
 
 
 def ask(server, request=REQUEST, vocabulary=None, *, key="", answers=None, **limits):
