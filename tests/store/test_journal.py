@@ -12,7 +12,7 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
 from phyagentos.store.journal import Entry, Fenced, IllegalEvent, choose_partition
 
-from .conftest import make_submit
+from .conftest import make_course, make_submit
 from .damage import segments_of
 
 GOAL = Entry("goal:tidy-7", "goal_submitted", {"graph": "tidy", "seed": 7})
@@ -22,14 +22,11 @@ def test_a_session_goes_from_submit_to_verdict(open_journal, submit):
     agent, runtime = open_journal(), open_journal(Side.RUNTIME)
 
     agent.commit([submit("s")])
-    (claim, _, start) = runtime.commit([Entry("s", "claim"), Entry("s", "check"), Entry("s", "start", epoch=1)])
-    runtime.commit(
-        [Entry("s", "halt"), Entry("s", "finish", {"execution": {"ended": "completed", "evidence": "evidence/s"}}, 1)]
-    )
+    claim, _, start, *_ = runtime.commit(make_course("s", {"ended": "completed", "evidence": "evidence/s"}))
     agent.commit([Entry("s", "verify"), Entry("s", "accept")])
 
-    assert (claim.source, claim.to, claim.epoch, claim.more) == ("pending", "claimed", 1, 2)
-    assert (start.source, start.to, start.epoch, start.more) == ("preflight", "running", 1, 0)
+    assert (claim.source, claim.to, claim.epoch, claim.more) == ("pending", "claimed", 1, 4)
+    assert (start.source, start.to, start.epoch, start.more) == ("preflight", "running", 1, 2)
     assert [(r.seq, r.ev, r.to) for r in agent.read_new()] == [
         (1, "submit", "pending"),
         (2, "claim", "claimed"),
