@@ -198,7 +198,7 @@ def open_runs(folder: str | Path) -> "Runs":
 
 
 def compare(a: "Runs", b: "Runs") -> "Comparison":
-    """Success of B against A, paired by seed, with McNemar's exact test; raises DefinitionError `RUN_DIFFERS`."""
+    """Success of B against A, paired by seed, with McNemar's exact test; raises DefinitionError `INVALID_VALUE`."""
     from phyagentos.bench import many
 
     return many.compare(a, b)

@@ -1,70 +1,48 @@
 """The rows of the table of error codes, by phase: a code, then what it means. `codes` reads them."""
 
 AUTHORED = """
+MISSING_VALUE        A key, argument, port, limit, source, acceptance, reason or partition that is needed is missing.
+SCENE_INVALID        Bodies find no placement without collision, overlap, hang in the air, or cannot be meant so.
+UNREADABLE_FILE      A file is missing, cannot be read, is no regular file, has more than 16 MiB, or is no text.
+BROKEN_PYTHON        Python of a person or installed package does not load, or raised an error in a session.
+INVALID_VALUE        A value, name, argument, unit or kind of file is wrong, out of range, or not for this place.
 NO_CANDIDATE         No skill and target together guarantee what is required, or nothing plans for its form.
-WRONG_KIND           A file or document is of another kind than a command takes, or of none that is known.
-SCENE_INVALID        No collision-free placement was found, or bodies hang in the air, or cannot be meant so.
 BROKEN_TREE          A tree cannot be built: an output that nothing writes, two actions at once, a wrong subtree.
-BROKEN_PYTHON        Python of a person cannot be loaded, registers no leaf, or raised an error in a session.
 SYNTAX               A text is no predicate, XML or YAML, stands for too many values, or has an open block.
-MISSING_VALUE        A key, argument, port, limit, source, acceptance or reason that is needed is missing.
-INVALID_VALUE        A value, name, argument or unit is of the wrong type or out of range, or does not fit its place.
 DUPLICATE_NAME       A key, value or block stands twice, or two packages offer a leaf or plug-in of one name.
 WORLD_CONFLICT       Targets cannot share a world, or not the one that the goal gives them, or be repeated in it alone.
 MODEL_INVALID        MuJoCo cannot read a model, or its arm or fingers are not as the profile says.
-BROKEN_PLUGIN        What an installed package announces does not load, or is of another kind.
 CYCLE                Nodes wait for each other, or goal graphs or trees contain each other or themselves.
 LEADS_OUT            A workspace, or the model of a target, names a file outside.
-MODEL_MISSING        A target names a model file that is not there.
-ALIKE                A goal names one of several objects that look alike; a warning.
-NOTHING_SEEN         A node decides on what is seen, and no session before it sees anything.
-OVERLAP              Two bodies of a scene begin inside of each other, or one inside the robot.
 UNKNOWN_NAME         Nothing of the kind that stands in brackets has such a name there.
-UNREADABLE_FILE      A file cannot be read, is no regular file, has more than 16 MiB, or is no text.
-OLD_REFERENCE        A tree refers to a key as `$name`; `${name}` is the present form (a warning).
 """
 
 OPERATION = """
-ALREADY_OVER         The goal, session or turn has ended: its verdict, state or answer is final.
-TOO_LARGE            A proposal, the arguments of a tool, or a context has too many bytes; or too many proposals wait.
-NOT_PERMITTED        A policy, an approval, or the level of a server does not permit it, or not to this side.
+NOT_PERMITTED        A policy, contract, approval or the level of a server forbids it, or a lesson has not proved itself.
+TOO_LARGE            A proposal, arguments, a context or a record has too many bytes; or too many proposals wait.
+EXTRA_MISSING        A package, module, environment, key or configuration is missing, or cannot be installed.
+ALREADY_OVER         The goal, session, turn or emergency stop has ended: its verdict, state or answer is final.
+CHANGED              A goal, proposal, run, setting or measurement is not what was begun, decided on or recorded.
 NOT_A_WORKSPACE      The folder is no workspace, or no run of a suite, or has no such partition of the journal.
-EXTRA_MISSING        A package, module, environment, key or configuration that a command needs is missing.
-CONTRADICTS_DONE  An amendment changes or takes out what has begun already.
-GOAL_DIFFERS      A goal of this name was begun with another graph.
 NOT_EXECUTED         The session never ran, or left nothing that could be run again or exported.
 NOT_RUNNING       No workspace of this machine is running.
-NOT_LATCHED       There is no latched emergency stop to reset.
-NOT_PROMOTED      A lesson has not proved itself as a skill, or a skill was not made of one.
-POLICY_MISSING    A policy server of a suite cannot be started, or does not listen.
-RUN_DIFFERS          A run has changed since it began, cannot be read, or has no episode in common with the other.
-SETUP_FAILED      An environment could not be made.
-SOCKETS_UNSAFE    The folder of the sockets can be used by others.
 UNTRUSTED_PYTHON  A workspace holds Python that is not known from here.
 WOULD_OVERWRITE   A file stands where one was to be written.
-PROPOSAL_CHANGED     A proposal is not the one that was decided on, could still change, or was decided before.
 """
 
 STORE = """
-EVIDENCE_DAMAGED     A bundle lacks a file, or holds one that cannot be read or is not as its manifest says.
-JOURNAL_WRITE_FAILED The disk took no record, or the journal was closed or moved; none was acknowledged.
 JOURNAL_NOT_DURABLE  The disk did not confirm a write; the process must end.
+JOURNAL_LEFTOVER     A part of the journal that does not count; the next writer or reader passes over it.
+WRITE_FAILED         The disk took or confirmed no record, file or latch; nothing was acknowledged.
+EVIDENCE_DAMAGED     A bundle lacks a file, or holds one that cannot be read or is not as its manifest says.
 JOURNAL_DAMAGED      The journal or its checkpoint is not as it was written, or against the lifecycle.
 BUSY                 Another process works on the same run, workspace, journal or evidence.
-CHECKPOINT_UNUSED    The checkpoint fits no place in the journal and is not used.
-END_TORN             A segment ends in an unacknowledged batch; the next writer cuts it.
-EVIDENCE_UNWRITABLE  The evidence folder cannot be changed.
-JOURNAL_UNREADABLE   The system refused to read a file of the journal.
-LANE_UNCLEAR         Several hosts have written here; name a partition with --lane.
-LOOK_DIFFERS         Perception now reads something else than when a look was recorded.
-NOTHING_OBSERVED     ENVIRONMENT.md holds no snapshot yet.
-RECORD_TOO_LARGE     A record is larger than a journal line may be.
-SEGMENT_TWICE        A segment stands in the partition and in the archive.
-SETTINGS_CHANGED     A settings file is not the one that the session ran with.
 """
 
 PREFLIGHT = """
-NOT_SECURED             A target that is served elsewhere has no safe key, no TLS, or no trusted certificate.
+POLICY_UNREACHABLE   No policy server answers, or it cannot be started.
+NOT_OBSERVED         An argument, condition, fan-out or scene needs what no observation has shown.
+NOT_SECURED          A served target has no safe key, TLS or trusted certificate, or others can use the sockets.
 NO_DRIVER            No driver moves a target of this kind or name, or the process of its environment does not start.
 NOT_OFFERED          Target or runtime do not offer an observation, action, operation or kind of skill.
 LIMIT_INVALID        A limit of safety.yaml is empty, too narrow, wider than the target's, or unenforceable.
@@ -74,14 +52,12 @@ ACTION_SPACE_MISMATCH No bridge leads from the source's form, joints, gripper, r
 ACTION_SPACE_INVALID     A description of an action space contradicts itself.
 CHUNK_LENGTH             A chunk is longer or shorter than the target takes.
 CONTRACT_MISMATCH        runtime_contract.yaml counts on another period, step, rate or mode than the target.
-NOT_OBSERVED             An argument or a condition names what no observation has shown.
 HOLD_BROKEN              A hold condition, or a constraint of the goal, is false already in the world as observed.
 NOT_CHECKED              A session was to run without a preflight.
 OPERATION_FORBIDDEN      runtime_contract.yaml does not permit an operation that the skill needs.
 OUT_OF_REACH             The session's object is beyond the arm's reach, for every grasp.
 OUTSIDE_WORKSPACE        Every candidate would bring the tool beyond the workspace of safety.yaml.
 POLICY_MISMATCH      A policy, or its server, is not as SKILL.md describes it, or is too slow for its chunks.
-POLICY_UNREACHABLE       No policy server answers.
 PRECONDITION_UNMET       A precondition is false or unknown in the world as observed.
 START_OUTSIDE            The tool stands outside the workspace, or in a keep-out volume, before anything has moved.
 TARGET_MISMATCH          The live target differs from TARGETS.md.
@@ -165,7 +141,7 @@ UNKNOWN             None of the other causes.
 WITHOUT_EFFECT      The robot moved, the object did not."""
 
 HOPELESS = """
-AMBIGUOUS               The contract depends on which of several objects that look alike is which.
+AMBIGUOUS            The contract or goal depends on which of several objects that look alike is which.
 CANCELLED               An end was requested.
 CRITERIA_CONTRADICT     Two criteria exclude one another, so that no world meets the contract.
 NOTHING_CHANGED         No command was executed and nothing moved, although the skill reported success.
@@ -219,8 +195,6 @@ FRAME_DROPPED           The latest frames of a camera were all lost.
 HEARTBEAT_INCONSISTENT  Two processes beat for one target, or a worker's sequence runs backwards.
 HEARTBEAT_LOST          The worker lives, and its heartbeat has not advanced for longer than the contract allows.
 LEASE_LOST              No watchdog has renewed the lease of a session that runs; the worker ended it.
-LATCH_UNWRITABLE        The disk takes no latch of the emergency stop, and has no reserve for it.
-LOG_UNWRITABLE          The target cannot write its receive log, so it accepts no command.
 MALFORMED               A message on the wire could not be read.
 NO_AUTHORITY            A command came without a claim.
 NO_GRAPHICS             This machine cannot draw; sensors.yaml may have `backend: ray`.
@@ -239,46 +213,49 @@ TARGET_LOST             The target no longer answers.
 # Codes of earlier releases, which documents still hold: what each is called now.
 ALIASES = """
 ACTION_SPACE_MISMATCH: CLAMP_UNBOUNDED GRIPPER_MISMATCH JOINT_MISSING RATE_UNBRIDGED REPRESENTATION_UNBRIDGED
-ALREADY_OVER: TURN_OVER
-BROKEN_PYTHON: BROKEN_BEHAVIOURS BROKEN_PREDICATES NOT_A_LEAF
+ALREADY_OVER: TURN_OVER NOT_LATCHED
+AMBIGUOUS: ALIKE
+BROKEN_PYTHON: BROKEN_BEHAVIOURS BROKEN_PREDICATES NOT_A_LEAF BROKEN_PLUGIN
 BROKEN_TREE: TWO_ACTIONS UNWRITTEN_KEY UNWRITTEN_OUTPUT TREE_INVALID
 BUSY: RUN_BUSY EVIDENCE_BUSY WATCHED_ALREADY JOURNAL_LOCKED
+CHANGED: PROPOSAL_OPEN PROPOSAL_DECIDED RUN_DAMAGED NOT_PAIRED CONTRADICTS_DONE GOAL_DIFFERS RUN_DIFFERS
+CHANGED: PROPOSAL_CHANGED LOOK_DIFFERS SETTINGS_CHANGED
 CYCLE: RECURSION
 DETECTOR_FAILED: DETECTOR_REFUSED DETECTOR_TIMEOUT DETECTOR_UNREACHABLE
 DUPLICATE_NAME: DUPLICATE_BLOCK DUPLICATE_KEY DUPLICATE_LEAF DUPLICATE_PLUGIN DUPLICATE_VALUE
 EVIDENCE_DAMAGED: MISMATCH MISSING UNLISTED UNSEALED MANIFEST_DAMAGED LOOK_MISSING POINTER_BROKEN EVIDENCE_UNREADABLE
-EXTRA_MISSING: MODULE_MISSING RAY_MISSING ENVIRONMENT_MISSING VISION_NOT_CONFIGURED API_KEY_MISSING
-NOT_SECURED: NO_TOKEN NOT_ENCRYPTED NOT_TRUSTED
+EXTRA_MISSING: MODULE_MISSING RAY_MISSING ENVIRONMENT_MISSING VISION_NOT_CONFIGURED API_KEY_MISSING SETUP_FAILED
 INVALID_VALUE: INVALID_OVERRIDE INVALID_CONTRACT INVALID_ID INVALID_LINE INVALID_NAME INVALID_PARAMETER INVALID_RATE
 INVALID_VALUE: NAME_MISMATCH NOT_A_KEY NOT_A_NODE NOT_A_NUMBER NOT_COMPARED NOT_A_PREDICATE NOT_A_WIRING
 INVALID_VALUE: WRONG_ARGUMENT WRONG_ARGUMENTS WRONG_LENGTH WRONG_TYPE WRONG_UNIT HIDDEN_TEXT PARAMETER_INVALID
-INVALID_VALUE: INCLUDE_DIFFERS AMBIGUOUS_REFERENCE MIXED_TARGETS ENDPOINT_INVALID
+INVALID_VALUE: INCLUDE_DIFFERS AMBIGUOUS_REFERENCE MIXED_TARGETS ENDPOINT_INVALID UNKNOWN_KIND WRONG_DOCUMENT
+INVALID_VALUE: WRONG_KIND OLD_REFERENCE
 JOURNAL_DAMAGED: BODY_UNREADABLE RECORD_DAMAGED RECORDS_MISSING RECORD_ILLEGAL SEGMENT_MISLINKED SEGMENT_UNREADABLE
 JOURNAL_DAMAGED: CHECKPOINT_WRONG
-JOURNAL_WRITE_FAILED: JOURNAL_CLOSED JOURNAL_MOVED
+JOURNAL_LEFTOVER: END_TORN SEGMENT_TWICE CHECKPOINT_UNUSED
 LIMIT_INVALID: LIMIT_EMPTY LIMIT_TOO_NARROW LIMIT_UNENFORCEABLE LIMIT_WIDER
 MISSING_VALUE: MISSING_KEY MISSING_PARAMETER MISSING_PORT LIMITS_MISSING FRONT_MATTER_MISSING EMPTY_FOREACH
-MISSING_VALUE: UNSOURCED_LIMIT REASON_MISSING NOTHING_TO_ACCEPT PARAMETER_MISSING
+MISSING_VALUE: UNSOURCED_LIMIT REASON_MISSING NOTHING_TO_ACCEPT PARAMETER_MISSING LANE_UNCLEAR
 MODEL_FAILED: MODEL_REFUSED MODEL_UNREACHABLE
 MODEL_INVALID: MODEL_UNREADABLE NO_SERIAL_CHAIN WRONG_AXIS WRONG_OPENING
 NOT_A_WORKSPACE: NOT_A_RUN NO_JOURNAL
 NOT_EXECUTED: NO_SNAPSHOT NOTHING_TO_EXPORT
-NOT_OBSERVED: NEVER_SEEN ENTITY_UNKNOWN
+NOT_OBSERVED: NEVER_SEEN ENTITY_UNKNOWN NOTHING_SEEN NOTHING_OBSERVED
 NOT_OFFERED: CAPABILITY_UNAVAILABLE OPERATION_UNAVAILABLE ACTION_UNAVAILABLE SKILL_KIND_UNSUPPORTED
-NOT_PERMITTED: NOT_APPROVED TOOL_NOT_OFFERED NOT_BY_HAND
+NOT_PERMITTED: NOT_APPROVED TOOL_NOT_OFFERED NOT_BY_HAND NOT_PROMOTED
+NOT_SECURED: NO_TOKEN NOT_ENCRYPTED NOT_TRUSTED SOCKETS_UNSAFE
 NO_CANDIDATE: NOT_PLANNABLE
 NO_DRIVER: NO_ENVIRONMENT
 NO_EPISODE: NO_SCENE NO_STATE
 OBSERVATION_MISMATCH: OBSERVATION_DTYPE OBSERVATION_FRAME OBSERVATION_MODALITY OBSERVATION_RATE OBSERVATION_SHAPE
 OBSERVATION_MISMATCH: OBSERVATION_UNIT
 POLICY_MISMATCH: POLICY_TOO_SLOW POLICY_UNDECLARED
-PROPOSAL_CHANGED: PROPOSAL_OPEN PROPOSAL_DECIDED
+POLICY_UNREACHABLE: POLICY_MISSING
 REQUEST_INVALID: UNKNOWN_CAMERA UNKNOWN_TOOL INVALID_CROP NO_GROUND_TRUTH
-RUN_DIFFERS: RUN_DAMAGED NOT_PAIRED
-SCENE_INVALID: SCENE_OVERFULL WRONG_SCALE NOT_ALIKE UNSUPPORTED
+SCENE_INVALID: SCENE_OVERFULL WRONG_SCALE NOT_ALIKE UNSUPPORTED OVERLAP
 SENSOR_MISMATCH: SENSOR_MISSING SENSOR_MODALITY SENSOR_RATE SENSOR_UNREAD
 SYNTAX: PREDICATE_SYNTAX XML_SYNTAX YAML_SYNTAX UNCLOSED_FENCE
-TOO_LARGE: TOO_MANY_PROPOSALS CONTEXT_TOO_LARGE
+TOO_LARGE: TOO_MANY_PROPOSALS CONTEXT_TOO_LARGE RECORD_TOO_LARGE
 UNKNOWN_NAME: UNKNOWN_FORECASTER UNKNOWN_JUDGE UNKNOWN_BLOCK UNKNOWN_KEY UNKNOWN_LEAF UNKNOWN_NOISE_LEVEL UNKNOWN_NODE
 UNKNOWN_NAME: UNKNOWN_OUTPUT UNKNOWN_PARAMETER UNKNOWN_PLUGIN UNKNOWN_PORT UNKNOWN_POSTURE UNKNOWN_PREDICATE
 UNKNOWN_NAME: UNKNOWN_REPAIR UNKNOWN_REFERENCE UNKNOWN_SCENE UNKNOWN_SCORER UNKNOWN_SENSOR UNKNOWN_SKILL
@@ -286,6 +263,8 @@ UNKNOWN_NAME: UNKNOWN_TARGET UNKNOWN_TREE UNKNOWN_WORD UNKNOWN_CODE UNKNOWN_ENTR
 UNKNOWN_NAME: UNKNOWN_GOAL UNKNOWN_REQUEST UNKNOWN_SCHEMA UNKNOWN_SESSION UNKNOWN_PROPOSAL UNKNOWN_RESOURCE
 UNKNOWN_NAME: UNKNOWN_DETECTOR FRAME_UNKNOWN JOINT_UNKNOWN PARAMETER_UNKNOWN RESOURCE_UNDECLARED TARGET_UNKNOWN
 UNKNOWN_NAME: UNKNOWN_MATERIAL UNKNOWN_AREA UNKNOWN_BODY UNKNOWN_JOINT UNKNOWN_SITE UNKNOWN_GEOM
+UNREADABLE_FILE: MODEL_MISSING JOURNAL_UNREADABLE
 WORLD_CONFLICT: WORLD_DIFFERS WORLD_NOT_SHARED WORLD_SHARED PERIODS_DIFFER TARGET_IN_TWO_WORLDS
-WRONG_KIND: UNKNOWN_KIND WRONG_DOCUMENT
+WRITE_FAILED: JOURNAL_CLOSED JOURNAL_MOVED JOURNAL_WRITE_FAILED EVIDENCE_UNWRITABLE
+WRITE_FAILED: LATCH_UNWRITABLE LOG_UNWRITABLE
 """

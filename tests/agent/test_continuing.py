@@ -40,7 +40,7 @@ ANOTHER = {
 def test_an_open_goal_is_not_gone_on_with_for_another_graph(begun, write_graph, text, goal):
     graph = write_graph(text, "other.yaml")
     before = begun.make_mission().ledger.seq
-    with pytest.raises(DefinitionError, match=r"other.yaml: GOAL_DIFFERS: found .* goal tidy-7") as caught:
+    with pytest.raises(DefinitionError, match=r"other.yaml: CHANGED: found .* goal tidy-7") as caught:
         begun.make_mission().run(graph, seed=7, goal=goal)
 
     (problem,) = caught.value.problems
@@ -50,7 +50,7 @@ def test_an_open_goal_is_not_gone_on_with_for_another_graph(begun, write_graph, 
 
 
 def test_an_override_makes_another_graph_of_the_same_file(begun, tidy):
-    with pytest.raises(DefinitionError, match="GOAL_DIFFERS"):
+    with pytest.raises(DefinitionError, match="CHANGED"):
         begun.make_mission().run(tidy, seed=7, overrides={"objective": "Something else."})
 
 
@@ -98,7 +98,7 @@ def make_world_again(stage):
 def test_a_goal_that_is_over_is_not_reported_for_another_graph(make_stage, tidy, write_graph):
     stage = make_stage()
     stage.make_mission().run(tidy, seed=1, goal="job-1")
-    with pytest.raises(DefinitionError, match="GOAL_DIFFERS"):
+    with pytest.raises(DefinitionError, match="CHANGED"):
         stage.make_mission().run(write_graph(ANOTHER["node"], "other.yaml"), seed=1, goal="job-1")
 
 

@@ -266,7 +266,7 @@ def test_no_model_is_asked_what_cannot_be_kept_or_is_too_long(serve, bundle):
     model = serve()
     (bundle.folder / "shown").write_text("no folder")
     (criterion,) = make_judge(model.url).judge(bundle)
-    assert (criterion.truth, criterion.failure) == (Truth.UNKNOWN, "EVIDENCE_UNWRITABLE")
+    assert (criterion.truth, criterion.failure) == (Truth.UNKNOWN, "WRITE_FAILED")
     (bundle.folder / "shown").unlink()
     long = msgspec.structs.replace(bundle, session=make_session(accept=("visible(red_cube) and " * 600 + "true",)))
     (criterion,) = make_judge(model.url).judge(long)

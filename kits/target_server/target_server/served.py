@@ -64,7 +64,7 @@ class ReceiveLog:
         """Refuse what could not be recorded."""
         self._write()
         if self._unwritten:
-            raise Refusal("LOG_UNWRITABLE", "the receive log cannot be written; what cannot be recorded is not done")
+            raise Refusal("WRITE_FAILED", "the receive log cannot be written; what cannot be recorded is not done")
 
     def _write(self) -> None:
         try:

@@ -84,7 +84,7 @@ class PerceivedWorld(WorldModel):
         """The world of an earlier look, perceived again from its recorded readings.
 
         Raises:
-            ExecutionError: `LOOK_DIFFERS` where perception now reads something else.
+            ExecutionError: `CHANGED` where perception now reads something else.
         """
         self._handle = RecordedFrames(look)
         self._belief = look.before

@@ -269,7 +269,7 @@ class ServedTarget:
 
     def _refuse_unlogged(self) -> None:
         if self._log.is_behind:
-            raise ExecutionError("LOG_UNWRITABLE", LOG_BEHIND)
+            raise ExecutionError("WRITE_FAILED", LOG_BEHIND)
 
     def note_event(self, kind: str) -> None:
         """An event without a request."""
