@@ -50,7 +50,7 @@ def verify(
 ) -> Judged:
     """Add a judgement to a session that has its verdict; erases none and changes no state.
 
-    `judges` are those of the settings without. Raises DefinitionError `UNKNOWN_NAME`, `NOT_JUDGED`.
+    `judges` are those of the settings without. Raises DefinitionError `UNKNOWN_NAME`, `NOT_EXECUTED`.
     """
     place, clock = Workspace.open(root), SystemClock()
     verifier = build_verifier(place, clock, mode=mode, judges=judges)

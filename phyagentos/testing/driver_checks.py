@@ -211,7 +211,7 @@ def describes_itself(subject: DriverSubject) -> None:
 
 def is_nothing_before_a_scene(subject: DriverSubject) -> None:
     """Before a scene is loaded no session begins."""
-    _refuse(subject.serve().ask(wire.Begin(SESSION, EPOCH)), "NO_EPISODE")
+    _refuse(subject.serve().ask(wire.Begin(SESSION, EPOCH)), "REQUEST_INVALID")
 
 
 def keeps_an_episode(subject: DriverSubject) -> None:
@@ -220,7 +220,7 @@ def keeps_an_episode(subject: DriverSubject) -> None:
     first = _require(client.load(), wire.Loaded, "LoadScene")
     assert client.load() == first, "the same episode was begun anew"
     _refuse(client.load(seed=2), "EPISODE_CONFLICT")
-    _refuse(client.load("f", may_reset=False), "RESET_FORBIDDEN")
+    _refuse(client.load("f", may_reset=False), "NOT_PERMITTED")
     _require(client.load("f"), wire.Loaded, "LoadScene")
     _require(client.ask(wire.Begin(SESSION, EPOCH)), wire.Ack, "Begin")
     _refuse(client.load("g"), "NO_AUTHORITY")
@@ -296,7 +296,7 @@ def halts_in_the_middle(subject: DriverSubject) -> None:
     _require(client.ask(wire.Settle(SESSION, EPOCH, 0.5)), wire.Step, "Settle")
     _require(client.send(client.make()), wire.Step, "a command after a halt of category 2")
     _require(client.ask(wire.Halt(SESSION, EPOCH, category=1)), wire.Step, "Halt")
-    _refuse(client.send(client.make()), "DRIVES_OFF")
+    _refuse(client.send(client.make()), "SAFETY_STOP")
 
 
 def halts_when_its_client_is_gone(subject: DriverSubject) -> None:

@@ -167,7 +167,7 @@ def test_what_a_glance_shows_violates_a_hold_condition(move, monkeypatch):
     monkeypatch.setattr(Glancing, "is_sure", staticmethod(lambda number: number != 2))
     _, bench, execution = move(hold=("exists(red_cube)",))
 
-    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "HOLD_VIOLATED")
+    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "CONSTRAINT_VIOLATED")
     assert len(bench.target.commands()) == execution.ticks == 11
     assert len(read_trajectory(bench, execution)["time_s"]) == 11
 

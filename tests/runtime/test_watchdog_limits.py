@@ -90,7 +90,7 @@ def test_a_session_that_waits_longer_than_its_contract_allows_is_rejected(stand)
     stand.wait_for("g.b", "rejected")
 
     status = stand.ledger.sessions["g.b"]
-    assert [problem.code for problem in status.problems] == ["QUEUE_TIMED_OUT"]
+    assert [problem.code for problem in status.problems] == ["TIMED_OUT"]
     assert status.reason.endswith("expected a free target within 0.1 s")
     assert [order.session.id for order in worker.orders if isinstance(order, Run)] == ["g.a"]
 
@@ -102,7 +102,7 @@ def test_a_check_that_takes_longer_than_the_contract_allows_is_given_up_and_noth
     stand.wait_for("g.a", "rejected")
 
     (problem,) = stand.ledger.sessions["g.a"].problems
-    assert (problem.code, problem.found) == ("PREFLIGHT_TIMED_OUT", "it was checked for longer than 0.1 s")
+    assert (problem.code, problem.found) == ("TIMED_OUT", "it was checked for longer than 0.1 s")
     assert stand.events("g.a") == ["submit", "claim", "check", "reject"]
     assert worker.kills == [False]
 

@@ -217,7 +217,7 @@ class Served:
                 return loaded
             if not request["may_reset"]:
                 message = f"episode {request['episode']} would end episode {standing['episode']}; no reset is permitted"
-                raise Refusal("RESET_FORBIDDEN", message)
+                raise Refusal("NOT_PERMITTED", message)
         self.body.beat = client.beat
         self.body.load(request["scene"], request["seed"], request["snapshot"])
         self._scene = request
@@ -230,7 +230,7 @@ class Served:
         if not hmac.compare_digest(request["token"], mint(self._key, session, epoch)):
             raise Refusal("BAD_TOKEN", f"the token is not that of epoch {epoch} of {session}")
         if self._scene is None:
-            raise Refusal("NO_EPISODE", "no scene is loaded; send LoadScene first")
+            raise Refusal("REQUEST_INVALID", "no scene is loaded; send LoadScene first")
         if self.look_for_stops():
             raise Refusal("ESTOPPED", f"the emergency stop is set; remove {self._stop_file} to reset it")
         if not session:
@@ -314,7 +314,7 @@ class Served:
         elif kind == "Halt":
             self.body.halt(request["category"])
             if request["category"] == 1:
-                self._stopped = self._stopped or "DRIVES_OFF"
+                self._stopped = self._stopped or "SAFETY_STOP"
         else:
             if not 0.0 <= request["duration_s"] <= SETTLE_MAX_S:  # also when it is NaN
                 raise Refusal("MALFORMED", f"a settling time of {request['duration_s']} s; 0 to {SETTLE_MAX_S} s")

@@ -20,7 +20,7 @@ class Caution(Entry, frozen=True, kw_only=True, omit_defaults=True):
     """One kind of safety event in one scope; a session in which it happened speaks for it.
 
     Attributes:
-        code: What happened (`ESTOPPED`, `HOLD_VIOLATED`, a broken limit).
+        code: What happened (`ESTOPPED`, `CONSTRAINT_VIOLATED`, a broken limit).
     """
 
     code: str

@@ -145,7 +145,7 @@ def find_remote(path: Path, seed: int, robot: Robot, sensors: Sensors) -> list[P
         reasons = dict.fromkeys(_find_reason(model, data, name, each) for each in cameras)
         if reasons and not any(each.startswith(IN_VIEW) for each in reasons):
             found = f"{name!r}: {'; '.join(reasons)}"
-            problems.append(located.problem("NOT_VISIBLE", at, found, "in view of a camera", "Move it, or a camera."))
+            problems.append(located.problem("OBJECT_HIDDEN", at, found, "in view of a camera", "Move it, or a camera."))
     return problems
 
 

@@ -97,7 +97,7 @@ class NoModel:
 
     def answer(self, request: MotionRequest, should_cancel: Callable[[], bool] | None = None) -> NoPlan:
         """Refuse it."""
-        return _refuse("NO_MODEL", "The target has no model to plan with.")
+        return _refuse("REQUEST_INVALID", "The target has no model to plan with.")
 
 
 class PlannerProcess:

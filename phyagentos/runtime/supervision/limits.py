@@ -27,7 +27,7 @@ class FaultKind(StrEnum):
 
     SILENT = "HEARTBEAT_LOST"
     """Its heartbeats stopped."""
-    STALLED = "NO_PROGRESS"
+    STALLED = "STALLED"
     """Its heartbeats go on, its control periods do not."""
     INCONSISTENT = "HEARTBEAT_INCONSISTENT"
     """Its heartbeats cannot be those of one worker."""
@@ -173,7 +173,7 @@ def _find_due_of_session(snapshot: SupervisionSnapshot, session: Session) -> Due
         if snapshot.age_s <= limits.preflight_s:
             return None
         why = f"it was checked for longer than {limits.preflight_s} s"
-        return Due(Measure.REFUSE, why, code="PREFLIGHT_TIMED_OUT")
+        return Due(Measure.REFUSE, why, code="TIMED_OUT")
     if snapshot.age_s > limits.wall_timeout_s:
         why = f"the contract allows {limits.wall_timeout_s} s by the wall clock"
         return Due(Measure.STOP, why, ended=Ended.TIMED_OUT)

@@ -93,7 +93,7 @@ class Lost:
         """Its execution when no worker starts that could observe the world."""
         message = f"{self.reason}; and no worker starts that could look at the world"
         evidence = f"evidence/{self.session.id}"
-        return Execution(ended=Ended.TARGET_LOST, evidence=evidence, code="TARGET_UNAVAILABLE", message=message)
+        return Execution(ended=Ended.TARGET_LOST, evidence=evidence, code="TARGET_LOST", message=message)
 
 
 class TargetSupervisor:
@@ -368,7 +368,7 @@ class TargetSupervisor:
 
 
 def compute_may_reset(session: Session, ledger: Ledger) -> bool:
-    """Whether another episode may end for this session; the target itself refuses with `RESET_FORBIDDEN`."""
+    """Whether another episode may end for this session; the target itself refuses with `NOT_PERMITTED`."""
     if session.reset_policy is not ResetPolicy.BETWEEN_GOALS:
         return session.reset_policy is ResetPolicy.ON_NEW_EPISODE
     return not any(

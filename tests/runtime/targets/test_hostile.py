@@ -231,7 +231,7 @@ def press(rig, goal):
 def test_a_stop_of_category_one_ends_the_motion_of_its_session(rig):
     assert isinstance(rig.send(rig.make_command(rig.driver.controller.q_rad)), wire.Step)
     assert isinstance(rig.world.handle(wire.Halt(session="s", epoch=1, category=1)), wire.Step)
-    assert rig.send(rig.make_command(rig.driver.controller.q_rad)).code == "DRIVES_OFF"
+    assert rig.send(rig.make_command(rig.driver.controller.q_rad)).code == "SAFETY_STOP"
     rig.world.handle(wire.End(session="s", epoch=1))
     rig.begin("t")
     assert isinstance(rig.send(rig.make_command(rig.driver.controller.q_rad)), wire.Step)
