@@ -18,20 +18,20 @@ WORLD_CONFLICT  Targets cannot share a world, or not the one that the goal gives
 """
 
 OPERATION = """
+NOT_RUNNING          No workspace runs, or its agent or runtime has ended before the verdict.
 ALREADY_OVER     The goal, session, turn or emergency stop has ended: its verdict, state or answer is final.
 CHANGED          A goal, proposal, run, setting or measurement is not what was begun, decided on or recorded.
 EXTRA_MISSING    A package, module, environment, key or configuration is missing, or cannot be installed.
 NOT_A_WORKSPACE  The folder is no workspace, or no run of a suite, or has no such partition of the journal.
 NOT_EXECUTED     The session never ran, has no verdict yet, or left nothing to run again or export.
 NOT_PERMITTED    A policy, contract, approval or server level forbids it, or a lesson has not proved itself.
-NOT_RUNNING      No workspace of this machine is running.
 TOO_LARGE        A proposal, arguments, a context or a record has too many bytes; or too many proposals wait.
 UNTRUSTED_PYTHON A workspace holds Python that is not known from here.
 WOULD_OVERWRITE  A file stands where one was to be written.
 """
 
 STORE = """
-BUSY                Another process works on the same run, workspace, journal or evidence.
+BUSY                 Another process works on the same run, workspace, journal, evidence or target.
 EVIDENCE_DAMAGED    A bundle lacks a file, or holds one that cannot be read or is not as its manifest says.
 JOURNAL_DAMAGED     The journal or its checkpoint is not as it was written, or against the lifecycle.
 JOURNAL_LEFTOVER    A part of the journal that does not count; the next writer or reader passes over it.
@@ -40,12 +40,12 @@ WRITE_FAILED        The disk took or confirmed no record, file or latch; nothing
 """
 
 PREFLIGHT = """
+NOT_SECURED          A target or client has no safe key, token, TLS or certificate, or others can use the sockets.
 ACTION_SPACE_MISMATCH No bridge leads from a source's form, joints, chunk, rate or range to the target's.
 CONTRACT_MISMATCH     runtime_contract.yaml counts on another period, step, rate or mode than the target.
 LIMIT_INVALID         A limit of safety.yaml is empty, too narrow, wider than the target's, or unenforceable.
 NOT_OBSERVED          An argument, condition, fan-out or scene needs what no observation has shown.
 NOT_OFFERED           Target or runtime do not offer an observation, action, operation or kind of skill.
-NOT_SECURED           A served target has no safe key, TLS or trusted certificate, or others can use the sockets.
 NO_DRIVER             No driver moves a target of this kind or name, or the process of its environment does not start.
 OBSERVATION_MISMATCH  No sensor that is read gives a needed observation in its shape, unit, frame, modality or rate.
 OUT_OF_REACH          Every grasp or place is beyond the arm's reach, or beyond the workspace of safety.yaml.
@@ -73,6 +73,7 @@ NO_SPACE         The destination is too small for the object.
 """
 
 EXECUTION = """
+OBSERVATION_UNAVAILABLE A picture or measurement is missing, old, dark, or of another form than declared.
 AGENT_GAVE_UP           The agent that directed a session ended it as failed.
 ALREADY_MET             The acceptance was true before the session, so that nothing was commanded.
 CONTACT                 A guarded motion met something, and stopped.
@@ -81,7 +82,6 @@ GRASP_MISSED            The fingers closed and do not hold the object.
 LEAF_ERROR              A leaf failed by an error of its own, or what adapts a policy did.
 MOTION_CONFLICT         Another robot stood in the way of a motion for too long.
 NOT_AT_START            A motion does not begin where the arm stands.
-OBSERVATION_UNAVAILABLE A policy's observation is missing, old, dark, or of another form than declared.
 POLICY_LOST             The policy server has gone, or has sent nothing in time.
 STALLED                 A motor does not follow its set-points, or no control period passes for longer than allowed.
 STILL_HELD              The fingers opened and still hold the object.
@@ -141,7 +141,6 @@ PROTECTIVE_STOP     The target stopped itself, a joint or the tool outside of it
 RATE                Commands come faster than allowed.
 ROTATION_INVALID    The columns of a rotation do not form one.
 SAFETY_STOP         A safety layer stopped the execution; the commands of the session are at an end.
-SESSION_LOST        The runtime gave a session up while its target waited in a shared world.
 SESSION_TOO_LONG    The session has been commanding for longer than allowed.
 SET_POINTS_DISAGREE The velocity rows are not the velocity of the position rows.
 WORKSPACE           The tool centre point is outside the workspace.
@@ -149,25 +148,14 @@ WRONG_SHAPE         An array of a command has another shape or type than one con
 """
 
 TARGET = """
-BAD_TOKEN              A client of the target has no token of the newest key, or not that of the epoch.
-CAMERA_SILENT          A camera gives no frames at all.
-EPISODE_CONFLICT       The target already runs an episode with another scene or seed.
-FRAME_DROPPED          The latest frames of a camera were all lost.
-HEARTBEAT_INCONSISTENT Two processes beat for one target, or a worker's sequence runs backwards.
-HEARTBEAT_LOST         The worker lives, and its heartbeat has not advanced for longer than the contract allows.
+NO_AUTHORITY         A command came without a claim, or out of sequence.
+RUNNER_LOST          The worker or its planner died, gave no heartbeat or that of two processes, or broke its protocol.
 LEASE_LOST             No watchdog has renewed the lease of a session that runs; the worker ended it.
 MALFORMED              A message on the wire could not be read.
-NO_AUTHORITY           A command came without a claim.
 NO_GRAPHICS            This machine cannot draw; sensors.yaml may have `backend: ray`.
-OUT_OF_SEQUENCE        A command's number does not follow the one before.
-PLANE_ENDED            The agent or the runtime ended before the verdict.
-PLANNER_LOST           The planner process died or broke its protocol.
 PROTOCOL_BROKEN        The target sent an answer to no request, or one that cannot be: time that runs backwards.
 REQUEST_INVALID        A request comes before an episode began, or names no such camera, tool, truth, model or window.
-RUNNER_LOST            The worker died.
-RUNTIME_LOST           No runtime runs the sessions that the agent waits for.
 STALE_TOKEN            A command came under a claim that is no longer in force.
-TARGET_BUSY            Another process serves the target.
 TARGET_LIMIT           The target itself refused a command.
 TARGET_LOST            The target no longer answers, or its worker cannot be started.
 """
@@ -181,7 +169,7 @@ AMBIGUOUS: ALIKE
 BROKEN_PYTHON: BROKEN_BEHAVIOURS BROKEN_PREDICATES NOT_A_LEAF BROKEN_PLUGIN
 BROKEN_TREE: TWO_ACTIONS UNWRITTEN_KEY UNWRITTEN_OUTPUT TREE_INVALID
 BUDGET: CALLS_SPENT
-BUSY: RUN_BUSY EVIDENCE_BUSY WATCHED_ALREADY JOURNAL_LOCKED
+BUSY: RUN_BUSY EVIDENCE_BUSY WATCHED_ALREADY JOURNAL_LOCKED EPISODE_CONFLICT TARGET_BUSY
 CHANGED: PROPOSAL_OPEN PROPOSAL_DECIDED RUN_DAMAGED NOT_PAIRED CONTRADICTS_DONE GOAL_DIFFERS RUN_DIFFERS
 CHANGED: PROPOSAL_CHANGED LOOK_DIFFERS SETTINGS_CHANGED
 CLAMPED: CLAMPED_GRIPPER CLAMPED_JOINT
@@ -211,7 +199,9 @@ NOT_GRASPABLE: TOO_WIDE TOO_HEAVY TOO_SLIPPERY
 NOT_OBSERVED: NEVER_SEEN ENTITY_UNKNOWN NOTHING_SEEN NOTHING_OBSERVED
 NOT_OFFERED: CAPABILITY_UNAVAILABLE OPERATION_UNAVAILABLE ACTION_UNAVAILABLE SKILL_KIND_UNSUPPORTED
 NOT_PERMITTED: NOT_APPROVED TOOL_NOT_OFFERED NOT_BY_HAND NOT_PROMOTED NOT_CHECKED OPERATION_FORBIDDEN RESET_FORBIDDEN
-NOT_SECURED: NO_TOKEN NOT_ENCRYPTED NOT_TRUSTED SOCKETS_UNSAFE
+NOT_RUNNING: PLANE_ENDED RUNTIME_LOST
+NOT_SECURED: NO_TOKEN NOT_ENCRYPTED NOT_TRUSTED SOCKETS_UNSAFE BAD_TOKEN
+NO_AUTHORITY: OUT_OF_SEQUENCE
 NO_CANDIDATE: NOT_PLANNABLE
 NO_DRIVER: NO_ENVIRONMENT
 NO_PLAN: NO_PATH_FOUND TILT
@@ -219,6 +209,7 @@ OBJECT_GONE: UNKNOWN_ENTITY
 OBJECT_HIDDEN: NOT_VISIBLE
 OBSERVATION_MISMATCH: OBSERVATION_DTYPE OBSERVATION_FRAME OBSERVATION_MODALITY OBSERVATION_RATE OBSERVATION_SHAPE
 OBSERVATION_MISMATCH: OBSERVATION_UNIT SENSOR_MISSING SENSOR_MODALITY SENSOR_RATE SENSOR_UNREAD SENSOR_MISMATCH
+OBSERVATION_UNAVAILABLE: CAMERA_SILENT FRAME_DROPPED
 OUT_OF_REACH: OUTSIDE_WORKSPACE
 POLICY_FAILED: POLICY_FAULT
 POLICY_LOST: POLICY_STALLED POLICY_UNDERRUN
@@ -226,6 +217,7 @@ POLICY_MISMATCH: POLICY_TOO_SLOW POLICY_UNDECLARED
 POLICY_UNREACHABLE: POLICY_MISSING
 PROTECTIVE_STOP: RESET_NEEDED
 REQUEST_INVALID: NO_SCENE NO_STATE UNKNOWN_CAMERA UNKNOWN_TOOL INVALID_CROP NO_GROUND_TRUTH NO_MODEL NO_EPISODE
+RUNNER_LOST: HEARTBEAT_LOST HEARTBEAT_INCONSISTENT PLANNER_LOST SESSION_LOST
 SAFETY_STOP: DRIVES_OFF
 SCENE_INVALID: SCENE_OVERFULL WRONG_SCALE NOT_ALIKE UNSUPPORTED OVERLAP
 STALLED: NO_PROGRESS

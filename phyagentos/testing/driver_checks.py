@@ -19,6 +19,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from phyagentos.codes import get_present_name
 from phyagentos.errors import ExecutionError
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.targets import wire
@@ -219,7 +220,7 @@ def keeps_an_episode(subject: DriverSubject) -> None:
     client = subject.serve()
     first = _require(client.load(), wire.Loaded, "LoadScene")
     assert client.load() == first, "the same episode was begun anew"
-    _refuse(client.load(seed=2), "EPISODE_CONFLICT")
+    _refuse(client.load(seed=2), "BUSY")
     _refuse(client.load("f", may_reset=False), "NOT_PERMITTED")
     _require(client.load("f"), wire.Loaded, "LoadScene")
     _require(client.ask(wire.Begin(SESSION, EPOCH)), wire.Ack, "Begin")
@@ -276,7 +277,7 @@ def asks_for_authority(subject: DriverSubject) -> None:
     for changes, code in (
         ({"session": "other"}, "NO_AUTHORITY"),
         ({"epoch": EPOCH + 1}, "STALE_TOKEN"),
-        ({"sequence": 2}, "OUT_OF_SEQUENCE"),
+        ({"sequence": 2}, "NO_AUTHORITY"),
         ({"expires_at_s": -1.0}, "EXPIRED"),
     ):
         _refuse(client.send(client.make(**changes)), code)
@@ -409,4 +410,4 @@ def _require(reply: Any, kind: type, what: str) -> Any:
 
 def _refuse(reply: Any, *codes: str) -> None:
     assert isinstance(reply, wire.Refused), f"not refused: {reply}; expected {' or '.join(codes)}"
-    assert reply.code in codes, f"refused with {reply}; expected {' or '.join(codes)}"
+    assert get_present_name(reply.code) in codes, f"refused with {reply}; expected {' or '.join(codes)}"

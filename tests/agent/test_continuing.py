@@ -21,7 +21,7 @@ def begun(make_stage, tidy):
     """A stage on which the runtime was lost in the middle of goal tidy-7."""
     stage = make_stage()
     stage.runtime.paused = True
-    with pytest.raises(ExecutionError, match="RUNTIME_LOST"):
+    with pytest.raises(ExecutionError, match="NOT_RUNNING"):
         stage.make_mission(is_runtime_alive=lambda _: False).run(tidy, seed=7)
     stage.runtime.paused = False
     stage.runtime.on_change(None, None)
@@ -65,7 +65,7 @@ def test_the_same_graph_goes_on_however_its_file_is_written_and_says_so(begun, t
 def test_a_goal_with_overrides_goes_on_with_the_same_overrides(make_stage, tidy):
     stage, overrides = make_stage(), {"objective": "2001-09-09 is the day, é", "sessions.red.timeout_s": "1e-5"}
     stage.runtime.paused = True
-    with pytest.raises(ExecutionError, match="RUNTIME_LOST"):
+    with pytest.raises(ExecutionError, match="NOT_RUNNING"):
         stage.make_mission(is_runtime_alive=lambda _: False).run(tidy, seed=7, overrides=overrides)
     stage.runtime.paused = False
     stage.runtime.on_change(None, None)

@@ -162,7 +162,7 @@ def test_nothing_is_given_up_for_a_pose_that_is_not_sure():
 
 
 def test_what_a_lost_runner_may_have_carried_is_not_given_up_as_taken_away():
-    bundle = make_bundle(moved(0.3, 0.0, 0.5), ended=Ended.RUNNER_LOST, code="HEARTBEAT_LOST")
+    bundle = make_bundle(moved(0.3, 0.0, 0.5), ended=Ended.RUNNER_LOST, code="RUNNER_LOST")
     assert ask(bundle).is_hopeless  # its trace tells that the hand had not closed
     diagnosis = ask(msgspec.structs.replace(bundle, trace=()))
     assert (diagnosis.cause, diagnosis.is_hopeless) == (Cause.RUNNER_LOST, False)

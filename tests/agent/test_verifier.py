@@ -118,6 +118,7 @@ def test_a_hold_condition_without_a_sample_is_unknown():
         (put(make_world(), "red_cube", AWAY), failed("GRASP_MISSED"), Cause.OBJECT_MOVED, Layer.WORLD, Verdict.REPLAN),
         (remove(make_world(), "red_cube"), failed("GRASP_MISSED"), Cause.OBJECT_GONE, Layer.WORLD, Verdict.FAILURE),
         (make_world(), failed("NO_PLAN"), Cause.NO_PLAN, Layer.PLANNING, Verdict.REPLAN),
+        (make_world(), failed("NO_PATH_FOUND"), Cause.NO_PLAN, Layer.PLANNING, Verdict.REPLAN),  # of an earlier release
         (make_world(), failed("NOT_GRASPABLE"), Cause.IMPOSSIBLE, Layer.PLANNING, Verdict.REPLAN),
         (make_world(), failed("SOMETHING_OF_A_PLUGIN"), Cause.UNKNOWN, Layer.EXECUTION, Verdict.REPLAN),
         (make_world(), {"ended": Ended.STALLED, "leaf": "pick/move"}, Cause.STALLED, Layer.EXECUTION, Verdict.REPLAN),

@@ -265,7 +265,7 @@ def test_the_skill_asks_for_its_grasp_as_its_preflight_did(build_bench, build_se
         (refuse("NO_IK", ik=39, line=1), "undecided", "NO_IK"),
         (refuse("NO_IK"), "undecided", "NO_IK"),
         (refuse("IN_COLLISION"), "undecided", "IN_COLLISION"),
-        (refuse("PLANNER_LOST"), "undecided", "PLANNER_LOST"),
+        (refuse("RUNNER_LOST"), "undecided", "RUNNER_LOST"),
         (refuse("CANCELLED"), "undecided", "CANCELLED"),
     ],
 )

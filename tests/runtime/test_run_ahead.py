@@ -177,7 +177,7 @@ def test_a_command_behind_a_refused_one_is_not_recorded(move, doubles, profile):
         def handle(self, request):
             if isinstance(request, wire.Command) and request.sequence > 11:
                 self.requests.append(request)
-                return wire.Refused("TARGET_LIMIT" if request.sequence == 12 else "OUT_OF_SEQUENCE", "no")
+                return wire.Refused("TARGET_LIMIT" if request.sequence == 12 else "NO_AUTHORITY", "no")
             return super().handle(request)
 
     tap, bench, execution = move(Refusing(profile, [doubles.make_cube()]))

@@ -213,7 +213,7 @@ class Served:
             if request["episode"] == standing["episode"] and not request["snapshot"]:
                 known, asked = [(each["scene"], each["seed"]) for each in (standing, request)]
                 if known != asked:
-                    raise Refusal("EPISODE_CONFLICT", f"episode {request['episode']} is {known}, not {asked}")
+                    raise Refusal("BUSY", f"episode {request['episode']} is {known}, not {asked}")
                 return loaded
             if not request["may_reset"]:
                 message = f"episode {request['episode']} would end episode {standing['episode']}; no reset is permitted"
@@ -228,7 +228,7 @@ class Served:
         self._log.check()
         session, epoch = request["session"], request["epoch"]
         if not hmac.compare_digest(request["token"], mint(self._key, session, epoch)):
-            raise Refusal("BAD_TOKEN", f"the token is not that of epoch {epoch} of {session}")
+            raise Refusal("NOT_SECURED", f"the token is not that of epoch {epoch} of {session}")
         if self._scene is None:
             raise Refusal("REQUEST_INVALID", "no scene is loaded; send LoadScene first")
         if self.look_for_stops():
@@ -258,7 +258,7 @@ class Served:
         if self._stopped:
             raise Refusal(self._stopped, f"{self.session} was stopped; another session must begin first")
         if request["sequence"] != self._sequence + 1:
-            raise Refusal("OUT_OF_SEQUENCE", f"number {request['sequence']} after {self._sequence}")
+            raise Refusal("NO_AUTHORITY", f"number {request['sequence']} after {self._sequence}")
         if not body.time_s <= request["expires_at_s"]:  # also when the expiry is NaN
             raise Refusal("EXPIRED", f"it is {body.time_s:.3f} s, the command expired at {request['expires_at_s']} s")
 

@@ -41,7 +41,7 @@ _OF_SKILLS = {  # cause -> codes with which skills fail
     Cause.STILL_HELD: {"STILL_HELD"},
     Cause.STALLED: {"STALLED", "NOT_AT_START"},
     Cause.TIMED_OUT: {"TIMED_OUT"},
-    Cause.RUNNER_LOST: {"PLANNER_LOST"},
+    Cause.RUNNER_LOST: {"RUNNER_LOST"},
     Cause.UNMET: {"UNMET"},
     Cause.POLICY_FAILED: {"GRIPPER_WIDTH"},
     Cause.IMPOSSIBLE: {"IMPOSSIBLE", "NO_SPACE", "NOT_GRASPABLE", "OUT_OF_REACH"},
@@ -52,7 +52,7 @@ _OF_POLICIES = {  # stale sensors; a chunk of another form than declared, refuse
     Cause.POLICY_FAILED: {"WRONG_SHAPE", "NOT_FINITE", "ROTATION_INVALID"},
 }
 _OF_STOPS = {  # nothing about the motion was wrong; to go slower would only give the next one more occasions
-    Cause.RUNNER_LOST: {"LEASE_LOST"},  # its supervisor was gone
+    Cause.RUNNER_LOST: {"LEASE_LOST", "RUNNER_LOST"},  # its supervisor was gone
     Cause.STALLED: {"DEADMAN"},  # a command came too late
 }
 _OF_ADAPTERS = {

@@ -96,7 +96,7 @@ class Mission:
 
         Raises:
             DefinitionError: With every problem of the graph; `INVALID_VALUE`; `CHANGED`. Nothing was recorded.
-            ExecutionError: `RUNTIME_LOST`, or an error of the journal.
+            ExecutionError: `NOT_RUNNING`, or an error of the journal.
         """
         catalogue = self._read_catalogue()
         graph = read_goal_graph(graph_file, catalogue, overrides)
@@ -229,7 +229,7 @@ class Mission:
             message = f"goal {goal.goal} is cancelled, but no watchdog brings {waiting} to rest"
             remedy = f"Start 'paos watch', and the agent again with '--goal {goal.goal}': that ends them."
         if waiting:
-            raise ExecutionError("RUNTIME_LOST", f"{message}. {remedy}")
+            raise ExecutionError("NOT_RUNNING", f"{message}. {remedy}")
 
     def _read(self, goal: GoalController | None = None) -> int:
         """Take in new records; how many there were."""

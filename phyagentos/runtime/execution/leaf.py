@@ -49,7 +49,7 @@ class FailureCode(StrEnum):
     """A guarded motion met something."""
     UNMET = "UNMET"
     """A condition of the tree is false or unknown, or a child of a cooldown ended too short a time ago."""
-    PLANNER_LOST = "PLANNER_LOST"
+    RUNNER_LOST = "RUNNER_LOST"
     """The planner process died or broke its protocol."""
     MOTION_CONFLICT = "MOTION_CONFLICT"
     """Another robot stood in the way for too long."""

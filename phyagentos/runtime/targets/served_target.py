@@ -197,7 +197,7 @@ class ServedTarget:
             if (request.scene, request.seed) != (standing.scene, standing.seed):
                 known = (standing.scene, standing.seed)
                 wanted = (request.scene, request.seed)
-                return wire.Refused("EPISODE_CONFLICT", f"episode {request.episode} is {known}, not {wanted}")
+                return wire.Refused("BUSY", f"episode {request.episode} is {known}, not {wanted}")
         elif not request.may_reset:
             message = f"episode {request.episode} would end episode {standing.episode}; no reset is permitted"
             return wire.Refused("NOT_PERMITTED", message)
@@ -211,7 +211,7 @@ class ServedTarget:
         self._refuse_unlogged()
         if not self._permits(request.session, request.epoch, request.token):
             message = f"the token is not that of epoch {request.epoch} of {request.session}"
-            return wire.Refused("BAD_TOKEN", message)
+            return wire.Refused("NOT_SECURED", message)
         if self._scene is None:
             return wire.Refused("REQUEST_INVALID", "no scene is loaded; send LoadScene first")
         if self.look_for_stops():

@@ -269,7 +269,7 @@ def watch(run_policy, library, profile):
     [
         ({"kind": "freeze", "stamp": "stale"}, "stale: its latest frame is 0."),
         ({"kind": "freeze", "stamp": "fresh"}, "frozen: a new stamp, and its own count of exposures stands"),
-        ({"kind": "blackout", "mode": "silent"}, "missing: CAMERA_SILENT"),
+        ({"kind": "blackout", "mode": "silent"}, "missing: OBSERVATION_UNAVAILABLE"),
         ({"kind": "blackout", "mode": "dark"}, "dark: no depth at all"),
         ({"kind": "misdate", "by_s": -5.0}, "stale: its latest frame is 5."),
         ({"kind": "misdate", "by_s": 5.0}, "stale: its frame is dated 4."),

@@ -93,7 +93,7 @@ class SimulatedWorld:
         """Begin an episode, or join the present one that another robot began.
 
         Raises:
-            ExecutionError: `EPISODE_CONFLICT`, `NO_AUTHORITY`, `NOT_PERMITTED` for the sake of another robot's
+            ExecutionError: `BUSY`, `NO_AUTHORITY`, `NOT_PERMITTED` for the sake of another robot's
                 episode; `MALFORMED`, `TARGET_LIMIT` for a snapshot; `SCENE_INVALID`.
         """
         if len(self.robots) > 1 and self._present is not None and not request.snapshot:
@@ -101,7 +101,7 @@ class SimulatedWorld:
             if request.episode == standing.episode:
                 known, asked = (standing.scene, standing.seed), (request.scene, request.seed)
                 if known != asked:
-                    raise ExecutionError("EPISODE_CONFLICT", f"episode {request.episode} is {known}, not {asked}")
+                    raise ExecutionError("BUSY", f"episode {request.episode} is {known}, not {asked}")
                 return loaded
             busy = next((robot.session for robot in self.robots.values() if robot.session), "")
             if busy:
