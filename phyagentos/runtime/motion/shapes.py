@@ -65,6 +65,7 @@ def _level(pose: Array) -> Array:
     return leveled
 
 
+@lru_cache(maxsize=256)
 def compute_bounds(shapes: tuple[Shape, ...]) -> tuple[Array, Array]:
     """Centre and half extents (3,) of the box around all shapes, aligned with the entity's frame."""
     corners = []
