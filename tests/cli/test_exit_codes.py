@@ -202,5 +202,7 @@ def test_a_parameter_is_given_by_its_name_and_a_bad_value_is_invalid_input(paos)
 
 def test_a_robot_whose_model_is_not_here_is_named_before_anything_starts(paos, tmp_path, monkeypatch):
     monkeypatch.delenv("PHYAGENTOS_MODELS", raising=False)
-    assert_refused(paos("run", "drive_and_pick", "-w", tmp_path / "w"), "MODEL_MISSING: found", "Set PHYAGENTOS_MODELS")
+    assert_refused(
+        paos("run", "drive_and_pick", "-w", tmp_path / "w"), "UNREADABLE_FILE: found", "Set PHYAGENTOS_MODELS"
+    )
     assert not (tmp_path / "w").exists()

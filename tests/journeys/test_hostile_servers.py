@@ -171,7 +171,7 @@ def test_a_detector(open_stand):
     assert (session.ended, session.verdict, session.cause) == ("completed", "failure", "EVIDENCE_MISSING"), session
     after = json.loads((detector.workspace.evidence_of(session.id) / evidence.AFTER).read_bytes())
     found = {(each["status"], each["detail"].split(":")[0]) for each in after["sensors"].values()}
-    assert found == {("unread", "DETECTOR_FAILED")}
+    assert found == {("unread", "MODEL_FAILED")}
     assert next_report.verdict == "success"
 
 
@@ -188,5 +188,5 @@ def test_a_judge_that_looks_at_pictures(open_stand):
 
     assert (session.ended, session.verdict, session.cause) == ("completed", "failure", "JUDGE_FAILED"), session
     answers = [(str(each.truth), each.because.split(":")[0]) for each in session.criteria if each.kind == "vision"]
-    assert answers == [("true", "it is there"), ("unknown", "MODEL_MALFORMED")]
+    assert answers == [("true", "it is there"), ("unknown", "MODEL_FAILED")]
     assert next_report.verdict == "success"

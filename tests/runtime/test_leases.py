@@ -150,7 +150,7 @@ def test_a_worker_whose_lease_is_renewed_goes_on_until_it_is_asked_to_stop(emplo
 
     execution = employed.hear().execution
 
-    assert (execution.ended, execution.code) == (Ended.STALLED, "NO_PROGRESS")
+    assert (execution.ended, execution.code) == (Ended.STALLED, "STALLED")
 
 
 class EntryState:
@@ -177,9 +177,7 @@ class EntryState:
         return bool(self.replies)
 
 
-@pytest.mark.parametrize(
-    ("why", "code"), [("lease", "LEASE_LOST"), ("cancelled", "CANCELLED"), ("stalled", "NO_PROGRESS")]
-)
+@pytest.mark.parametrize(("why", "code"), [("lease", "LEASE_LOST"), ("cancelled", "CANCELLED"), ("stalled", "STALLED")])
 def test_a_session_ends_while_its_command_waits_for_other_targets(employed, why, code):
     target, describe = employed.bench.target, employed.bench.target._describe
     target._describe = lambda: msgspec.structs.replace(describe(), shares_time=True)

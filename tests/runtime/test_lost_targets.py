@@ -80,7 +80,7 @@ def test_a_target_that_is_lost_again_and_again_ends_the_run_and_not_the_session_
 
     assert stand.ledger.sessions["g.a"].execution.ended is Ended.TARGET_LOST
     reason = stand.ledger.sessions["g.b"].reason
-    assert "TARGET_UNAVAILABLE" in reason
+    assert "TARGET_LOST" in reason
     assert "it was lost; lost 3 times in a row" in reason
     assert [type(order) for order in worker.orders] == [Check, Run, Reconcile, Reconcile]
 
@@ -145,7 +145,7 @@ def test_a_session_that_nobody_can_look_after_ends_with_the_code_of_that(stand):
     stand.wait_for("g.a", "awaiting_verification")
 
     execution = stand.ledger.sessions["g.a"].execution
-    assert (execution.ended, execution.code) == (Ended.TARGET_LOST, "TARGET_UNAVAILABLE")
+    assert (execution.ended, execution.code) == (Ended.TARGET_LOST, "TARGET_LOST")
     assert worker.restarts == 6
     assert stand.events("g.a") == ["submit", "claim", "check", "start", "lose", "reconcile"]
 

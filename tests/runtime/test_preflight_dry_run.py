@@ -256,16 +256,16 @@ def test_the_skill_asks_for_its_grasp_as_its_preflight_did(build_bench, build_se
 @pytest.mark.parametrize(
     ("answer", "outcome", "code"),
     [
-        (refuse("TOO_WIDE"), "impossible", "TOO_WIDE"),
+        (refuse("NOT_GRASPABLE"), "impossible", "NOT_GRASPABLE"),
         (refuse("NO_IK", ik=40), "impossible", "OUT_OF_REACH"),
-        (refuse("NO_IK", **{"ik": 39, "hand|workspace_box": 1}), "impossible", "OUTSIDE_WORKSPACE"),
-        (refuse("NO_IK", **{"hand|keep_out.column": 40, "occupied": 9}), "impossible", "OUTSIDE_WORKSPACE"),
+        (refuse("NO_IK", **{"ik": 39, "hand|workspace_box": 1}), "impossible", "OUT_OF_REACH"),
+        (refuse("NO_IK", **{"hand|keep_out.column": 40, "occupied": 9}), "impossible", "OUT_OF_REACH"),
         (refuse("NO_IK", ik=40, occupied=9), "undecided", "NO_IK"),
         (refuse("NO_IK", **{"hand|workspace_box": 39, "hand|wall": 1}), "undecided", "NO_IK"),
         (refuse("NO_IK", ik=39, line=1), "undecided", "NO_IK"),
         (refuse("NO_IK"), "undecided", "NO_IK"),
         (refuse("IN_COLLISION"), "undecided", "IN_COLLISION"),
-        (refuse("PLANNER_LOST"), "undecided", "PLANNER_LOST"),
+        (refuse("RUNNER_LOST"), "undecided", "RUNNER_LOST"),
         (refuse("CANCELLED"), "undecided", "CANCELLED"),
     ],
 )
@@ -276,7 +276,9 @@ def test_only_a_proof_makes_a_grasp_impossible(answer, outcome, code):
 
 
 def test_a_path_that_was_not_found_is_no_proof():
-    planner = Oracle(FindGrasps=FOUND, PlanMove=refuse("TOO_WIDE"), FindPlacements=FOUND, TimeLine=refuse("NO_MODEL"))
+    planner = Oracle(
+        FindGrasps=FOUND, PlanMove=refuse("NOT_GRASPABLE"), FindPlacements=FOUND, TimeLine=refuse("REQUEST_INVALID")
+    )
 
     assert [trial.outcome for trial in try_out(planner, thorough=True)[1:]] == ["possible", "undecided", "possible"]
 
@@ -402,7 +404,7 @@ def test_what_the_tree_moves_out_of_the_destination_is_no_obstacle(more, is_move
 
 
 def test_where_a_thing_lies_once_it_is_let_go_is_not_known_beforehand():
-    (found,) = examine(make_world(held_by="panda"), Oracle(FindGrasps=refuse("TOO_WIDE")), make_session(1))
+    (found,) = examine(make_world(held_by="panda"), Oracle(FindGrasps=refuse("NOT_GRASPABLE")), make_session(1))
 
     assert [trial.motion for trial in found.trials] == []
     assert found.plan is not None
@@ -412,16 +414,18 @@ def test_where_a_thing_lies_once_it_is_let_go_is_not_known_beforehand():
     ("cube", "speed_m_s", "refused", "asks"),
     [
         ((0.4, 0.3, 0.05), 0.0, "ALREADY_MET", False),
-        ((0.4, 0.3, 0.05), 0.1, "TOO_WIDE", True),  # it may come to rest where it is wanted
+        ((0.4, 0.3, 0.05), 0.1, "NOT_GRASPABLE", True),  # it may come to rest where it is wanted
         ((0.5, 0.0, 0.02), 0.0, "", True),
     ],
 )
 def test_what_may_be_met_already_is_granted_for_a_look(cube, speed_m_s, refused, asks):
-    planner = Oracle(FindGrasps=refuse("TOO_WIDE"))
+    planner = Oracle(FindGrasps=refuse("NOT_GRASPABLE"))
     (found,) = examine(make_world(cube, speed_m_s=speed_m_s), planner, make_session(unless_met=True))
 
     assert bool(planner.asked) is asks
-    assert [problem.code for problem in (found.plan.refused if refused else found.problems)] == [refused or "TOO_WIDE"]
+    assert [problem.code for problem in (found.plan.refused if refused else found.problems)] == [
+        refused or "NOT_GRASPABLE"
+    ]
 
 
 def test_an_arm_with_a_slide_has_no_such_bound():

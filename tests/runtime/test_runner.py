@@ -159,10 +159,10 @@ def test_what_is_met_already_is_not_acted_on(
 def test_what_preflight_granted_for_a_look_alone_never_acts(build_bench, build_session):
     bench = build_bench()
     bench.target.q = bench.target.q + 0.3
-    refused = [{"code": "TOO_WIDE", "address": "dry run", "found": "red_cube is wider than the gripper opens"}]
+    refused = [{"code": "NOT_GRASPABLE", "address": "dry run", "found": "red_cube is wider than the gripper opens"}]
     execution = bench.run(build_session(skill="home", parameters={}), plan={"refused": refused})
 
-    assert (execution.ended, execution.code, execution.ticks) == (Ended.SKILL_FAILED, "TOO_WIDE", 0)
+    assert (execution.ended, execution.code, execution.ticks) == (Ended.SKILL_FAILED, "NOT_GRASPABLE", 0)
     assert "wider" in execution.message
 
 
@@ -366,7 +366,7 @@ def test_the_limit_that_decides_ends_a_session_and_is_named(build_bench, session
     ("reason", "why", "code", "named"),
     [
         ("timed_out", "the contract allows 9 s by the wall clock", "TIMED_OUT", "9 s by the wall"),
-        ("stalled", "no command for 20 s although it acts", "NO_PROGRESS", "20 s although"),
+        ("stalled", "no command for 20 s although it acts", "STALLED", "20 s although"),
         ("cancelled", "", "CANCELLED", "requested"),
     ],
 )
@@ -382,7 +382,7 @@ def test_a_tree_that_neither_moves_nor_thinks_is_stalled(build_bench, session, p
     registry.register("idle", Idle)
     execution = build_bench(library=plant(["idle"])).run(session)
 
-    assert (execution.ended, execution.code) == (Ended.STALLED, "NO_PROGRESS")
+    assert (execution.ended, execution.code) == (Ended.STALLED, "STALLED")
 
 
 def test_a_motor_that_does_not_follow_ends_the_session_as_stalled(build_bench, build_session):
@@ -456,9 +456,9 @@ def test_a_refusal_of_the_planner_is_the_leafs_failure(build_bench, build_sessio
     session = build_session()
     execution = bench.run(session)
 
-    assert (execution.code, execution.message) == ("NO_PATH_FOUND", "the wall is in the way")
+    assert (execution.code, execution.message) == ("NO_PLAN", "the wall is in the way")
     trace = read_bundle(bench.workspace / execution.evidence, session, execution).trace
-    (failed,) = [event for event in trace if event.code == "NO_PATH_FOUND"]
+    (failed,) = [event for event in trace if event.code == "NO_PLAN"]
     assert failed.numbers == {"rejected": {"ik": 3}}
 
 
@@ -467,7 +467,7 @@ def test_a_violated_hold_condition_stops_the_session(build_bench, session, plant
     bench.target.entities.pop("red_cube")
     execution = bench.run(msgspec.structs.replace(session, hold=("exists(red_cube)",)))
 
-    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "HOLD_VIOLATED")
+    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "CONSTRAINT_VIOLATED")
     assert (execution.ticks, execution.interventions) == (5, 1)
 
 

@@ -290,5 +290,5 @@ def test_a_session_whose_thing_is_pulled_at_ends_and_is_judged_by_its_force(buil
     session = build("pick_and_place", 2, object="red_cube", destination="red_tray")
     execution, held = judge_gently(bench, msgspec.structs.replace(session, hold=(GENTLE,)))
 
-    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "HOLD_VIOLATED"), execution
+    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "CONSTRAINT_VIOLATED"), execution
     assert (held.truth, held.measured["peak_force_n"] > 10) == (Truth.FALSE, True), held

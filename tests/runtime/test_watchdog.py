@@ -226,7 +226,7 @@ def test_a_worker_that_never_starts_is_given_up_and_the_session_rejected(stand):
     stand.wait_for("g.a", "rejected")
 
     (problem,) = stand.ledger.sessions["g.a"].problems
-    assert (problem.code, problem.address) == ("TARGET_UNAVAILABLE", "panda")
+    assert (problem.code, problem.address) == ("TARGET_LOST", "panda")
     assert problem.found == (
         "6 workers in a row did not start; logs/worker-panda.log ends with 'OSError: no room'. "
         "Mend that, then start `paos watch` again"

@@ -195,7 +195,7 @@ def test_only_an_authorised_clamp_changes_a_command_and_it_is_recorded(make_guar
     ruling = make_guard(changes={"reactions": {"GRIPPER_WIDTH": "clamp"}}).judge(wide, build_step())
     assert ruling.command.gripper_width_m == pytest.approx(np.full(N, 0.08))
     assert len(ruling.interventions) == N
-    assert ruling.interventions[0] == Intervention("CLAMPED_GRIPPER", "gripper", 0, 0.09, pytest.approx(0.08))
+    assert ruling.interventions[0] == Intervention("CLAMPED", "gripper", 0, 0.09, pytest.approx(0.08))
 
 
 def test_a_clamp_never_lets_a_jump_or_a_nan_through(make_guard):
@@ -215,7 +215,7 @@ def test_a_joint_that_creeps_over_its_limit_is_clamped_to_it(make_guard, limits)
         build_command(q, qd), build_step()
     )
     assert ruling.command is None or ruling.command.q_rad[:, 5].max() <= top + 1e-8
-    assert {each.code for each in ruling.interventions} == {"CLAMPED_JOINT"}
+    assert {each.code for each in ruling.interventions} == {"CLAMPED"}
 
 
 @pytest.mark.sim

@@ -238,7 +238,7 @@ def test_a_grasp_is_chosen_from_which_the_thing_can_be_put_where_it_goes(planner
 
 def test_what_is_nearly_as_wide_as_the_hand_opens_is_taken_all_the_same(planner, build, table, home):
     """`grey_plate is wider than the gripper opens`: 76 mm of 80."""
-    for radius_m, code in ((0.0385, ""), (0.0396, "TOO_WIDE")):
+    for radius_m, code in ((0.0385, ""), (0.0396, "NOT_GRASPABLE")):
         disc = Shape(ShapeKind.CYLINDER, (radius_m, 0.006))
         plate = msgspec.structs.replace(build.cube("plate", 0.5, 0.0, z=0.006), shapes=(disc,))
         answer = planner.answer(FindGrasps(world=World((table, plate)), object="plate", q_rad=home, seed=1))
@@ -248,8 +248,8 @@ def test_what_is_nearly_as_wide_as_the_hand_opens_is_taken_all_the_same(planner,
 def test_a_push_is_refused_with_its_reason(planner, build, table, home):
     world = World((table, build.cube("cube0", 0.45, 0.0)))
     request = FindPush(world=world, object="cube0", to_m=(0.452, 0.0), q_rad=home, seed=1)
-    assert planner.answer(request).code == "TOO_SHORT"
-    assert planner.answer(msgspec.structs.replace(request, object="cub0", to_m=(0.6, 0.0))).code == "UNKNOWN_ENTITY"
+    assert planner.answer(request).code == "IMPOSSIBLE"
+    assert planner.answer(msgspec.structs.replace(request, object="cub0", to_m=(0.6, 0.0))).code == "OBJECT_GONE"
     assert planner.answer(msgspec.structs.replace(request, to_m=(1.6, 0.0))).code == "NO_IK"
 
 
@@ -306,7 +306,7 @@ def test_where_no_edge_juts_out_far_enough_it_is_too_wide(planner, build, table,
 
     answer = planner.answer(FindGrasps(world=world, object="plate", q_rad=home, seed=1))
 
-    assert getattr(answer, "code", "") == "TOO_WIDE", answer
+    assert getattr(answer, "code", "") == "NOT_GRASPABLE", answer
     assert "no edge that juts out is in reach" in answer.message
 
 

@@ -97,7 +97,7 @@ def test_a_lost_planner_is_reported_and_replaced(process, request_of_cube):
     os.kill(lost, signal.SIGKILL)
     answer = ask_again(process)
 
-    assert answer.code == "PLANNER_LOST"
+    assert answer.code == "RUNNER_LOST"
     assert "-9" in answer.message
     assert process.pid != lost
     assert isinstance(ask(process, request_of_cube), Approaches)

@@ -175,7 +175,7 @@ def test_perception_that_reads_something_else_now_refuses(views):
     observe("can")
     look = world.latest_look
     look.things = ("screen",)
-    with pytest.raises(ExecutionError, match="LOOK_DIFFERS: perception now asks for"):
+    with pytest.raises(ExecutionError, match="CHANGED: perception now asks for"):
         world.repeat(look)
 
 

@@ -118,7 +118,7 @@ def test_what_a_model_raises_comes_as_text_and_ends_in_words(served):
     policy.infer = lambda _: 1 / 0
     with open_client(endpoint) as client, pytest.raises(ExecutionError, match="ZeroDivisionError") as error:
         ask(client)
-    assert error.value.code == "POLICY_FAULT"
+    assert error.value.code == "POLICY_FAILED"
     with connect(endpoint.replace("openpi", "ws")) as other:
         other.recv()
         other.send("words")
@@ -212,7 +212,7 @@ def nest(depth):
 def test_an_answer_that_lies_is_a_fault_in_words(hostile, frame, told):
     with open_client(hostile(answer_with(frame))) as client, pytest.raises(ExecutionError, match=told) as error:
         ask(client)
-    assert error.value.code == "POLICY_FAULT"
+    assert error.value.code == "POLICY_FAILED"
 
 
 def test_a_server_with_tls_is_asked_where_its_certificate_is_trusted(hostile, tmp_path, monkeypatch):
@@ -249,7 +249,7 @@ def test_a_pickle_is_bytes_that_are_no_message(hostile, tmp_path):
     for frame in (data, msgspec.msgpack.encode({"actions": array}), msgspec.msgpack.encode({"actions": data})):
         with open_client(hostile(answer_with(frame))) as client, pytest.raises(ExecutionError) as error:
             ask(client)
-        assert error.value.code == "POLICY_FAULT"
+        assert error.value.code == "POLICY_FAILED"
     assert not seen.exists()
     pickle.loads(data)
     assert seen.exists(), "it would have been made"
@@ -291,7 +291,7 @@ def test_an_answer_that_is_repeated_is_found_before_the_next_request(hostile):
         CLOCK.sleep(0.1)
         with pytest.raises(ExecutionError, match="an answer to no request") as error:
             ask(client, 1)
-    assert error.value.code == "POLICY_FAULT"
+    assert error.value.code == "POLICY_FAILED"
 
 
 def test_a_server_that_drops_the_connection_is_lost(hostile):

@@ -180,14 +180,14 @@ def test_a_port_of_another_program_is_told_before_anything_is_asked(listener):
 def test_an_answer_longer_than_any_chunk_is_a_fault_and_not_waited_for(listener, length):
     with pytest.raises(ExecutionError, match=r"an answer of \d+ bytes; at most 1048576") as error:
         converse(serve_bytes(listener, length), infer())
-    assert error.value.code == "POLICY_FAULT"
+    assert error.value.code == "POLICY_FAILED"
 
 
 @pytest.mark.parametrize(
     ("length", "parts", "timeout_s", "code", "told"),
     [
         (256, [b"a"] * 256, 0.2, "POLICY_LOST", r"only \d+ bytes of an answer within 0\.2 s"),
-        (2**25, [bytes(2**25)], 60.0, "POLICY_FAULT", "answered with more than 1048576 bytes"),
+        (2**25, [bytes(2**25)], 60.0, "POLICY_FAILED", "answered with more than 1048576 bytes"),
     ],
     ids=["a drip", "a flood"],
 )
@@ -202,7 +202,7 @@ def test_over_http_an_answer_without_end_is_given_up_as_well(listener, length, p
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("way", "code"),
-    [("a drip of headers", "POLICY_LOST"), ("a gzip, gzip bomb", "POLICY_FAULT"), ("redirect", "POLICY_LOST")],
+    [("a drip of headers", "POLICY_LOST"), ("a gzip, gzip bomb", "POLICY_FAILED"), ("redirect", "POLICY_LOST")],
 )
 def test_a_server_over_http_cannot_hold_a_session(http_endpoint, way, code):
     server = HostileServer(way, http_endpoint)
@@ -269,7 +269,7 @@ def test_an_answer_that_is_none_is_a_fault(listener, said):
     client.ask(infer())
     with pytest.raises(ExecutionError) as error:
         take(client)
-    assert error.value.code == "POLICY_FAULT"
+    assert error.value.code == "POLICY_FAILED"
     client.close()
 
 
@@ -293,6 +293,6 @@ def test_whatever_a_model_returns_its_server_answers_and_goes_on(said, width):
         if width is None:
             with pytest.raises(ExecutionError) as error:
                 converse(where, infer())
-            assert error.value.code == "POLICY_FAULT"
+            assert error.value.code == "POLICY_FAILED"
         else:
             assert converse(where, infer()).rows.shape[1] == width

@@ -185,10 +185,10 @@ def test_a_calibration_error_is_drawn_once_and_moves_the_picture_not_the_claim(p
 
 def test_a_frame_travels_over_the_wire_as_it_is(physics, data):
     frame = capture(physics, data, make_sensors(NoiseLevel(pixel_dropout=0.1)))
-    arrived = REPLIES.decode(REPLIES.encode(wire.Frames((frame,), {"b": "FRAME_DROPPED"})))
+    arrived = REPLIES.decode(REPLIES.encode(wire.Frames((frame,), {"b": "OBSERVATION_UNAVAILABLE"})))
 
     assert isinstance(arrived, wire.Frames)
-    assert arrived.missing == {"b": "FRAME_DROPPED"}
+    assert arrived.missing == {"b": "OBSERVATION_UNAVAILABLE"}
     assert (arrived.frames[0].rgb.dtype, arrived.frames[0].depth_m.dtype) == (np.uint8, np.float32)
     np.testing.assert_array_equal(arrived.frames[0].rgb, frame.rgb)
     np.testing.assert_array_equal(arrived.frames[0].depth_m, frame.depth_m)
@@ -309,7 +309,7 @@ def test_a_dark_camera_gives_black_and_a_silent_one_nothing(look):
 
     assert not see(dark).rgb.any()
     assert np.isnan(see(dark).depth_m).all()
-    assert silent.world.handle(wire.Capture()) == wire.Frames((), {"above": "CAMERA_SILENT"})
+    assert silent.world.handle(wire.Capture()) == wire.Frames((), {"above": "OBSERVATION_UNAVAILABLE"})
 
 
 def test_a_misdated_frame_is_fresh_and_seems_old(look):

@@ -188,7 +188,7 @@ def test_one_may_not_command_the_other_and_no_scene_is_loaded_under_a_session(li
     assert table.command(table.right, np.zeros((10, 7)), np.zeros((10, 7))).code == "NO_AUTHORITY"
     other = wire.LoadScene(scene="two_arms", seed=2, episode="other")
     assert table.right.handle(other).code == "NO_AUTHORITY"
-    assert table.right.handle(wire.LoadScene(scene="two_arms", seed=2, episode="e")).code == "EPISODE_CONFLICT"
+    assert table.right.handle(wire.LoadScene(scene="two_arms", seed=2, episode="e")).code == "BUSY"
 
 
 def test_time_stands_until_the_runtime_plane_knows_what_runs(library):
@@ -212,7 +212,7 @@ def test_a_session_that_the_runtime_plane_gave_up_does_not_hold_the_other_for_ev
     table.agreed = {"left_arm": "s"}
 
     (right,) = table.together(lambda: table.swing(table.right, 1, 1))
-    assert right[-1].code == "SESSION_LOST"
+    assert right[-1].code == "RUNNER_LOST"
     table.right.withdraw()
     left = table.swing(table.left)
     assert all(reply.stopped == "" for reply in left)

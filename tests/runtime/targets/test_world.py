@@ -31,8 +31,8 @@ def test_the_arm_stands_at_home_without_contact_and_holds_its_posture(rig):
     [
         ({"session": "other"}, "NO_AUTHORITY"),
         ({"epoch": 2}, "STALE_TOKEN"),
-        ({"sequence": 2}, "OUT_OF_SEQUENCE"),
-        ({"sequence": 0}, "OUT_OF_SEQUENCE"),
+        ({"sequence": 2}, "NO_AUTHORITY"),
+        ({"sequence": 0}, "NO_AUTHORITY"),
         ({"expires_at_s": 0.0}, "EXPIRED"),
         ({"q_rad": np.zeros((9, 7))}, "MALFORMED"),
         ({"gripper_width_m": np.zeros(3)}, "MALFORMED"),
