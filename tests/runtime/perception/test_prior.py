@@ -59,5 +59,5 @@ def test_the_choice_is_written_into_perception_yaml_and_its_comments_stay(tmp_pa
     found = read_perception(path)
     assert (found.prior, found.sensing) == (Prior.NONE, Sensing.TRUTH)
     assert "# How observations become" in path.read_text()
-    path.write_text(path.read_text().replace("prior: none\n", ""))
+    path.write_text(path.read_text().replace("prior: none", ""))
     assert read_perception(path).prior is Prior.FULL  # of a workspace that was made before
