@@ -234,7 +234,7 @@ def _refuse(folder: Path, job: Job) -> NoReturn:
     message = (
         f"{folder}: no room is left on its disk, so {job.order.id} is no result. Make room, then: paos bench resume"
     )
-    raise ExecutionError("JOURNAL_WRITE_FAILED", f"{message} {job.run}")
+    raise ExecutionError("WRITE_FAILED", f"{message} {job.run}")
 
 
 def _fail(job: Job, folder: Path, ended: str, error: str, at: str, wall_s: float) -> EpisodeRecord:

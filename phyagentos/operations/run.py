@@ -124,7 +124,7 @@ class PlaneEnded(ExecutionError):
         if not self.printed and not has_room(plane.log.parent):
             last = "it printed nothing, and its disk is full: make room and run it again."
         message = f"the {plane.name} plane ended with code {self.exit_code}: {last} Log: {plane.log}"
-        super().__init__("PLANE_ENDED", message)
+        super().__init__("NOT_RUNNING", message)
 
 
 class Interrupts:

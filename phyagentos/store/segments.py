@@ -77,7 +77,7 @@ class Front:
 
 
 def choose_partition(folder: Path) -> str:
-    """Name of the partition below `sessions/` to use: the only one, else this host's; raises `LANE_UNCLEAR`."""
+    """Name of the partition below `sessions/` to use: the only one, else this host's; raises `MISSING_VALUE`."""
     host = re.sub(r"[^A-Za-z0-9._-]", "-", os.uname().nodename) or "host"
     found = sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
     partitions = [name for name in found if name not in _NO_PARTITIONS]
@@ -86,7 +86,7 @@ def choose_partition(folder: Path) -> str:
     if len(partitions) == 1:
         return partitions[0]
     raise ExecutionError(
-        "LANE_UNCLEAR",
+        "MISSING_VALUE",
         f"{folder}: found {', '.join(partitions)}, none of this host ({host}); name a partition with --lane.",
     )
 

@@ -296,7 +296,7 @@ def iter_short_references(tree: Tree) -> Iterator[Problem]:
         places += [((*node.address, "with", port), value) for port, value in dict(fields.get("with") or {}).items()]
         for place, value in places:
             if isinstance(value, str) and _SHORT.fullmatch(value):
-                yield tree.located.problem("OLD_REFERENCE", place, value, f'"${{{value[1:]}}}"')
+                yield tree.located.problem("INVALID_VALUE", place, value, f'"${{{value[1:]}}}"')
 
 
 def find_references(text: str) -> tuple[str, ...]:
