@@ -223,20 +223,6 @@ def test_a_grasp_that_leads_on_needs_no_further_question_about_the_place():
     assert [type(each) for each in planner.asked] == [FindGrasps]
 
 
-def test_nothing_stands_on_a_ball_although_the_planner_found_a_grasp_that_leads_on():
-    planner, now = Oracle(FindGrasps=msgspec.structs.replace(FOUND, leads_on=True)), make_world()
-    ball = Entity(name="ball", kind="ball", pose=Pose((0.4, 0.3, 0.02)), shapes=(Shape(ShapeKind.SPHERE, (0.02,)),))
-    now = msgspec.structs.replace(now, entities={**now.entities, "ball": ball})
-    dry_run = DryRun(
-        planner=planner, library=Library.open(), registry=REGISTRY, clock=ManualClock(), home_rad=HOME, reach=None
-    )
-    session = msgspec.structs.replace(SESSION, skill="stack", parameters={"object": "cube", "support": "ball"})
-
-    trials = dry_run.run(session, "stack", now, thorough=False)
-
-    assert [(trial.outcome, trial.code) for trial in trials] == [("possible", ""), ("impossible", "NO_SPACE")]
-
-
 def test_the_skill_asks_for_its_grasp_as_its_preflight_did(build_bench, build_session, library, registry):
     bench, session, oracle = build_bench(), build_session(), Oracle(FindGrasps=FOUND, FindPlacements=FOUND)
     bench.run(session)
@@ -355,6 +341,7 @@ def make_session(attempt=0, **changes):
     return replace(SESSION, scene=scene, attempt=attempt, accept=("inside(cube, tray)",), **changes)
 
 
+@pytest.mark.parametrize("leads_on", [False, True])
 @pytest.mark.parametrize(
     ("kind", "size_m", "turn", "outcome"),
     [
@@ -364,11 +351,11 @@ def make_session(attempt=0, **changes):
         (ShapeKind.CYLINDER, (0.03, 0.04), (0.5**0.5, 0.5**0.5, 0.0, 0.0), "impossible"),  # it lies
     ],
 )
-def test_nothing_stands_on_what_has_no_level_face(kind, size_m, turn, outcome):
+def test_nothing_stands_on_what_has_no_level_face_also_where_a_grasp_leads_on(kind, size_m, turn, outcome, leads_on):
     world = make_world()
     base = Entity(name="tray", kind="base", pose=Pose((0.4, 0.3, 0.03), turn), shapes=(Shape(kind, size_m),))
     now = replace(world, entities=world.entities | {"tray": base})
-    planner = Oracle(FindGrasps=FOUND, FindPlacements=FOUND)
+    planner = Oracle(FindGrasps=replace(FOUND, leads_on=leads_on), FindPlacements=FOUND)
     dry_run = DryRun(
         planner=planner, library=Library.open(), registry=REGISTRY, clock=ManualClock(), home_rad=HOME, reach=None
     )

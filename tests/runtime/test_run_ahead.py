@@ -43,8 +43,6 @@ class GoesOn(Leaf):
     """Claims that its next set-points are fixed; the seventh period jumps."""
 
     ROLE = Role.ACT
-    INPUT_PORTS = {}
-    OUTPUT_PORTS = {}
 
     def on_start(self):
         self._periods = 0

@@ -110,9 +110,8 @@ def test_the_best_detection_comes_first_and_doubtful_ones_are_left_out(server, d
 )
 def test_half_an_answer_is_none(server, detector, reply, message):
     server.reply = reply
-    with pytest.raises(ExecutionError, match=message) as caught:
+    with pytest.raises(ExecutionError, match=f"MODEL_FAILED: .*{message}"):
         detector.detect(RGB, ["red cube"])
-    assert caught.value.code == "MODEL_FAILED"
 
 
 @pytest.mark.parametrize("size", [(2**15, 2**15), (24, 2**20)])
@@ -157,16 +156,14 @@ def test_a_server_cannot_hold_what_asks_it(server, way, code, what):
 
 def test_a_server_that_says_no_is_quoted(server, detector):
     server.status, server.reply = 503, b"the model is loading"
-    with pytest.raises(ExecutionError, match="503: the model is loading") as caught:
+    with pytest.raises(ExecutionError, match=r"MODEL_FAILED: .*503: the model is loading"):
         detector.detect(RGB, ["red cube"])
-    assert caught.value.code == "MODEL_FAILED"
 
 
 def test_a_server_that_is_silent_is_waited_for_no_longer_than_allowed(server, detector):
     server.silent = True
-    with pytest.raises(ExecutionError, match=r"has sent nothing for 0\.3 s") as caught:
+    with pytest.raises(ExecutionError, match=r"MODEL_FAILED: .*has sent nothing for 0\.3 s"):
         detector.detect(RGB, ["red cube"])
-    assert caught.value.code == "MODEL_FAILED"
 
 
 def test_a_server_that_is_not_there_is_told(server):

@@ -25,6 +25,7 @@ from phyagentos.runtime.policies.policy_server import serve_policy
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
+from tests.policies import serve
 
 STREAM = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
 CAMERA = {
@@ -62,11 +63,7 @@ def run_policy(build_bench, build_session, doubles, profile):
     def run(policy, target=None, sensors=NO_SENSORS, streams=NO_CAMERA, parameters=NO_CAMERA, how=NO_CAMERA, **limits):
         descriptor = {"policy": "line/1", "endpoint": "tcp://127.0.0.1:0", "inference_s": 0.1}
         descriptor |= {"observations": {"joint_state": STREAM} | streams, "execution": how}
-        ready, found = threading.Event(), []
-        told = lambda where: (found.append(where), ready.set())  # noqa: E731
-        arguments = (policy, PolicyDescriptor.model_validate(descriptor), told)
-        threading.Thread(target=serve_policy, args=arguments, daemon=True).start()
-        assert ready.wait(10)
+        endpoint = serve(serve_policy, policy, PolicyDescriptor.model_validate(descriptor))
         skill = SkillRuntime(
             skill="line",
             description="Moves one joint.",
@@ -79,7 +76,7 @@ def run_policy(build_bench, build_session, doubles, profile):
                 chunk_length=25,
                 gripper=GripperRange(closed=0.0, open=0.08),
             ),
-            policy=PolicyDescriptor.model_validate(descriptor | {"endpoint": found[0]}),
+            policy=PolicyDescriptor.model_validate(descriptor | {"endpoint": endpoint}),
         )
         serving = {"skills": {"line": skill}, "profile": profile, "sensors": sensors, "late_max_s": 0.3}
         bench = build_bench(

@@ -151,7 +151,7 @@ def test_the_hardest_motion_that_is_accepted_keeps_every_joint_within_its_limits
     rng = np.random.default_rng(1)
     for kind in ("noise", "bang", "oscillation", "drift", "full speed", "abandoned"):
         attacker.load()
-        assert drive_hard(attacker, kind, rng, 1260 if kind == "drift" else 600) > 200, kind
+        assert drive_hard(attacker, kind, rng, 1260 if kind == "drift" else 300) > 100, kind
     assert_within(attacker.finish())
 
 
@@ -179,13 +179,7 @@ def test_an_arm_that_presses_on_something_stops_and_takes_no_further_command_of_
     rig.begin()
     x, y, _ = rig.entity("red_cube").pose.position_m
     rig.move(rig.reach((x, y, 0.14)), width=0.0)
-    stopped = ""
-    for q, qd in rig.plan(rig.reach((x, y, 0.015)), 2.0):  # a closed hand, down on the cube and on
-        reply = rig.send(rig.make_command(q, 0.0, qd))
-        stopped = reply.stopped
-        if stopped:
-            break
-    assert stopped == "COLLISION_STOP"
+    assert press(rig, rig.reach((x, y, 0.015))) == "COLLISION_STOP"  # a closed hand, down on the cube and on
     assert rig.send(rig.make_command(rig.driver.controller.q_rad)).code == "COLLISION_STOP"
     assert isinstance(rig.begin("s", 1), wire.Ack)  # the same claim again does not undo it
     assert rig.send(rig.make_command(rig.driver.controller.q_rad)).code == "COLLISION_STOP"
