@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.documents import durable_files
 
 _NAME = re.compile(r"\d{4}-\d{2}-\d{2}\.\d{3,}\.md")
 _FRONT = re.compile(
@@ -219,11 +220,7 @@ def sync_file(fd: int, sync: Callable[[int], None]) -> None:
 
 def sync_folder(folder: Path, file_io: SystemIO) -> None:
     """Make the names in a folder durable; raises SyncFailedError."""
-    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        sync_file(fd, file_io.fsync)
-    finally:
-        os.close(fd)
+    durable_files.sync_folder(folder, lambda fd: sync_file(fd, file_io.fsync))
 
 
 def damage(path: Path, offset: int, what: str) -> ExecutionError:

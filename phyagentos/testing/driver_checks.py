@@ -111,14 +111,14 @@ class DriverSubject:
 
     def serve(self) -> "DriverClient":
         """A fresh driver, served in this process, or reached; every message travels as bytes."""
-        opened = self.open()
-        target: ServedTarget | ReachedTarget
-        if isinstance(opened, ReachedTarget):
-            target = opened
-        else:
-            target = ServedTarget(opened, ReceiveLog(None), is_estopped=lambda: self.estop)
-        self._targets.append(target)
-        return DriverClient(target, self)
+        target = self.open()
+        served: ServedTarget | ReachedTarget = (
+            target
+            if isinstance(target, ReachedTarget)
+            else ServedTarget(target, ReceiveLog(None), is_estopped=lambda: self.estop)
+        )
+        self._targets.append(served)
+        return DriverClient(served, self)
 
     def close(self) -> None:
         """Close every served target."""
