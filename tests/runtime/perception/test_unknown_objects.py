@@ -43,7 +43,7 @@ def open_stage(library, name):
     spec = read_scene(library.get_scene(f"test/{name}"))
     known = {each: body for each, body in spec.bodies.items() if each != "stranger"}
     inventory = build_inventory(spec.model_copy(update={"bodies": known}))
-    stage.pipeline = Pipeline(inventory, stage.pipeline._robot, "panda")
+    stage.pipeline = Pipeline(inventory, stage.mask, "panda")
     return stage
 
 
