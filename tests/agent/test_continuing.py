@@ -44,8 +44,7 @@ def test_an_open_goal_is_not_gone_on_with_for_another_graph(begun, write_graph, 
         begun.make_mission().run(graph, seed=7, goal=goal)
 
     (problem,) = caught.value.problems
-    assert "tidy-7.yaml" in problem.expected
-    assert "--goal" in problem.hint
+    assert ("tidy-7.yaml" in problem.expected, "--goal" in problem.hint) == (True, True)
     assert begun.make_mission().ledger.seq == before
 
 

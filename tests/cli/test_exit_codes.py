@@ -18,37 +18,38 @@ from tests.command_line import assert_refused
 
 
 def test_help_and_version_succeed(paos):
-    assert paos("--help").code == ExitCode.GOAL_MET
-    version = paos("--version")
-    assert version.code == ExitCode.GOAL_MET
-    assert version.out.startswith("phyagentos ")
+    shown, version = paos("--help"), paos("--version")
+    assert (shown.code, version.code, version.out[:11]) == (0, 0, "phyagentos ")
 
 
-def fail(*_: object, **__: object) -> None:
-    raise ZeroDivisionError("planted")
+@pytest.mark.parametrize(
+    ("raised", "options", "code", "said"),
+    [
+        pytest.param(
+            ZeroDivisionError("planted"),
+            (),
+            ExitCode.INTERNAL_ERROR,
+            r"paos: ZeroDivisionError: planted. Add --debug for the traceback.\n",
+            id="a defect of this program is one line",
+        ),
+        pytest.param(
+            ZeroDivisionError("planted"),
+            ("--debug",),
+            ExitCode.INTERNAL_ERROR,
+            r"(?s).*Traceback \(most recent call last\).*",
+            id="debug shows the traceback",
+        ),
+        pytest.param(KeyboardInterrupt(), (), ExitCode.INTERRUPTED, r"(?s).*", id="Ctrl-C is 130"),
+    ],
+)
+def test_what_ends_a_command_has_its_code_and_a_line(paos, monkeypatch, raised, options, code, said):
+    def fail(*_: object, **__: object) -> None:
+        raise raised
 
-
-def test_a_defect_of_this_program_is_one_line(paos, monkeypatch):
-    monkeypatch.setattr(listing, "list_names", fail)
-    result = paos("list", "leaves")
-    assert result.code == ExitCode.INTERNAL_ERROR
-    assert result.err == "paos: ZeroDivisionError: planted. Add --debug for the traceback.\n"
-
-
-def test_debug_shows_the_traceback(paos, monkeypatch):
     monkeypatch.setattr(listing, "list_names", fail)
     monkeypatch.delenv("PAOS_DEBUG", raising=False)
-    result = paos("--debug", "list", "leaves")
-    assert result.code == ExitCode.INTERNAL_ERROR
-    assert "Traceback (most recent call last)" in result.err
-
-
-def test_ctrl_c_is_130(paos, monkeypatch):
-    def interrupt(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(listing, "list_names", interrupt)
-    assert paos("list", "leaves").code == ExitCode.INTERRUPTED
+    result = paos(*options, "list", "leaves")
+    assert (result.code, bool(re.fullmatch(said, result.err))) == (code, True), result.err
 
 
 @pytest.mark.slow

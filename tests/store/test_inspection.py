@@ -47,11 +47,7 @@ def test_a_missing_segment_is_told_by_the_numbers_that_are_gone(open_journal):
     assert f"records {gone[0]} to {gone[-1]} are lost" in findings[0].message
 
 
-def make_pipe(path):
-    os.mkfifo(path)
-
-
-@pytest.mark.parametrize("spoil_with", [Path.mkdir, make_pipe], ids=["a folder", "a pipe"])
+@pytest.mark.parametrize("spoil_with", [Path.mkdir, os.mkfifo], ids=["a folder", "a pipe"])
 def test_what_is_no_file_is_told_and_neither_waited_for_nor_repaired(open_journal, clock, spoil_with):
     journal = open_journal(segment_bytes=2000)
     fill(journal)

@@ -2,6 +2,7 @@
 
 import hashlib
 import shutil
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -21,15 +22,15 @@ from phyagentos.testing import ManualClock
 from tests.documents.test_log import tell
 
 from .conftest import make_submit
-from .damage import HashingFollower, checkpoint, fill, frames_of, mend, segment_of, segments_of, spoil, start_of
+from .damage import HashingFollower, checkpoint, fill, flip, frames_of, mend, segment_of, segments_of, spoil, start_of
+from .histories import fold
 
 
 @pytest.fixture
 def agree(tmp_path, read_with_node):
     def compare(folder):
-        follower = HashingFollower(folder)
-        follower.read_new()
-        follower.close()
+        with closing(HashingFollower(folder)) as follower:
+            follower.read_new()
         (told,) = read_with_node(tmp_path)
         assert (told["seq"], told["sha256"], told["tail"]) == (
             follower.seq,
@@ -118,23 +119,15 @@ def test_a_writer_goes_on_behind_a_repair_and_one_that_ran_meanwhile_stops(open_
 
 def test_a_session_without_its_submission_is_shown_nowhere_and_one_without_its_claim_goes_on(open_journal):
     agent, runtime = open_journal(), open_journal(Side.RUNTIME)
-    agent.commit([make_submit("a")])
-    agent.commit([make_submit("b")])
+    agent.commit([make_submit("a"), make_submit("b")])
     for id in ("a", "b"):
-        runtime.commit([Entry(id, "claim")])
-        runtime.commit([Entry(id, "check")])
-        runtime.commit([Entry(id, "start", epoch=1)])
+        runtime.commit([Entry(id, "claim"), Entry(id, "check"), Entry(id, "start", epoch=1)])
     (path,) = segments_of(agent)
-    spoil(path, 1)
-    spoil(path, 6)
-
-    repair = mend(agent.folder)
-
-    ledger = Ledger()
-    for record in open_journal().read_new():
-        ledger.apply(record)
-    assert set(repair.concerns) == {"a", "b"}
-    assert {id: status.state for id, status in ledger.sessions.items()} == {"b": "running"}
+    for seq in (1, 6):
+        spoil(path, seq)
+    assert set(mend(agent.folder).concerns) == {"a", "b"}
+    sessions = fold(open_journal().read_new()).sessions
+    assert {id: status.state for id, status in sessions.items()} == {"b": "running"}
     assert inspect_partition(agent.folder).is_whole
     assert open_journal(Side.RUNTIME).commit([Entry("b", "halt", epoch=1)])[0].to == "halting"
 
@@ -143,11 +136,7 @@ def test_a_destroyed_end_never_gives_a_number_again(open_journal, agree):
     journal = open_journal()
     fill(journal, 4)
     (path,) = segments_of(journal)
-    data = bytearray(path.read_bytes())
-    for seq in (5, 6, 7):
-        data[start_of(path, seq) + 60] ^= 1
-    path.write_bytes(data)
-
+    flip(path, *(start_of(path, seq) + 60 for seq in (5, 6, 7)))
     repair = mend(journal.folder)
 
     assert (repair.lost, repair.cuts[0]["first_lost"], repair.is_exact) == (3, 5, False)

@@ -9,7 +9,7 @@ from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.testing import make_contract
 
-from .conftest import SLOW, ask, make_correction, make_episode
+from .conftest import SLOW, ask, make_correction, make_episode, teach
 
 STOPPED = {"ok": False, "cause": "SAFETY_STOP", "safety": ("ESTOPPED",)}
 
@@ -58,8 +58,7 @@ def test_a_caution_lapses_once_many_sessions_passed_without_another_event(memory
 
 
 def test_a_lesson_that_a_safety_event_followed_is_used_no_more(memory):
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
+    failed = teach(memory)
     (found,) = memory.recall(ask(failed))
     memory.record([make_episode(**STOPPED, strategy=SLOW, advised_by=(found.lesson.id,))])
     assert memory.recall(ask(failed)) == ()
@@ -69,8 +68,7 @@ def test_a_lesson_that_a_safety_event_followed_is_used_no_more(memory):
 
 
 def test_at_high_risk_a_lesson_must_surely_do_better_than_nothing(memory):
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
+    failed = teach(memory)
     assert memory.recall(ask(failed))
     memory.record([make_episode(**STOPPED, thing="soap")])
     assert memory.recall(ask(failed)) == (), "one success is not enough"
@@ -80,8 +78,7 @@ def test_at_high_risk_a_lesson_must_surely_do_better_than_nothing(memory):
 
 
 def test_what_was_verified_at_normal_risk_is_not_used_where_conditions_must_hold(memory):
-    failed, corrected = make_correction(risk=Risk.NORMAL)
-    memory.record([failed, corrected])
+    failed = teach(memory, risk=Risk.NORMAL)
     assert memory.recall(ask(failed))
     assert memory.recall(ask(failed, risk=Risk.GUARDED)) == ()
 
