@@ -5,6 +5,7 @@ Upstream: the vocabulary. Downstream: the understander that asks a model.
 
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import product
 
 from phyagentos.agent.goals.spec import WantedGoal
@@ -15,6 +16,7 @@ from phyagentos.agent.understanding.vocabulary import REGION, ROLE, Thing, Vocab
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.library import ArgumentKind, Meaning, PredicateDefinition, get_predicate_library
+from phyagentos.protocol.predicates.meaning import read_statement
 from phyagentos.protocol.predicates.predicate import find_entities, parse_predicate
 
 STATEMENTS_MAX = 400  # in a schema; more are left to the checks of the answer
@@ -24,20 +26,27 @@ _KEPT = {Meaning.UPRIGHT: "{}", Meaning.MOVED: "not {}"}  # what may have to hol
 def choose_statements(request: str, vocabulary: Vocabulary) -> dict[str, Fields]:
     """JSON schemas of a wanted statement and of a constraint over a scene.
 
-    Each lists what can be chosen, of the objects that the request names; unless the request has a number, which no list
-    foresees, or there are too many.
+    Each lists what can be chosen: of the objects that the request names those statements that are about all of them,
+    where there are any. No list foresees a number in a request, or is longer than `STATEMENTS_MAX`.
     """
-    wanted, kept = list_wanted(vocabulary), list_kept(vocabulary)
-    if meant := _find_meant(request, vocabulary):
-        wanted, kept = ([text for text in texts if _find(text) <= meant] or texts for texts in (wanted, kept))
     words = re.findall(r"[a-z]+|\d", request.lower())
+    named = list(_iter_named(request, vocabulary))
+    said = replace(vocabulary, postures=_find_postures(request, vocabulary))
+    wanted, kept = (_narrow(texts(said), request, vocabulary) for texts in (list_wanted, list_kept))
+    wanted = [text for text in wanted if all(names & _find(text) for _, names in named)] or wanted
     if len(wanted) + len(kept) > STATEMENTS_MAX or any(word.isdigit() or word in NUMBERS[2:] for word in words):
         return {"wanted": {"type": "string"}, "kept": {"type": "string"}}
-    return {"wanted": {"enum": sorted(wanted, key=lambda text: -len(_find(text)))}, "kept": {"enum": kept}}
+    return {"wanted": {"enum": wanted}, "kept": {"enum": kept}}
+
+
+def _narrow(texts: list[str], request: str, vocabulary: Vocabulary) -> list[str]:
+    """The statements about what a request can mean; all where none is."""
+    meant = _find_meant(request, vocabulary)
+    return [text for text in texts if _find(text) <= meant] or texts
 
 
 def list_wanted(vocabulary: Vocabulary) -> list[str]:
-    """Statements that a skill can bring about, about objects that are fit for them."""
+    """Statements that a skill can bring about, about objects that are fit for them; `on` a tray is `inside` it."""
     texts = (text for each in get_predicate_library() if not each.is_number for text in _iter_filled(each, vocabulary))
     return [text for text in texts if not any(_iter_lacks(text, vocabulary))]
 
@@ -50,27 +59,28 @@ def list_kept(vocabulary: Vocabulary) -> list[str]:
 
 
 def find_disagreements(request: str, goal: WantedGoal, vocabulary: Vocabulary) -> list[str]:
-    """Where a goal leaves out an object that words of the request name, or is about one that none of them can mean.
-
-    Words that are not of the scene name nothing, so a request without any agrees with every goal: a person decides.
-    """
+    """Where a goal leaves out an object that words of the request name, or is about one that none of them can mean."""
     wanted = frozenset[str]().union(*map(_find, (*goal.accept, *(text for step in goal.steps for text in step))))
     about = wanted.union(*map(_find, goal.constraints))
-    meant = _find_meant(request, vocabulary)
+    left_out = [words for words, names in _iter_named(request, vocabulary) if not names & about]
+    if not _find_meant(request, vocabulary) and not _find_postures(request, vocabulary):
+        return ["no word of the request names anything of the scene"]
     return [
-        *(
-            f"the goal says nothing of {words!r}"
-            for words, names in _iter_named(request, vocabulary)
-            if not names & about
-        ),
-        *(f"no word of the request means {name}" for name in sorted(wanted - meant if meant else ())),
+        *(f"the goal says nothing of {words!r}" for words in left_out),
+        *(f"no word of the request means {name}" for name in sorted(wanted - _find_meant(request, vocabulary))),
     ]
 
 
 def _find_meant(request: str, vocabulary: Vocabulary) -> frozenset[str]:
-    """All objects that the nouns of a request can mean; none where a word in it can mean any."""
-    is_general = not {*read_lexicon()["general"]["words"]}.isdisjoint(request.lower().split())
-    return frozenset[str]().union(*(() if is_general else (names for _, names in _iter_named(request, vocabulary))))
+    """All objects that the nouns of a request can mean; every one where a word in it can mean any."""
+    if not {*read_lexicon()["general"]["words"]}.isdisjoint(request.lower().split()):
+        return frozenset(vocabulary.things)
+    return frozenset[str]().union(*(names for _, names in _iter_named(request, vocabulary)))
+
+
+def _find_postures(request: str, vocabulary: Vocabulary) -> tuple[str, ...]:
+    """The postures that a request names."""
+    return tuple(each for each in vocabulary.postures if each.replace("_", " ") in request.lower())
 
 
 def _find(text: str) -> frozenset[str]:
@@ -111,6 +121,13 @@ def _iter_filled(definition: PredicateDefinition, vocabulary: Vocabulary) -> Ite
 
 def _iter_lacks(text: str, vocabulary: Vocabulary) -> Iterator[object]:
     call = _parse_call(text)
+    said = read_statement(call)
+    if (
+        said.meaning is Meaning.ON
+        and isinstance(said.place, syntax.Name)
+        and vocabulary.things[said.place.text].has_interior
+    ):
+        yield said
     yield from find_unfit(call, vocabulary)
     yield from find_incapable(call, vocabulary)
 

@@ -8,7 +8,7 @@ back to it, at most as often as the limits allow. Its answers can be kept in a f
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 import pydantic
@@ -40,12 +40,15 @@ ITEMS_MAX = 8  # of each list of one answer, so that a model that repeats itself
 _SYSTEM = " ".join(Path(__file__).with_name("model_instruction.txt").read_text(encoding="utf-8").split())
 
 
+_Statements = Annotated[tuple[str, ...], pydantic.AfterValidator(lambda each: tuple(dict.fromkeys(each)))]
+
+
 class ModelGoal(Authored):
     """The parts of a goal that a model may write; name, objective, scene and targets are not its own."""
 
-    constraints: tuple[str, ...] = ()
-    steps: tuple[tuple[str, ...], ...] = ()
-    accept: tuple[str, ...] = pydantic.Field(min_length=1)
+    constraints: _Statements = ()
+    steps: tuple[_Statements, ...] = ()
+    accept: _Statements = pydantic.Field(min_length=1)
 
 
 class ModelQuestion(Authored):
@@ -144,7 +147,7 @@ def build_response_format(request: str, vocabulary: Vocabulary) -> Fields:
     """The schema of `ModelAnswer` over a scene, whose statements and names a server can hold a model to."""
     statements, words, names = choose_statements(request, vocabulary), {"type": "string"}, sorted(vocabulary.things)
     wanted = _build_list(statements["wanted"], least=1)
-    goal = {"constraints": _build_list(statements["kept"]), "steps": _build_list(wanted), "accept": wanted}
+    goal = {"accept": wanted, "steps": _build_list(wanted), "constraints": _build_list(statements["kept"])}
     question = {"words": words, "candidates": _build_list({"enum": names}, least=2)}
     answers = {
         "goal": _build_object(goal, "accept"),

@@ -213,6 +213,7 @@ def test_a_number_in_a_request_leaves_the_statements_to_the_model(serve):
         ("pop the red cube in the red tray", "inside(blue_cube, red_tray)", "the goal says nothing of 'red cube'"),
         ("pop the red cube in the red tray", "inside(red_cube, green_tray)", "no word of the request means green_tray"),
         ("the bottle wants to be in a tray", "inside(green_cube, red_tray)", "the goal says nothing of 'bottle'"),
+        ("sing about the moon", "in_posture(robot, pinch)", "no word of the request names anything of the scene"),
     ],
 )
 def test_a_goal_that_contradicts_the_words_goes_back(serve, request_, wrong, problem):

@@ -173,17 +173,8 @@ def compile_chain(
     """
     problems = [*_check_space(source, "source"), *_check_space(target, "target")]
     if source.representation == "joint_position" and target.representation == "tool_pose":
-        found, hint = source.representation, "Let the policy command poses of the tool."
-        problems.append(
-            Problem(
-                "ACTION_SPACE_MISMATCH",
-                "source.representation",
-                found,
-                target.representation,
-                hint,
-                kind="representation",
-            )
-        )
+        both, hint = (source.representation, target.representation), "Let the policy command poses of the tool."
+        problems.append(Problem("ACTION_SPACE_MISMATCH", "source.representation", *both, hint, kind="representation"))
     if target.delta:
         problems.append(Problem("ACTION_SPACE_MISMATCH", "target.delta", "changes", "postures", kind="representation"))
     if problems:
