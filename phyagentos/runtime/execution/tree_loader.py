@@ -28,16 +28,19 @@ from phyagentos.runtime.execution.tree_check import REACTIVE, convert_literal, f
 from phyagentos.runtime.perception.world_model import BELIEF
 
 
-class SimulatedTimeout(Decorator):
-    """Fails when the child runs longer than so many seconds of simulated time; planning costs none."""
+class _Timed(Decorator):
+    """A decorator that fails by itself, with a coded reason, by so many seconds of simulated time."""
 
     def __init__(self, name: str, child: Behaviour, seconds: float, context: SkillContext) -> None:
         super().__init__(name=name, child=child)
-        self._seconds = seconds
-        self._context = context
-        self._began_s = 0.0
-        self.code = ""
-        self.message = ""
+        self._seconds, self._context = seconds, context
+        self.code = self.message = ""
+
+
+class SimulatedTimeout(_Timed):
+    """Fails when the child runs longer than so many seconds of simulated time; planning costs none."""
+
+    _began_s = 0.0
 
     def initialise(self) -> None:
         """Store the start time."""
@@ -54,16 +57,10 @@ class SimulatedTimeout(Decorator):
         return self.decorated.status
 
 
-class Cooldown(Decorator):
+class Cooldown(_Timed):
     """Ticks the child; for so many seconds of simulated time after it ended, FAILURE without it."""
 
-    def __init__(self, name: str, child: Behaviour, seconds: float, context: SkillContext) -> None:
-        super().__init__(name=name, child=child)
-        self._seconds = seconds
-        self._context = context
-        self._ended_s: float | None = None
-        self.code = ""
-        self.message = ""
+    _ended_s: float | None = None
 
     def tick(self) -> Iterator[Behaviour]:
         """One tick of the child, or none."""
