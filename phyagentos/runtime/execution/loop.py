@@ -124,8 +124,13 @@ class SessionLoop:
             cause = error.cause
             code = cause.code if isinstance(cause, ExecutionError) else "LEAF_ERROR"
             place = cause.place if isinstance(cause, DefectError) else error.place
-            defect = place if is_defect(cause) else ""
-            return Outcome(ended=_ended_by(code), code=code, leaf=error.path, message=str(error), defect=defect)
+            return Outcome(
+                ended=_ended_by(code),
+                code=code,
+                leaf=error.path,
+                message=str(error),
+                defect=place if is_defect(cause) else "",
+            )
         except ExecutionError as error:
             return Outcome(ended=_ended_by(error.code), code=error.code, message=str(error))
         finally:
@@ -204,8 +209,12 @@ class SessionLoop:
         if violated is None:
             return None
         context.note("intervention", "HOLD_VIOLATED", predicate=violated.text, because=violated.because)
-        message = f"{violated.text} does not hold any more: {violated.because}"
-        return Outcome(ended=Ended.SAFETY_STOP, code="HOLD_VIOLATED", leaf=sent.leaf, message=message)
+        return Outcome(
+            ended=Ended.SAFETY_STOP,
+            code="HOLD_VIOLATED",
+            leaf=sent.leaf,
+            message=f"{violated.text} does not hold any more: {violated.because}",
+        )
 
     def _describe_refusal(self, refusal: CommandRefused) -> Outcome:
         violation = refusal.violation
@@ -223,8 +232,11 @@ def describe_request(request: EndRequest) -> Outcome:
     if request.reason == LEASE_LOST:
         return Outcome(ended=Ended.SAFETY_STOP, code="LEASE_LOST", message="no watchdog has renewed the lease in time")
     # a motor that does not follow is a leaf's finding
-    code = FailureCode.NO_PROGRESS if request.reason == Ended.STALLED else request.reason.upper()
-    return Outcome(ended=Ended(request.reason), code=code, message=request.why or "a stop was requested")
+    return Outcome(
+        ended=Ended(request.reason),
+        code=FailureCode.NO_PROGRESS if request.reason == Ended.STALLED else request.reason.upper(),
+        message=request.why or "a stop was requested",
+    )
 
 
 def _ended_by(code: str) -> Ended:
@@ -235,5 +247,4 @@ def _judge_end(failure: Failure | None) -> Outcome:
     if failure is None:
         return Outcome(ended=Ended.COMPLETED)
     stalled = failure.code in (FailureCode.STALLED, FailureCode.NO_PROGRESS)
-    ended = Ended.STALLED if stalled else Ended.SKILL_FAILED
-    return Outcome(ended=ended, **asdict(failure))
+    return Outcome(ended=Ended.STALLED if stalled else Ended.SKILL_FAILED, **asdict(failure))

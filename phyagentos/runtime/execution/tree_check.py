@@ -185,11 +185,13 @@ def _iter_reactive_problems(tree: Tree, node: Node, library: Library, registry: 
     """Each tick begins with the first child again: of two that take time, the first would never let the second end."""
     slow = [child for child in node.children if _takes_time(child, library, registry, ())]
     for child in slow[1:]:
-        found = f"{child.name!r} and {slow[0].name!r}, which both take time, in one {node.kind}"
         yield tree.located.problem(
-            "BROKEN_TREE", child.address, found, "one child that takes time, conditions beside it",
-            f"Put them into a '{node.kind.removeprefix('reactive_')}' of their own.",
-        )  # fmt: skip
+            "BROKEN_TREE",
+            child.address,
+            found=f"{child.name!r} and {slow[0].name!r}, which both take time, in one {node.kind}",
+            expected="one child that takes time, conditions beside it",
+            hint=f"Put them into a '{node.kind.removeprefix('reactive_')}' of their own.",
+        )
 
 
 def _takes_time(node: Node, library: Library, registry: LeafRegistry, above: tuple[str, ...]) -> bool:
@@ -209,8 +211,7 @@ def _takes_time(node: Node, library: Library, registry: LeafRegistry, above: tup
 def needs_grasp(node: Node, library: Library, registry: LeafRegistry, above: tuple[str, ...] = ()) -> bool:
     """Whether a node succeeds only where a grasp is planned: by a leaf of that role, below sequences and subtrees."""
     if node.kind is NodeKind.SUBTREE and node.type not in above:
-        root = read_tree(library.get_tree(node.type)).root
-        return needs_grasp(root, library, registry, (*above, node.type))
+        return needs_grasp(read_tree(library.get_tree(node.type)).root, library, registry, (*above, node.type))
     if node.kind is NodeKind.LEAF:
         leaf = registry.find(node.type)
         return leaf is not None and leaf.ROLE is Role.PLAN_GRASP
@@ -287,9 +288,13 @@ def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[st
             yield from _iter_literal_problems(tree, place, value, inputs[port])
     for port, information in inputs.items():
         if information.required and not information.has_default and port not in node.wiring:
-            found = f"{node.type} without {port!r}"
-            hint = f"Add {port}: VALUE{' below `with`' if node.kind is NodeKind.SUBTREE else ''}."
-            yield tree.located.problem("MISSING_VALUE", node.address, found, f"a value for {port!r}", hint)
+            yield tree.located.problem(
+                "MISSING_VALUE",
+                node.address,
+                found=f"{node.type} without {port!r}",
+                expected=f"a value for {port!r}",
+                hint=f"Add {port}: VALUE{' below `with`' if node.kind is NodeKind.SUBTREE else ''}.",
+            )
 
 
 def _iter_reference_problems(
@@ -297,8 +302,13 @@ def _iter_reference_problems(
 ) -> Iterator[Problem]:
     if value.key not in written:
         found = f"'{value}', which nothing writes"
-        expected = format_names(f"${{{key}}}" for key in written)
-        yield tree.located.problem("BROKEN_TREE", place, found, expected, format_hint(value.key, written))
+        yield tree.located.problem(
+            "BROKEN_TREE",
+            place,
+            found,
+            expected=format_names(f"${{{key}}}" for key in written),
+            hint=format_hint(value.key, written),
+        )
     elif object not in (port.data_type, written[value.key]) and port.data_type is not written[value.key]:
         found = f"'{value}' of type {_name_of(written[value.key])}"
         yield tree.located.problem("INVALID_VALUE", place, found, f"type {_name_of(port.data_type)}")
@@ -327,9 +337,13 @@ def _iter_condition_problems(tree: Tree, node: Node, written: dict[str, type]) -
         yield from error.problems
     for key in find_references(node.text):
         if key not in written:
-            found = f"'${{{key}}}', which nothing writes"
-            expected = format_names(f"${{{name}}}" for name in written)
-            yield tree.located.problem("BROKEN_TREE", node.address, found, expected, format_hint(key, written))
+            yield tree.located.problem(
+                "BROKEN_TREE",
+                node.address,
+                found=f"'${{{key}}}', which nothing writes",
+                expected=format_names(f"${{{name}}}" for name in written),
+                hint=format_hint(key, written),
+            )
 
 
 def convert_literal(value: Any, kind: type) -> Any:

@@ -228,8 +228,12 @@ class _Builder:
             return self.build(tree.root, inner, path, recurs)
         position = len(self.nodes)  # parents before children
         below = recurs or node.kind in REACTIVE
-        children = [self.build(child, scope, f"{path}/{child.name}", below) for child in node.children]
-        behaviour = self._build_one(node, children, scope, path)
+        behaviour = self._build_one(
+            node,
+            children=[self.build(child, scope, f"{path}/{child.name}", below) for child in node.children],
+            scope=scope,
+            path=path,
+        )
         self.nodes.insert(position, BuiltNode(behaviour, path, node.type, recurs))
         return behaviour
 
@@ -254,8 +258,13 @@ class _Builder:
             case NodeKind.FOR_EACH:
                 values, each = node.wiring["in"], scope[node.wiring["each"].key]
                 is_key = isinstance(values, Reference)
-                source = scope[values.key] if is_key else self._write_literal(values, find_list_type(values))
-                return ForEach(node.name, children[0], self.values, source, each)
+                return ForEach(
+                    node.name,
+                    children[0],
+                    self.values,
+                    source=scope[values.key] if is_key else self._write_literal(values, find_list_type(values)),
+                    target=each,
+                )
             case NodeKind.TIMEOUT:
                 return SimulatedTimeout(node.name, children[0], node.amount, context)
             case NodeKind.COOLDOWN:

@@ -212,9 +212,13 @@ def draft_profile(
         raise DefinitionError([Problem.unknown("joint", str(path), joint, names)])
     chain, others = _find_chain(compiled, names.index(joint) if joint else -1)
     if not chain or (others and len(chain) < LEG):
-        found = f"{len(others) + 1} run(s) of {len(chain)} hinge(s), of the joints {format_names(names)}"
-        hint = "A gripper alone is the `hand` of an arm's profile; docs/robots.md says more of hands and bases."
-        raise DefinitionError.of("MODEL_INVALID", str(path), found, "an arm: hinges, one after another", hint)
+        raise DefinitionError.of(
+            "MODEL_INVALID",
+            str(path),
+            found=f"{len(others) + 1} run(s) of {len(chain)} hinge(s), of the joints {format_names(names)}",
+            expected="an arm: hinges, one after another",
+            hint="A gripper alone is the `hand` of an arm's profile; docs/robots.md says more of hands and bases.",
+        )
     last = int(compiled.jnt_bodyid[chain[-1]])
     below = [index for index in range(compiled.njnt) if index not in chain and _is_below(compiled, index, last)]
     moving = [index for index in range(compiled.njnt) if int(compiled.jnt_type[index]) in {HINGE, SLIDE}]

@@ -67,8 +67,13 @@ def _iter_overlaps(spec: SceneSpec, located: Located, model: mujoco.MjModel, dat
         is_robot = other.partition(".")[0] not in spec.bodies  # a ball of its contents is `cup.1`
         found = f"{body!r}, {depth_m:.3f} m inside of {other!r}" + (", which is the robot's" if is_robot else "")
         lies = upright > LEVEL and other in spec.bodies and spec.bodies[other].fixed
-        hint = f"Raise it by {depth_m:.3f} m." if lies else "Move one of them."
-        yield located.problem("OVERLAP", ("bodies", body, "place"), found, "bodies that touch at most", hint)
+        yield located.problem(
+            "OVERLAP",
+            ("bodies", body, "place"),
+            found,
+            "bodies that touch at most",
+            hint=f"Raise it by {depth_m:.3f} m." if lies else "Move one of them.",
+        )
 
 
 def _iter_unsupported(
@@ -89,9 +94,13 @@ def _iter_unsupported(
             gaps += [(gap_m, model.body(model.geom_bodyid[geom[0]]).name)] if geom[0] >= 0 else []
         gap_m, below = min(gaps, default=(np.inf, ""))
         if gap_m > DROP_M:
-            found = f"{name!r}, {f'{gap_m:.3f} m above {below!r}' if gaps else 'with nothing below it'}"
-            hint = f"Lower it by {gap_m:.3f} m, or move it to where something bears it." if gaps else "Move it."
-            yield located.problem("SCENE_INVALID", ("bodies", name, "place"), found, "something to stand on", hint)
+            yield located.problem(
+                "SCENE_INVALID",
+                ("bodies", name, "place"),
+                found=f"{name!r}, {f'{gap_m:.3f} m above {below!r}' if gaps else 'with nothing below it'}",
+                expected="something to stand on",
+                hint=f"Lower it by {gap_m:.3f} m, or move it to where something bears it." if gaps else "Move it.",
+            )
 
 
 def _compute_bounds(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> tuple[np.ndarray, np.ndarray]:

@@ -137,9 +137,13 @@ class _Search:
     def run(self, groups: list[Sites], attitudes: Mapping[int, Array]) -> list[Approach]:
         """Approaches to the first sites that have any: without a fall, of an earlier group, with the fingers wide."""
         placing, request, job = self.placing, self.placing.request, self.job
-        screen = Screen(self.kinematics, request.q_rad, self.scene.robot.home_rad, request.seed)
         search = partial(
-            find_approaches, q_rad=request.q_rad, screen=screen, kinematics=self.kinematics, scene=self.scene, job=job
+            find_approaches,
+            q_rad=request.q_rad,
+            screen=Screen(self.kinematics, request.q_rad, self.scene.robot.home_rad, request.seed),
+            kinematics=self.kinematics,
+            scene=self.scene,
+            job=job,
         )
         turned = {degrees: cache(partial(_turn, degrees, placing, self.tilt)) for degrees in attitudes}
         found, avoided = list[Approach](), set(request.avoid)

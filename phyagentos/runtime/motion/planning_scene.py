@@ -89,8 +89,10 @@ class PlanningScene:
         for each in (each for each in self.obstacles if each.shapes):
             body = free[tuple(shape.kind for shape in each.shapes)].pop()
             is_base = self.robot.profile.base is None or each.kind == GROUND
-            rows = measure_solids(each.shapes, MOVABLE_MARGIN_M if each.movable else FIXED_MARGIN_M)
-            body.fill(rows, BASE_BIT if is_base and not each.movable else WORLD_BIT)
+            body.fill(
+                rows=measure_solids(each.shapes, MOVABLE_MARGIN_M if each.movable else FIXED_MARGIN_M),
+                contype=BASE_BIT if is_base and not each.movable else WORLD_BIT,
+            )
             self._owner[body.id] = each.name
             place = self._model.body_mocapid[body.id]
             self._data.mocap_pos[place], self._data.mocap_quat[place] = each.pose.position_m, each.pose.quaternion_wxyz

@@ -25,6 +25,11 @@ def find_out_of_reach(
         if not isinstance(answer, NoPlan) or answer.code != "NO_IK" or set(answer.rejected) != {"ik"}:
             return []
     hint = f"See where it reaches: paos robot try {profile.target}. Then change `tool` or `placement`, or the scene."
-    found = f"no posture for any grasp of {format_names(each.name for each in entities)}"
-    expected = "a tool whose z axis approaches, and objects within reach"
-    return [Problem("OUT_OF_REACH", str(file), found, expected, hint)] if entities else []
+    problem = Problem(
+        "OUT_OF_REACH",
+        str(file),
+        found=f"no posture for any grasp of {format_names(each.name for each in entities)}",
+        expected="a tool whose z axis approaches, and objects within reach",
+        hint=hint,
+    )
+    return [problem] if entities else []

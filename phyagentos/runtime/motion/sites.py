@@ -137,14 +137,19 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
     if entity is not None and entity.interior is not None:
         box = _place_box(compute_matrix(entity.pose), entity.interior.center_m, entity.interior.half_m)
         space = _level_space(box, box.bottom_m, [entity, *_carriers(others, box)], walled=True)
-        floor = _list_level(entity, space.center_m[2])
-        return replace(space, depth_m=_measure_depth(space, box, [entity]), floor=floor)
+        return replace(
+            space, depth_m=_measure_depth(space, box, [entity]), floor=_list_level(entity, space.center_m[2])
+        )
     if region is not None:
         box = _place_box(compute_matrix(region.pose), (0.0, 0.0, 0.0), region.half_m)
         carriers = _carriers(others, box)
         tops = [b.top_m for e in carriers for b in compute_shape_boxes(e)]
-        floor_m = max([t for t in tops if abs(t - box.bottom_m) <= SUPPORT_BAND_M], default=box.bottom_m)
-        space = _level_space(box, floor_m, carriers, walled=True)
+        space = _level_space(
+            box,
+            floor_m=max([t for t in tops if abs(t - box.bottom_m) <= SUPPORT_BAND_M], default=box.bottom_m),
+            supports=carriers,
+            walled=True,
+        )
         return replace(space, depth_m=_measure_depth(space, box, carriers))
     return None
 
@@ -240,8 +245,12 @@ def find_space_above(placing: Placing) -> Space | None:
     if not tops_m:
         return None
     center_m = np.append(space.center_m[:2], max(tops_m.values()))
-    depth_m = space.depth_m + float(space.center_m[2] - center_m[2])
-    return replace(space, center_m=center_m, supports=space.supports | tops_m.keys(), depth_m=depth_m)
+    return replace(
+        space,
+        center_m=center_m,
+        supports=space.supports | tops_m.keys(),
+        depth_m=space.depth_m + float(space.center_m[2] - center_m[2]),
+    )
 
 
 def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> list[Sites]:

@@ -269,8 +269,7 @@ def _geom_pose(data: mujoco.MjData, geom: int) -> Array:
 def bound_spheres(spheres: Array) -> Array:
     """(4,) a sphere that contains all of these (k, 4)."""
     center = (spheres[:, :3].min(axis=0) + spheres[:, :3].max(axis=0)) / 2.0
-    radius = (np.linalg.norm(spheres[:, :3] - center, axis=1) + spheres[:, 3]).max()
-    return np.append(center, radius)
+    return np.append(center, (np.linalg.norm(spheres[:, :3] - center, axis=1) + spheres[:, 3]).max())
 
 
 def _box_obstacles(scene: PlanningScene) -> tuple[Array, Integers]:

@@ -107,8 +107,9 @@ def time_carry(
     if not is_shaped or len(rows) < 2 or (care.tilt_max_rad is None and share <= enough):
         return unshaped_motion
     path = _Path.describe(rows, chain, care)
-    ramp_s = RAMP_S if care.tilt_max_rad is None else LEVEL_RAMP_S
-    evaluate, duration_s, status, iterations = _optimise(path, limits, plain.duration_s, ramp_s)
+    evaluate, duration_s, status, iterations = _optimise(
+        path, limits, plain.duration_s, ramp_s=RAMP_S if care.tilt_max_rad is None else LEVEL_RAMP_S
+    )
     tilt_max_rad = np.inf if care.tilt_max_rad is None else care.tilt_max_rad
     enough_s = LONGER * plain.duration_s if tilt_rad <= tilt_max_rad and share <= path.budget else np.inf
     for slowdowns in range(SLOWEST):
@@ -148,8 +149,7 @@ def measure_felt(trajectory: Trajectory, start_rad: Array, chain: Chain, care: C
     share = 0.0 if care.load is None else float(np.sqrt((_grip(f.T, spin, care.load) ** 2).sum(axis=0)).max())
     n = rotations[0].T @ np.array((0.0, 0.0, 1.0))  # the vessel's axis in the tool frame
     along = f @ n
-    tilt = np.arctan2(np.linalg.norm(f - along[:, None] * n, axis=1), along)
-    return share, float(tilt.max())
+    return share, float(np.arctan2(np.linalg.norm(f - along[:, None] * n, axis=1), along).max())
 
 
 def _grip(f: Array, spin: Array, load: Load) -> Array:
@@ -204,8 +204,7 @@ def _build(n_joints: int) -> tuple[ca.Function, Array, Array]:
     """The solver for paths of so many joints, and its bounds; (b, a) of each knot in turn, then the last b."""
     h = np.diff(KNOTS)
     b, a = ca.SX.sym("b", INTERVALS + 1), ca.SX.sym("a", INTERVALS)
-    size = 2 * n_joints + _COUNT
-    given = ca.SX.sym("given", size, 2 * INTERVALS)
+    given = ca.SX.sym("given", 2 * n_joints + _COUNT, 2 * INTERVALS)
     constraints, low, high, equality = [], [], [], []
 
     def require(expression: ca.SX, least: float, most: float) -> None:

@@ -62,8 +62,7 @@ def _label(count, pairs):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN20
             a = root[a]
         while root[b] != b:
             b = root[b]
-        first = min(a, b)
-        root[a] = root[b] = root[pairs[k, 0]] = root[pairs[k, 1]] = first
+        root[a] = root[b] = root[pairs[k, 0]] = root[pairs[k, 1]] = min(a, b)
     labels, found = np.empty_like(root), 0
     for node in range(count):  # a root is not after its nodes
         if root[node] == node:

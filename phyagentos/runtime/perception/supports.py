@@ -113,8 +113,9 @@ def _fit_planes(nominal: Entity, own: Iterable[Array], views: Sequence[CameraVie
 def _state_map(was: Entity) -> Entity:
     """The body as it is believed, at least as uncertain as the map is."""
     place_m, turn_rad = np.maximum(MAP_STDS, (was.position_std_m, was.turn_std_rad)).tolist()
-    tilt_rad = max(turn_rad, was.tilt_std_rad)
-    return msgspec.structs.replace(was, position_std_m=place_m, turn_std_rad=turn_rad, tilt_std_rad=tilt_rad)
+    return msgspec.structs.replace(
+        was, position_std_m=place_m, turn_std_rad=turn_rad, tilt_std_rad=max(turn_rad, was.tilt_std_rad)
+    )
 
 
 def _fit_plane(nominal: Entity, points: Array, eye_m: Array) -> Plane | None:

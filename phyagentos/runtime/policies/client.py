@@ -141,8 +141,9 @@ class PolicyClient:
         except ExecutionError as error:
             raise self._name_stall(error, silence_s) from error
         if chunk.sequence != request.sequence:
-            message = f"chunk {chunk.sequence} came where {request.sequence} was asked for"
-            raise ExecutionError("POLICY_FAULT", message)
+            raise ExecutionError(
+                "POLICY_FAULT", message=f"chunk {chunk.sequence} came where {request.sequence} was asked for"
+            )
         return chunk
 
     def _watch(self, service: PolicyService, silence_s: float) -> None:
@@ -211,8 +212,9 @@ class OwnWire(PolicyService):
             try:
                 left_s = deadline.compute_left_s()
             except TimeoutError:
-                message = f"the policy server is at work for longer than {timeout_s:g} s"
-                raise ExecutionError("POLICY_LOST", message) from None
+                raise ExecutionError(
+                    "POLICY_LOST", message=f"the policy server is at work for longer than {timeout_s:g} s"
+                ) from None
             data = self._transport.exchange(None, min(left_s, silence_s))
         return reply
 

@@ -69,8 +69,7 @@ class ExchangeLog:
         """It was answered."""
         if self._asked is not None:
             request, began_s = self._asked
-            wall_s = time.perf_counter() - began_s
-            self._written.append(self._thread.submit(self._write, request, chunk, wall_s))
+            self._written.append(self._thread.submit(self._write, request, chunk, time.perf_counter() - began_s))
 
     def close(self) -> None:
         """Wait for what is being written; raises OSError where something could not be."""

@@ -94,8 +94,7 @@ class Examiner:
         except DefinitionError as error:
             problems += locate(session, error.problems)
         except ExecutionError as error:
-            address = f"{session.id}: target {session.target}"
-            problems.append(Problem(error.code, address, str(error)))
+            problems.append(Problem(error.code, address=f"{session.id}: target {session.target}", found=str(error)))
         ms = 1e3 * (self.clock.now_s() - began_s - loading_s)
         if problems:
             return Finding(plan=None, tools=None, problems=tuple(dict.fromkeys(problems)), trials=trials, ms=ms)
@@ -114,8 +113,9 @@ class Examiner:
         found = self.preflight.find_world_problems(session, live, now, is_fresh=is_first)
         problems = [self._tell_unseen(session, now, problem) for problem in found]
         if is_first and self.preflight.profile.model:  # what is sunk is thrown about: a flaw for every session
-            path = self.library.get_scene(name_plain(session.scene.name))
-            flaws = find_start_problems(path, session.scene.seed, self._robot)
+            flaws = find_start_problems(
+                path=self.library.get_scene(name_plain(session.scene.name)), seed=session.scene.seed, robot=self._robot
+            )
             self._flaws = tuple(each for each in flaws if each.code == "OVERLAP")
         problems += locate(session, self._flaws)
         met = weigh_before(session, now)
@@ -177,8 +177,12 @@ class Examiner:
         grasped = [motion.object for motion in motions if isinstance(motion, Grasp)]
         if not grasped:
             return []
-        spec = read_placed(self.library, session.scene.name)
-        return locate(session, iter_payload_problems(grasped, skill, spec, self.preflight.profile))
+        return locate(
+            session,
+            iter_payload_problems(
+                grasped, skill, spec=read_placed(self.library, session.scene.name), profile=self.preflight.profile
+            ),
+        )
 
     def _try_out(self, session: Session, now: Environment, live: Description, *, thorough: bool) -> tuple[Trial, ...]:
         skill = self.preflight.skills.get(session.skill)

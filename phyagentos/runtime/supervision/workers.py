@@ -125,8 +125,11 @@ class Worker:
     def _start_worker(self) -> "tuple[ChildProcess, Connection[Any, Any]]":
         ours, theirs = Pipe()
         fd = theirs.fileno()
-        command = (*self._worker_command, "--control", str(fd))
-        child = ChildProcess(command, self._logs / f"worker-{self.target}.log", pass_fds=(fd,))
+        child = ChildProcess(
+            command=(*self._worker_command, "--control", str(fd)),
+            log=self._logs / f"worker-{self.target}.log",
+            pass_fds=(fd,),
+        )
         theirs.close()
         self._key = make_key()
         if self._world is not None:

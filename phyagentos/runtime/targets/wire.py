@@ -442,8 +442,7 @@ def await_reply(
 
 def require(kind: type[RequestFor[ReplyT]], reply: Reply) -> ReplyT:
     """The reply to a request; raises ExecutionError: the code of a refusal, `PROTOCOL_BROKEN` for another reply."""
-    expected = find_expected(kind)
-    if isinstance(reply, expected):
+    if isinstance(reply, find_expected(kind)):
         return reply
     if isinstance(reply, Refused):
         raise ExecutionError(reply.code, reply.message)

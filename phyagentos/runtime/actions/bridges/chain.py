@@ -95,8 +95,14 @@ class BridgeChain:
             interventions += link.find_interventions(rows, converted)
             rows = converted
             if not len(rows):
-                words = f"it is shorter than one row of the target, at {self.target.rate_hz:g} Hz"
-                return Violation(ViolationCode.WRONG_SHAPE, "chunk", 0.0, 1.0, "rows of the target", words=words)
+                return Violation(
+                    ViolationCode.WRONG_SHAPE,
+                    "chunk",
+                    0.0,
+                    1.0,
+                    "rows of the target",
+                    words=f"it is shorter than one row of the target, at {self.target.rate_hz:g} Hz",
+                )
         return self._check_jumps(rows, before) or Bridged(rows, tuple(interventions))
 
     def _check_form(self, rows: Array) -> Violation | None:
@@ -117,8 +123,14 @@ class BridgeChain:
             columns = rows[:, POSITION_WIDTH : source.arm_width]
             row = find_bad_rotation(columns, source)
             if row >= 0:
-                length = float(np.linalg.norm(columns[row]))
-                return Violation(ViolationCode.ROTATION_INVALID, source.rotation, length, 1.0, "length", int(row))
+                return Violation(
+                    ViolationCode.ROTATION_INVALID,
+                    source.rotation,
+                    found=float(np.linalg.norm(columns[row])),
+                    limit=1.0,
+                    unit="length",
+                    row=int(row),
+                )
         return None
 
     def _check_jumps(self, rows: Array, before: Array) -> Violation | None:
@@ -134,8 +146,15 @@ class BridgeChain:
         where = target.joints[column] if joints else ("position", "rotation")[column]
         unit = target.angle_unit if joints else (target.length_unit, "rad")[column]
         found, most = float(steps[row, column]), float(limit[column])
-        words = f"jumps by {found:.4g} {unit}; at most {most:.4g} {unit} from row to row"
-        return Violation(ViolationCode.DISCONTINUOUS, where, found, most, unit, int(row), words)
+        return Violation(
+            ViolationCode.DISCONTINUOUS,
+            where,
+            found,
+            most,
+            unit,
+            int(row),
+            words=f"jumps by {found:.4g} {unit}; at most {most:.4g} {unit} from row to row",
+        )
 
     def __str__(self) -> str:
         """`frame base->world . units deg->rad . resample 10->50 Hz`; `identity` when nothing is converted."""
@@ -201,8 +220,15 @@ def compile_chain(
     if problems:
         return tuple(problems)
     if now.rate_hz == source.rate_hz and now.chunk_length > target.chunk_length:
-        expected = f"1 to {target.chunk_length} rows"
-        return (Problem("CHUNK_LENGTH", "chunk_length", f"{source.chunk_length} rows", expected, "Shorten the chunk."),)
+        return (
+            Problem(
+                "CHUNK_LENGTH",
+                "chunk_length",
+                f"{source.chunk_length} rows",
+                expected=f"1 to {target.chunk_length} rows",
+                hint="Shorten the chunk.",
+            ),
+        )
     return BridgeChain(source, target, tuple(links))
 
 

@@ -122,8 +122,13 @@ class ToolCentre:
         found = compile_model(read_robot(profile, folder), *files) if files else None
         kinematics = read_kinematics(found, profile) if found is not None else None
         if found is None or kinematics is None:
-            hint = "Copy the robot's model beside its profile; docs/targets.md says where from."
-            raise DefinitionError.of("MODEL_MISSING", f"{place}: model", repr(profile.model), "a MJCF file", hint)
+            raise DefinitionError.of(
+                "MODEL_MISSING",
+                f"{place}: model",
+                repr(profile.model),
+                "a MJCF file",
+                hint="Copy the robot's model beside its profile; docs/targets.md says where from.",
+            )
         self._model, self._data, self.kinematics = found, mujoco.MjData(found), kinematics
         self._q = [found.joint(name).qposadr[0] for name in profile.arm.joints]
         self._site = found.site(profile.tcp).id

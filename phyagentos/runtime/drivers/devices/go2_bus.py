@@ -125,8 +125,10 @@ class Go2Bus(Bus):
 
         self._place, self._settings, self._clock, arm = profile.endpoint, settings, clock, profile.arm
         self._gains = list(zip(arm.stiffness_nm_rad, arm.damping_nms_rad, strict=True))
-        rest = UNICAST.format(peer=quoteattr(settings.peer)) if settings.peer else "</General>"
-        configuration = CONFIGURATION.format(interface=quoteattr(self._place), rest=rest)
+        configuration = CONFIGURATION.format(
+            interface=quoteattr(self._place),
+            rest=UNICAST.format(peer=quoteattr(settings.peer)) if settings.peer else "</General>",
+        )
         try:
             self._domain = Domain(settings.domain, configuration)
         except DDSException as error:

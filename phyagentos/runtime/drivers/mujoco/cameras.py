@@ -79,8 +79,11 @@ class CameraRig:
         missing: dict[str, str] = {}
         for name in names:
             camera = self._cameras[name]
-            limit_s = latest_s if self._sensors.synchronised else now_s - camera.settings.latency_s
-            exposure = self._find_exposure(camera, limit_s, history)
+            exposure = self._find_exposure(
+                camera,
+                limit_s=latest_s if self._sensors.synchronised else now_s - camera.settings.latency_s,
+                history=history,
+            )
             corruptions = find_corruption(name)
             if exposure is None:
                 missing[name] = "FRAME_DROPPED"
@@ -143,8 +146,11 @@ class CameraRig:
         pose: Viewpoint | None = None
         for each in corruptions:
             if each.kind == "freeze":
-                number = int(each.time_s * self._sensors.sensors[camera.name].rate_hz)
-                shown = Exposure(number, each.time_s, np.array(each.qpos))
+                shown = Exposure(
+                    number=int(each.time_s * self._sensors.sensors[camera.name].rate_hz),
+                    time_s=each.time_s,
+                    qpos=np.array(each.qpos),
+                )
                 claimed = exposure if each.mode == "fresh" else shown
         for each in corruptions:
             if each.kind == "miscalibrate":

@@ -251,12 +251,11 @@ def _carry(physics: Physics, activation: FaultActivation) -> None:
     across = np.clip((phase - 0.25) / 0.5, 0.0, 1.0) if activation.lift_m else np.clip(phase / 0.8, 0.0, 1.0)
     smooth = across * across * (3 - 2 * across)
     height = activation.lift_m * np.clip(min(phase, 1.0 - phase) / 0.25, 0.0, 1.0)
-    wanted = start + smooth * (goal - start) + np.array([0.0, 0.0, height])
     physics.actuation.pull(
         activation.body,
-        wanted,
-        HAND_STIFFNESS,
-        HAND_DAMPING,
+        wanted=start + smooth * (goal - start) + np.array([0.0, 0.0, height]),
+        stiffness=HAND_STIFFNESS,
+        damping=HAND_DAMPING,
         spin_damping=HAND_SPIN_DAMPING,
         carries_weight=activation.lift_m > 0.0,
     )

@@ -15,7 +15,6 @@ from phyagentos.geometry import as_pose, turn
 from phyagentos.protocol.world.environment import Contents, Entity, Interior, Pose, TargetState
 from phyagentos.runtime.drivers.mujoco.actuation import FREE, Actuation
 from phyagentos.runtime.drivers.mujoco.robot_state import Array, RobotState
-from phyagentos.runtime.drivers.mujoco.step_kernels import find_firm
 
 _ROBOT, _LOOSE, _FINGER = 1, 2, 4  # what a geom belongs to
 
@@ -101,8 +100,10 @@ class Queries:
         if self._state.base is not None:
             columns = np.column_stack((self._state.base.compute_columns(self._jacobian, self.seen), columns))
         moved = columns @ error_rad
-        rotation = turn(moved[3:]) @ self.seen.site_xmat[self._tcp].reshape(3, 3)
-        return as_pose(rotation, self.seen.site_xpos[self._tcp] + moved[:3])
+        return as_pose(
+            rotation=turn(moved[3:]) @ self.seen.site_xmat[self._tcp].reshape(3, 3),
+            position_m=self.seen.site_xpos[self._tcp] + moved[:3],
+        )
 
     def read_entities(self, holders: Mapping[str, str]) -> tuple[Entity, ...]:
         """Ground truth of every object (after `look`); `holders` maps entities to the target that holds each."""
@@ -202,8 +203,10 @@ class Queries:
     def _find_firm_contacts(self, data: mujoco.MjData) -> set[tuple[int, int]]:
         """Pairs of bodies: a moving part of the robot, and the robot itself, another robot or something fixed."""
         geoms = data.contact.geom[: data.ncon]
-        firm = find_firm(geoms, self._kinds, _ROBOT, _LOOSE, _FINGER)
-        return {(int(a), int(b)) for a, b in self._model.geom_bodyid[geoms[firm]]} if len(firm) else set()
+        first, second = self._kinds[geoms].T
+        is_ours = (first | second) & (_ROBOT | _LOOSE) == _ROBOT
+        firm = is_ours & (first & second < _FINGER)  # closed fingers touch
+        return set(map(tuple, self._model.geom_bodyid[geoms[firm]].tolist()))
 
     def find_hardest_contact(self) -> tuple[float, str]:
         """The greatest force [N] between the robot and one other body, or two parts of it, in the latest physics step.

@@ -107,8 +107,10 @@ class SimulatedWorld:
             if busy:
                 raise ExecutionError("NO_AUTHORITY", f"{busy} has authority in episode {standing.episode}")
             if not request.may_reset:
-                message = f"episode {request.episode} would end episode {standing.episode}; no reset is permitted"
-                raise ExecutionError("RESET_FORBIDDEN", message)
+                raise ExecutionError(
+                    "RESET_FORBIDDEN",
+                    message=f"episode {request.episode} would end episode {standing.episode}; no reset is permitted",
+                )
         spec = self.find_scene(request.scene)
         scene = compile_scene([(each.profile, each.folder) for each in self.robots.values()], spec, request.seed)
         bodies = {name: Physics(each.profile, scene, each.prefix) for name, each in self.robots.items()}
@@ -339,8 +341,9 @@ class MujocoDriver(TargetDriver):
         seen = wire.Observation(time_s=physics.time_s, target=target, neighbours=neighbours)
         if not truth:
             return seen
-        entities = physics.queries.read_entities(holders)
-        return msgspec.structs.replace(seen, entities=entities, regions=physics.scene.regions)
+        return msgspec.structs.replace(
+            seen, entities=physics.queries.read_entities(holders), regions=physics.scene.regions
+        )
 
     @override
     def snapshot(self) -> wire.Artefact:
@@ -376,8 +379,10 @@ class MujocoDriver(TargetDriver):
             return wire.ToolResult({MOTION: wire.Artefact(wire.NPZ, encode_arrays(arrays))})
         wanted = msgspec.convert(dict(arguments), RenderArguments)
         if not (1 <= wanted.width <= PICTURE_MAX and 1 <= wanted.height <= PICTURE_MAX):
-            message = f"a picture of {wanted.width} x {wanted.height} pixels; 1 to {PICTURE_MAX} are possible"
-            raise ExecutionError("MALFORMED", message)
+            raise ExecutionError(
+                "MALFORMED",
+                message=f"a picture of {wanted.width} x {wanted.height} pixels; 1 to {PICTURE_MAX} are possible",
+            )
         simulation = self.world.simulation
         with simulation.lock:
             others = (name for name, body in simulation.bodies.items() if body.session and name != self.profile.target)
