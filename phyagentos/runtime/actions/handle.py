@@ -131,8 +131,12 @@ class TargetSessionHandle:
         self.link.clear()
         observation = self.observe(snapshot=True)
         if self._made is None or self._made[0] is not description:
-            touch = self._collision.find_contact if self._collision is not None else None
-            guard = SafetyGuard(self._limits, description, is_stopped=self._is_stopped, find_contact=touch)
+            guard = SafetyGuard(
+                self._limits,
+                description,
+                is_stopped=self._is_stopped,
+                find_contact=self._collision.find_contact if self._collision is not None else None,
+            )
             self._made = (description, guard)
         self._guard = self._made[1]
         self._guard.begin(np.asarray(observation.target.q_rad, dtype=np.float64))

@@ -172,8 +172,11 @@ class Leaf(Behaviour):
             raise LeafError(self.path, error, find_place(error, type(self))) from error
         if status not in (Status.SUCCESS, Status.FAILURE, Status.RUNNING):
             code = (self.on_running if self._active else self.on_start).__code__
-            wrong = TypeError(f"{code.co_name} answered {status!r}; expected SUCCESS, FAILURE or RUNNING")
-            raise LeafError(self.path, wrong, f"{code.co_filename}:{code.co_firstlineno}")
+            raise LeafError(
+                self.path,
+                cause=TypeError(f"{code.co_name} answered {status!r}; expected SUCCESS, FAILURE or RUNNING"),
+                place=f"{code.co_filename}:{code.co_firstlineno}",
+            )
         self._active = status is Status.RUNNING
         return status
 

@@ -174,8 +174,9 @@ class SessionLoop:
             if self.holds.need.everything:
                 return None
             things = self.holds.need.things
-        at_s = self.context.time_s + period_s * (len(self._unreported) + 1)
-        confirmation = self.context.world.plan_confirmation(things, at_s)
+        confirmation = self.context.world.plan_confirmation(
+            things, time_s=self.context.time_s + period_s * (len(self._unreported) + 1)
+        )
         for capture in confirmation.captures if confirmation is not None else ():
             self.handle.request_frames(capture)
         return confirmation

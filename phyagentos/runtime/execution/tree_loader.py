@@ -224,8 +224,12 @@ class _Builder:
         """Build a node and everything below it."""
         if node.kind is NodeKind.SUBTREE:
             tree = self._trees[node.type]
-            inner = self.open_scope(tree, node.wiring, scope, f"scope{next(self._literals)}")
-            return self.build(tree.root, inner, path, recurs)
+            return self.build(
+                tree.root,
+                scope=self.open_scope(tree, node.wiring, scope, f"scope{next(self._literals)}"),
+                path=path,
+                recurs=recurs,
+            )
         position = len(self.nodes)  # parents before children
         below = recurs or node.kind in REACTIVE
         behaviour = self._build_one(

@@ -68,10 +68,9 @@ def put_on_plane(spec: mujoco.MjSpec, profile: TargetProfile, base: Base, path: 
     R = compute_rotation(body.quat)
     for index, name in enumerate(BASE_JOINTS):
         turns = index == 2
-        kind = mujoco.mjtJoint.mjJNT_HINGE if turns else mujoco.mjtJoint.mjJNT_SLIDE
         body.add_joint(
             name=name,
-            type=kind,
+            type=mujoco.mjtJoint.mjJNT_HINGE if turns else mujoco.mjtJoint.mjJNT_SLIDE,
             axis=R[2 if turns else index],
             range=(base.pose_min[index], base.pose_max[index]),
             limited=True,

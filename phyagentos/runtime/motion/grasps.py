@@ -15,7 +15,7 @@ from itertools import chain, product
 
 import numpy as np
 
-from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, rotate
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, make_matrix, rotate
 from phyagentos.protocol.capabilities.targets import Gripper
 from phyagentos.protocol.world.entity_geometry import compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity, ShapeKind
@@ -337,8 +337,7 @@ def _iter_solid_ways(
 
 def _make_pose(y: Array, z: Array, position_m: Array) -> Array:
     """(4, 4) of a closing axis as near to `y` (3,) as the approach direction `z` (3,) allows, and a position (3,)."""
-    T, z = np.eye(4), z / np.linalg.norm(z)
+    z = z / np.linalg.norm(z)
     y = y - (y @ z) * z
     y = y / np.linalg.norm(y)
-    T[:3, :3], T[:3, 3] = np.column_stack((np.cross(y, z), y, z)), position_m
-    return T
+    return make_matrix(np.column_stack((np.cross(y, z), y, z)), position_m)

@@ -137,8 +137,13 @@ class MotionPlanner:
                     job=job,
                 )
             case FindPush():
-                pushed = _get_entity(request.world, request.object)
-                return find_push(request, pushed, self._kinematics, self._get_scene(request, job), job)
+                return find_push(
+                    request,
+                    entity=_get_entity(request.world, request.object),
+                    kinematics=self._kinematics,
+                    scene=self._get_scene(request, job),
+                    job=job,
+                )
             case FindTouch():
                 return find_touch(request, self._kinematics, self._get_scene(request, job), job)
             case FindLine():

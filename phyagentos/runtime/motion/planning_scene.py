@@ -17,7 +17,7 @@ from math import ceil
 import mujoco
 import numpy as np
 
-from phyagentos.geometry import compute_matrix, compute_quaternion, compute_rotation
+from phyagentos.geometry import compute_matrix, compute_quaternion, compute_rotation, make_matrix
 from phyagentos.protocol.world.environment import Entity, ShapeKind
 from phyagentos.runtime.models.base import GROUND
 from phyagentos.runtime.motion.requests import Array, Payload, World
@@ -101,10 +101,7 @@ class PlanningScene:
             self._held.fill(measure_solids(self.payload_shapes, 0.0, PAYLOAD_SCALE), ROBOT_BIT)
             self.tcp_T_payload = compute_matrix(payload.tcp_T_entity)
             site = self._model.site(self.robot.profile.tcp)
-            tool_T_tcp = np.eye(4)
-            tool_T_tcp[:3, :3] = compute_rotation(site.quat)
-            tool_T_tcp[:3, 3] = site.pos
-            tool_T_payload = tool_T_tcp @ self.tcp_T_payload
+            tool_T_payload = make_matrix(compute_rotation(site.quat), site.pos) @ self.tcp_T_payload
             self._model.body_pos[self._held.id] = tool_T_payload[:3, 3]
             self._model.body_quat[self._held.id] = compute_quaternion(tool_T_payload[:3, :3])
         most_m = self.robot.profile.gripper.max_width_m

@@ -11,11 +11,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from phyagentos.geometry import compute_matrix, turn
+from phyagentos.geometry import compute_matrix, make_matrix, turn
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.world.entity_geometry import compute_centroid, compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.motion.job import Job
+from phyagentos.runtime.motion.poses import move_pose
 from phyagentos.runtime.motion.requests import Array, FindPlacements
 from phyagentos.runtime.motion.shapes import Box, compute_bounds, compute_entity_box, compute_shape_boxes
 
@@ -173,9 +174,7 @@ def _choose_top(entity: Entity, reach_m: float) -> Box:
     at = np.array([R.T @ box.pose[:3, 3] for box in level])
     reach = np.array([np.abs(R.T @ box.pose[:3, :3]) @ box.half_m for box in level])
     low, high = (at - reach).min(axis=0), (at + reach).max(axis=0)
-    pose = best.pose.copy()
-    pose[:3, 3] = R @ (low + high) / 2.0
-    return Box(pose, (high - low) / 2.0)
+    return Box(make_matrix(R, R @ (low + high) / 2.0), (high - low) / 2.0)
 
 
 def _rank_top(box: Box) -> tuple[float, float]:
@@ -390,9 +389,7 @@ def _lattice(room: Array, interest: Array) -> list[tuple[str, Array]]:
 
 
 def _place_box(world_T_frame: Array, center_m: tuple[float, ...], half_m: tuple[float, ...]) -> Box:
-    pose = world_T_frame.copy()
-    pose[:3, 3] += pose[:3, :3] @ np.array(center_m)
-    return Box(pose, np.array(half_m))
+    return Box(move_pose(world_T_frame, world_T_frame[:3, :3] @ np.array(center_m)), np.array(half_m))
 
 
 def _level_space(box: Box, floor_m: float, supports: list[Entity], *, walled: bool) -> Space:

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.geometry import compute_inverse, compute_matrix
+from phyagentos.geometry import compute_inverse, compute_matrix, make_matrix
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.world.entity_geometry import compute_half_box
 from phyagentos.protocol.world.environment import Entity, Shape
@@ -260,10 +260,7 @@ def move_spheres(spheres: Array, T: Array) -> Array:
 
 
 def _geom_pose(data: mujoco.MjData, geom: int) -> Array:
-    T = np.eye(4)
-    T[:3, :3] = data.geom_xmat[geom].reshape(3, 3)
-    T[:3, 3] = data.geom_xpos[geom]
-    return T
+    return make_matrix(data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom])
 
 
 def bound_spheres(spheres: Array) -> Array:

@@ -370,8 +370,10 @@ def _carry_contents(inventory: Inventory, before: Mapping[str, Entity], after: d
                 continue
             local = old.T @ (np.array(earlier.pose.position_m) - np.array(was.pose.position_m))
             if np.all(np.abs(local - inside.center_m) <= inside.half_m):
-                turned = new @ old.T @ compute_rotation(earlier.pose.quaternion_wxyz)
-                moved = as_pose(turned, new @ local + np.array(vessel.pose.position_m))
+                moved = as_pose(
+                    rotation=new @ old.T @ compute_rotation(earlier.pose.quaternion_wxyz),
+                    position_m=new @ local + np.array(vessel.pose.position_m),
+                )
                 after[other] = msgspec.structs.replace(entity, pose=moved)
     return after
 

@@ -166,5 +166,8 @@ def _lift(thing: ObjectModel, stretch: float) -> float:
 
 def stretch_solids(solids: Solids, factor: float) -> Solids:
     """Solids with their heights scaled."""
-    sizes = tuple((*size[:-1], size[-1] * factor) for size in solids.sizes_m)
-    return replace(solids, sizes_m=sizes, positions_m=solids.positions_m * np.array([1.0, 1.0, factor]))
+    return replace(
+        solids,
+        sizes_m=tuple((*size[:-1], size[-1] * factor) for size in solids.sizes_m),
+        positions_m=solids.positions_m * np.array([1.0, 1.0, factor]),
+    )

@@ -205,8 +205,9 @@ class Pipeline:
 
     def own_state(self, state: TargetState, entities: dict[str, Entity]) -> TargetState:
         """The target's state with the perceived held objects: touch does not identify them."""
-        held = tuple(sorted(name for name, entity in entities.items() if entity.status is Status.HELD))
-        return msgspec.structs.replace(state, holding=held)
+        return msgspec.structs.replace(
+            state, holding=tuple(sorted(name for name, entity in entities.items() if entity.status is Status.HELD))
+        )
 
 
 @dataclass(frozen=True, slots=True)

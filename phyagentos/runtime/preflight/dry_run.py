@@ -207,8 +207,10 @@ class DryRun:
         if removable := list_removable(course.session, course.now, motion.object, to):
             _, room = self._try_grasp(course, replace(motion, removable=removable), entity)
             gone = room.gone if isinstance(room, Approaches) else ()
-            left = tuple(each for each in course.world.entities if each.name not in gone)
-            course.world = World(left, course.world.regions)
+            course.world = World(
+                entities=tuple(each for each in course.world.entities if each.name not in gone),
+                regions=course.world.regions,
+            )
 
     def _put_down(self, course: _Course, to: Destination, payload: Payload) -> None:
         name = f"place {payload.entity} {to.relation} {to.name}"
@@ -233,8 +235,14 @@ class DryRun:
 
         A contact at the start is left if there is a short way out; the tree never leads into one.
         """
-        movable = tuple(each.name for each in course.world.entities if each.movable)
-        answer, ms = self._ask(CheckPosture(course.world, q_rad, course.session.seed, ignore=movable))
+        answer, ms = self._ask(
+            CheckPosture(
+                course.world,
+                q_rad,
+                course.session.seed,
+                ignore=tuple(each.name for each in course.world.entities if each.movable),
+            )
+        )
         if not isinstance(answer, PostureCheck):
             return _judge(f"{name} posture", answer, ms, proves=False)
         if not answer.contacts:

@@ -89,5 +89,6 @@ class SkillLoader:
 
     def _open_tree(self, tree: str, context: SkillContext) -> SkillRuntime:
         """The tree of the context's session."""
-        built = build_tree(tree, context.session.parameters, context, self.library, self.registry)
-        return TreeSkillRuntime(built, context)
+        return TreeSkillRuntime(
+            tree=build_tree(tree, context.session.parameters, context, self.library, self.registry), context=context
+        )

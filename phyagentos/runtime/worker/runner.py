@@ -305,8 +305,9 @@ class SessionRunner:
             recorder.write_looks([(role, look), *pointed], {})
 
     def _write_course(self, loop: SessionLoop, recorder: Recorder, faults: Sequence[RecordedFault]) -> None:
-        rest = ((LookRole.LOOK, look) for look in self._world.looks if not look.file)
-        recorder.write_looks(rest, loop.holds.samples)
+        recorder.write_looks(
+            looks=((LookRole.LOOK, look) for look in self._world.looks if not look.file), samples=loop.holds.samples
+        )
         spent = {name: round(each, 3) for name, each in (loop.ms | {"looks": recorder.look_ms}).items()}
         loop.context.note("timing", "", **spent, look_bytes=recorder.look_bytes)
         recorder.write_course(

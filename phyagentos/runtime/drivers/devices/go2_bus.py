@@ -132,8 +132,9 @@ class Go2Bus(Bus):
         try:
             self._domain = Domain(settings.domain, configuration)
         except DDSException as error:
-            cause = f"{self._place}, domain {settings.domain}: {error}; check cable and interface"
-            raise ExecutionError("TARGET_LOST", cause) from error
+            raise ExecutionError(
+                "TARGET_LOST", message=f"{self._place}, domain {settings.domain}: {error}; check cable and interface"
+            ) from error
         participant = DomainParticipant(settings.domain)
         self._messages = define_messages()
         commands = Topic(participant, "rt/lowcmd", self._messages.command)

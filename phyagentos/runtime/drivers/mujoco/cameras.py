@@ -24,7 +24,6 @@ from phyagentos.runtime.models.camera_model import Array, Viewpoint
 from phyagentos.runtime.targets.wire import Capture, Crop, Frame, Frames
 
 MAX_LOST = 16  # frames in a row, before a camera has none to give
-LOSSES_KEPT = 512  # exposures of which it is remembered whether they were lost
 STILL = 1e-3  # greatest change of a joint in an exposure that no pixel shows [rad, m]
 _PHASE_TOLERANCE = 1e-6  # of an exposure: 0.06 s times 50 Hz is not exactly 3
 _UNCORRUPTED: tuple[FaultActivation, ...] = ()
@@ -49,7 +48,6 @@ class CameraRig:
         self._model, self._sensors, self._seed, self._episode = model, sensors, seed, episode
         self._cameras = open_cameras(model, sensors, seed=seed, prefix=prefix)
         self._states: dict[str, tuple[mujoco.MjData, mujoco.MjData]] = {}  # those that each camera shows: end and begin
-        self._lost: dict[tuple[str, int], bool] = {}  # which exposures were lost, as drawn
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -122,14 +120,7 @@ class CameraRig:
 
     def _is_lost(self, camera: SimulatedCamera, number: int) -> bool:
         chance = camera.noise.frame_dropout
-        if chance <= 0.0:
-            return False
-        key = (camera.name, number)
-        if key not in self._lost:
-            if len(self._lost) > LOSSES_KEPT:
-                self._lost.clear()
-            self._lost[key] = bool(self._draw(camera.name, "lost", number).random() < chance)
-        return self._lost[key]
+        return chance > 0.0 and bool(self._draw(camera.name, "lost", number).random() < chance)
 
     def _draw(self, camera: str, purpose: str, number: int) -> np.random.Generator:
         return np.random.default_rng(compute_seed(self._seed, "sensors", self._episode, camera, purpose, number))

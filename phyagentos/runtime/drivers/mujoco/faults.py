@@ -137,7 +137,7 @@ class FaultInjector:
         for activation in list(self._active):
             if physics.time_s >= activation.time_s + activation.duration_s:
                 self._active.remove(activation)
-                _release(physics, activation)
+                _switch(physics, activation, on=False)
             elif activation.goal_m != activation.start_m:
                 _carry(physics, activation)
         return [_report(activation) for activation in begun]
@@ -178,12 +178,7 @@ class FaultInjector:
 
     def _begin(self, physics: Physics, activation: FaultActivation) -> FaultActivation:
         self._active.append(activation)
-        if activation.kind == "slip":
-            physics.actuation.set_pad_friction(SLIPPERY)
-        elif activation.kind == "stall":
-            physics.actuation.set_joint_friction(activation.body, SEIZED_NM)
-        elif activation.kind == "push":
-            physics.actuation.push(activation.body, np.array(activation.force_n))
+        _switch(physics, activation, on=True)
         return activation
 
     def _resolve(self, physics: Physics, fault: Fault) -> FaultActivation:
@@ -261,15 +256,17 @@ def _carry(physics: Physics, activation: FaultActivation) -> None:
     )
 
 
-def _release(physics: Physics, activation: FaultActivation) -> None:
-    if activation.kind == "slip":
-        physics.actuation.set_pad_friction(None)
-    elif activation.kind == "stall":
-        physics.actuation.set_joint_friction(activation.body, None)
-    elif activation.kind == "push":
-        physics.actuation.push(activation.body, np.zeros(3))
-    elif activation.kind not in SENSOR_KINDS:
-        physics.actuation.let_go(activation.body)
+def _switch(physics: Physics, activation: FaultActivation, *, on: bool) -> None:
+    """Begin or end what acts by itself; a hand pulls at every step, and lets go at the end."""
+    match activation.kind:
+        case "slip":
+            physics.actuation.set_pad_friction(SLIPPERY if on else None)
+        case "stall":
+            physics.actuation.set_joint_friction(activation.body, SEIZED_NM if on else None)
+        case "push":
+            physics.actuation.push(activation.body, np.array(activation.force_n) if on else np.zeros(3))
+        case kind if not on and kind not in SENSOR_KINDS:
+            physics.actuation.let_go(activation.body)
 
 
 def _report(activation: FaultActivation) -> RecordedFault:

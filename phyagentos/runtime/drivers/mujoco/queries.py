@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
-from phyagentos.geometry import as_pose, turn
+from phyagentos.geometry import as_pose, make_matrix, turn
 from phyagentos.protocol.world.environment import Contents, Entity, Interior, Pose, TargetState
 from phyagentos.runtime.drivers.mujoco.actuation import FREE, Actuation
 from phyagentos.runtime.drivers.mujoco.robot_state import Array, RobotState
@@ -234,6 +234,5 @@ class Queries:
 
     def place(self, data: mujoco.MjData, body: str = "") -> Array:
         """(4, 4) pose of a body, or of the tool centre point, in a state whose kinematics are computed."""
-        found, T = data.body(body) if body else data.site(self._tcp), np.eye(4)
-        T[:3, :3], T[:3, 3] = found.xmat.reshape(3, 3), found.xpos
-        return T
+        found = data.body(body) if body else data.site(self._tcp)
+        return make_matrix(found.xmat.reshape(3, 3), found.xpos)

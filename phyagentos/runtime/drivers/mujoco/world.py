@@ -211,30 +211,19 @@ class MujocoDriver(TargetDriver):
             model = compile_robot(profile, self.folder)
         prefix = self.prefix if model is scene else ""  # alone, a base has joints for its pose
         seen = scene if scene is not None else model
-        cameras = tuple(seen.camera(index).name for index in range(seen.ncam))
         ranges = np.array([model.joint(prefix + name).range for name in profile.arm.joints])
-        return wire.Description(
-            target=profile.target,
-            n_joints=len(profile.arm.joints),
-            steps_per_command=count_steps(profile),
-            physics_step_s=profile.physics_step_s,
+        return self.describe_profile(
             q_min_rad=tuple((ranges[:, 0] + END_MARGIN_RAD).tolist()),
             q_max_rad=tuple((ranges[:, 1] - END_MARGIN_RAD).tolist()),
-            observations=profile.observations,
-            actions=profile.actions,
-            cameras=cameras,
+            cameras=tuple(seen.camera(index).name for index in range(seen.ncam)),
             mode=self.world.mode,
             kinematics=read_kinematics(model, profile, prefix),
-            gripper_force_n=profile.gripper.force_n,
-            joints=profile.arm.joints,
             depth_cameras=present.rig.names if present else (),
             counts_frames=True,
-            version=wire.WIRE_VERSION,
             driver="mujoco",
             tools=TOOLS,
             ground_truth=True,
             shares_time=len(self.world.robots) > 1,
-            end_effector=profile.end_effector,
             idealisations=tuple(self._list_idealisations()),
         )
 
