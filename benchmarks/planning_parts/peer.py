@@ -16,11 +16,12 @@ from ompl import util as ou
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.motion.chain import build_chain
-from phyagentos.runtime.motion.moves import ATTEMPTS, DENSE_RAD, thin_out
+from phyagentos.runtime.motion.moves import ATTEMPTS, CHECK_M, DENSE_RAD, thin_out
 from phyagentos.runtime.motion.path import ITERATIONS, RANGE_RAD, compute_length, densify, round_corners
 from phyagentos.runtime.motion.planning_scene import PlanningScene, PlanningScenes
 from phyagentos.runtime.motion.requests import Array, PlanMove
 from phyagentos.runtime.motion.robot_model import RobotModel
+from phyagentos.runtime.motion.sphere_model import SphereModel
 from phyagentos.runtime.motion.timing import JointLimits, Timed, time_path
 from phyagentos.runtime.motion.transport import CarryConstraints, time_carry
 
@@ -50,6 +51,7 @@ class OmplPeer:
     def __init__(self, robot: RobotModel, profile: TargetProfile) -> None:
         ou.setLogLevel(ou.LogLevel.LOG_NONE)
         self._robot, self._scenes, self._chain = robot, PlanningScenes(robot), build_chain(robot)
+        self._spheres = SphereModel(robot, self._chain)
         self._limits = JointLimits.from_profile(profile)
 
     def answer(self, move: PlanMove) -> Found:
@@ -121,7 +123,8 @@ class OmplPeer:
             with found.stage("timing"):
                 timed = self._time(corners, move)
             with found.stage("check"):
-                if scene.find_first_blocked(thin_out(timed.trajectory.q_rad)) is None:
+                checked = thin_out(timed.trajectory.q_rad, self._spheres.build_arrays(scene))
+                if scene.find_first_blocked(checked, CHECK_M) is None:
                     return True
         return False
 

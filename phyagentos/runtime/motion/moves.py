@@ -42,7 +42,7 @@ from phyagentos.runtime.motion.requests import (
     Stages,
 )
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
-from phyagentos.runtime.motion.sphere_model import SphereArrays, SphereModel
+from phyagentos.runtime.motion.sphere_model import SphereArrays, SphereModel, measure_steps
 from phyagentos.runtime.motion.timing import Timed
 
 TimeRows = Callable[[Array], Timed]
@@ -51,7 +51,7 @@ TimeRows = Callable[[Array], Timed]
 ATTEMPTS = 3
 DENSE_RAD = 0.05
 FINE_RAD = 0.005  # moves what is held by less than a wall of 5 mm is thick
-CHECK_RAD = 0.0025  # moves it by 2 mm, which is no more than the margin around what is in the world
+CHECK_M = 0.002  # between two checks any point of the robot moves by no more than the margin around objects
 _SEED_STRIDE = 101
 LARGER_M = 0.005  # so much the spheres grow where a motion touched something that they did not see
 ESCAPE_RADII_RAD = (0.05, 0.1, 0.2, 0.35)  # the nearest way out first
@@ -64,6 +64,7 @@ ROUNDING_PASSES = 6  # over rows 1 cm apart: a right angle is cut by some 5 mm
 @dataclass(frozen=True, slots=True)
 class _Search:
     query: Query
+    arrays: SphereArrays
     checker: Checker
     goals: list[int]
     name: str
@@ -137,7 +138,7 @@ def _prepare(request: PlanMove, scene: PlanningScene, spheres: SphereModel, job:
         return job.fail("IN_COLLISION", f"None of {len(goals)} goal postures is free.")
     arrays, most = spheres.build_arrays(scene), ITERATIONS_CROWDED if scene.crowd else ITERATIONS
     query = Query(start, goals[free], q_min, q_max, most)
-    return _Search(query, _fit(arrays, query), free, "spheres", stuck, touched)
+    return _Search(query, arrays, _fit(arrays, query), free, "spheres", stuck, touched)
 
 
 def _fit(arrays: SphereArrays, query: Query) -> SphereChecker:
@@ -179,17 +180,18 @@ def _time_and_check(path: Path, search: _Search, scene: PlanningScene, time_rows
                 if leaves_contact(timed.trajectory.q_rad, search.touched, scene):
                     return timed
                 continue
-            blocked = scene.find_first_blocked(thin_out(timed.trajectory.q_rad))
+            rows = thin_out(timed.trajectory.q_rad, search.arrays)
+            blocked = scene.find_first_blocked(rows, CHECK_M)
         if blocked is None:
             return timed
         job.rejected[Contact(*blocked[1][0])] += 1
     return None
 
 
-def thin_out(rows_rad: Array) -> Array:
-    """As few rows of a motion (k, n_joints) as leave at most `CHECK_RAD` a joint, or one row, between two of them."""
-    turned = np.abs(np.diff(rows_rad, axis=0)).max(axis=1).cumsum()
-    kept: Array = rows_rad[_keep_apart(np.concatenate(((0.0,), turned, (np.inf,))), CHECK_RAD)]
+def thin_out(rows_rad: Array, arrays: SphereArrays) -> Array:
+    """As few rows of a motion (k, n_joints) as let a point of the robot move by `CHECK_M`, or one row, between two."""
+    moved = measure_steps(rows_rad, *arrays[:3], arrays.link, arrays.bounds).cumsum()
+    kept: Array = rows_rad[_keep_apart(np.concatenate(((0.0,), moved, (np.inf,))), CHECK_M)]
     return kept
 
 

@@ -35,6 +35,7 @@ PAYLOAD_SCALE = 1.02
 ROOM_BIT, BASE_BIT = 4, 8  # of the tool's bounds; of what the robot stands on
 PARKED_M = (0.0, 0.0, -10.0)
 SWEEP, NEAR_M = 4, 0.013  # openings that stand for a range; fewer that are so near, as thick as a finger
+BLOCK = 5  # rows of a motion that one check with a margin can cover
 _CACHE_SIZE = 8
 _SPREADS = 64  # openings at which the places of the fingers are kept
 AROUND = "around/"  # before the name of a body around the robot
@@ -179,9 +180,30 @@ class PlanningScene:
         """Whether every edge of a path (k, n_joints) is free."""
         return all(self.edge_is_free(a, b, resolution_rad) for a, b in pairwise(path_rad))
 
-    def find_first_blocked(self, rows_rad: Array) -> tuple[int, list[Pair]] | None:
-        """Index and contacts of the first row (k, n_joints) that is not free."""
-        return next(((i, self.find_contacts(q)) for i, q in enumerate(rows_rad) if not self.is_free(q)), None)
+    def find_first_blocked(self, rows_rad: Array, apart_m: float = np.inf) -> tuple[int, list[Pair]] | None:
+        """Index and contacts of the first row (k, n_joints) that is not free.
+
+        `apart_m` [m] bounds how far any point of the robot moves from a row to the next: rows are passed over where
+        nothing is as near as they could reach from the middle one.
+        """
+        for begin in range(0, len(rows_rad), BLOCK):
+            rows = rows_rad[begin : begin + BLOCK]
+            if not self._is_clear(rows[len(rows) // 2], len(rows) * apart_m):
+                for index, q in enumerate(rows, begin):
+                    if contacts := self.find_contacts(q):
+                        return index, contacts
+        return None
+
+    def _is_clear(self, q_rad: Array, margin_m: float) -> bool:
+        """Whether no two solids of the model are nearer than this in a posture (n_joints,)."""
+        if np.isinf(margin_m) or self.crowd_checks:
+            return False
+        options = self._model.opt
+        options.o_margin, options.enableflags = margin_m, options.enableflags | mujoco.mjtEnableBit.mjENBL_OVERRIDE
+        try:
+            return self.is_free(q_rad)
+        finally:
+            options.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
 
 
 class PlanningScenes:

@@ -63,6 +63,7 @@ def _level(pose: Array) -> Array:
     return make_matrix(pose[:3, :3] @ turn((0.0, 0.0, -np.arctan(x / y) if y else np.pi / 2)), pose[:3, 3])
 
 
+@lru_cache(maxsize=256)
 def compute_bounds(shapes: tuple[Shape, ...]) -> tuple[Array, Array]:
     """Centre and half extents (3,) of the box around all shapes, aligned with the entity's frame."""
     corners = []

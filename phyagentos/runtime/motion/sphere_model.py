@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_inverse, compute_matrix, make_matrix
@@ -177,6 +178,27 @@ class SphereModel:
         between = np.linalg.norm(centers[a][:, :, None] - centers[b][:, None], axis=3)
         gaps: Array = (between - radii).min(axis=(1, 2))
         return gaps
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def measure_steps(rows, frames, parents, slides, link, bounds):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201 - compiled
+    """How far a point of the bounding spheres moves at most from each row (k, n_joints) to the next, (k - 1,) [m]."""
+    steps = np.zeros(max(0, len(rows) - 1))
+    old, new = np.zeros(frames.shape), np.zeros(frames.shape)
+    for k in range(len(rows)):
+        compute_links(rows[k], frames, parents, slides, new)
+        for i in range(len(link) if k else 0):
+            T, before = new[link[i]], old[link[i]]
+            shifted, turned = 0.0, 0.0
+            for r in range(3):
+                by = T[r, 3] - before[r, 3]
+                for c in range(3):
+                    change = T[r, c] - before[r, c]
+                    by, turned = by + change * bounds[i, c], turned + change**2
+                shifted += by**2
+            steps[k - 1] = max(steps[k - 1], np.sqrt(shifted) + bounds[i, 3] * np.sqrt(turned / 2.0))
+        old, new = new, old
+    return steps
 
 
 def iter_clusters(robot: RobotModel, chain: Chain) -> Iterator[tuple[int, int, Array]]:

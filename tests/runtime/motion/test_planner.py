@@ -1,12 +1,16 @@
 """Whole pick and place requests: found, within limits, free of contact, repeatable."""
 
+from itertools import product
+
 import msgspec
+import mujoco
 import numpy as np
 import pytest
 
 from phyagentos.protocol.world.environment import Pose
+from phyagentos.runtime.motion.chain import build_chain
 from phyagentos.runtime.motion.kinematics import POLISHED, REACHED
-from phyagentos.runtime.motion.moves import CHECK_RAD, leaves_contact, thin_out
+from phyagentos.runtime.motion.moves import CHECK_M, leaves_contact, thin_out
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.requests import (
@@ -20,6 +24,7 @@ from phyagentos.runtime.motion.requests import (
     PlanMove,
     World,
 )
+from phyagentos.runtime.motion.sphere_model import SphereModel
 from phyagentos.runtime.motion.timing import JointLimits, compute_excess
 
 pytestmark = pytest.mark.motion
@@ -43,18 +48,49 @@ def test_a_pick_and_place_is_found_stays_within_the_limits_and_touches_nothing(p
         assert scene.find_first_blocked(np.vstack((start, motion.trajectory.q_rad))) is None
 
 
-@pytest.mark.parametrize("fastest_rad", [1e-4, 0.004, 0.02])
-def test_between_the_rows_that_are_checked_no_joint_turns_far(fastest_rad):
-    turns = np.random.default_rng(1).uniform(-fastest_rad, fastest_rad, (500, 7))
-    rows = np.cumsum(turns, axis=0)
+def draw_motion(home, seed, fastest_rad):
+    """A smooth walk (500, 7) from a home posture."""
+    turns = np.random.default_rng(seed).uniform(-fastest_rad, fastest_rad, (500, 7))
+    return home + np.cumsum(np.cumsum(turns, axis=0) / 20.0, axis=0)
 
-    checked = thin_out(rows)
 
-    steps = np.abs(np.diff(checked, axis=0)).max(axis=1)
-    assert steps.max() <= max(CHECK_RAD, np.abs(turns).max())
+@pytest.mark.parametrize("fastest_rad", [1e-5, 4e-4, 0.004])
+def test_between_the_rows_that_are_checked_no_point_of_the_robot_moves_far(planner, build, home, fastest_rad):
+    scene = PlanningScenes(planner.robot).get_scene(build.scene(0))
+    arrays = SphereModel(planner.robot, build_chain(planner.robot)).build_arrays(scene)
+    rows = draw_motion(home, 1, fastest_rad)
+
+    checked = thin_out(rows, arrays)
+
+    model, corners = planner.robot.model, np.array(list(product((-1.0, 1.0), repeat=3)))
+    data, boxes = mujoco.MjData(model), model.geom_aabb
+    local = boxes[:, None, :3] + corners * boxes[:, None, 3:]  # of each solid
+    places = []
+    for q in rows:
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        places.append(local @ data.geom_xmat.reshape(-1, 3, 3).transpose(0, 2, 1) + data.geom_xpos[:, None])
+    steps_m = np.linalg.norm(np.diff(places, axis=0), axis=3).max(axis=(1, 2))
+    at = np.concatenate(((0.0,), steps_m.cumsum()))[[int(np.flatnonzero((rows == q).all(axis=1))[0]) for q in checked]]
+    assert np.diff(at).max() <= max(CHECK_M, steps_m.max()) + 1e-12
     assert np.array_equal(checked[[0, -1]], rows[[0, -1]])
-    assert len(checked) < 100 or fastest_rad > 1e-3
-    assert np.array_equal(thin_out(rows[:1]), rows[:1])
+    assert len(checked) < 100 or fastest_rad > 1e-4
+    assert np.array_equal(thin_out(rows[:1], arrays), rows[:1])
+
+
+def test_rows_that_a_margin_covers_are_judged_as_when_each_is_checked(planner, build, home):
+    robot = planner.robot
+    scene = PlanningScenes(robot).get_scene(build.scene(0))
+    arrays = SphereModel(robot, build_chain(robot)).build_arrays(scene)
+    goals = np.random.default_rng(0).uniform(robot.q_min_rad, robot.q_max_rad, (40, len(home)))
+    motions = [thin_out(home + np.linspace(0.0, 1.0, 2000)[:, None] * (goal - home), arrays) for goal in goals]
+
+    each = [scene.find_first_blocked(rows) for rows in motions]
+    alone = scene.checks
+
+    assert [scene.find_first_blocked(rows, CHECK_M) for rows in motions] == each
+    assert scene.checks - alone < alone / 2
+    assert 10 < sum(found is not None for found in each) < 35
 
 
 def test_three_cubes_find_room_in_one_tray_one_after_the_other(picker, build, home):
