@@ -89,8 +89,15 @@ def draft_hand(model: mujoco.MjModel, last: int, fingers: Sequence[int]) -> Hand
     closing = (middles[1] - middles[0]) / np.linalg.norm(middles[1] - middles[0])
     approach = (middles[0] + middles[1]) / 2 - data.xpos[last]
     approach -= closing * (approach @ closing)
-    R = _build_frame(_find_approach(model, data, last, approach / np.linalg.norm(approach)), closing)
-    return _place_pads(model, data, last, drives, list(zip(geoms, clouds, strict=True)), R, travel)
+    return _place_pads(
+        model,
+        data,
+        last,
+        drives,
+        list(zip(geoms, clouds, strict=True)),
+        R=_build_frame(_find_approach(model, data, last, approach / np.linalg.norm(approach)), closing),
+        travel=travel,
+    )
 
 
 def find_flange(model: mujoco.MjModel, chain: Sequence[int]) -> Placed:

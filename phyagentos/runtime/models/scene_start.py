@@ -65,13 +65,12 @@ def _iter_overlaps(spec: SceneSpec, located: Located, model: mujoco.MjModel, dat
         deepest[pair] = max(deepest.get(pair, (0.0, 0.0)), (-contact.dist, abs(contact.frame[2])))
     for (body, other), (depth_m, upright) in deepest.items():
         is_robot = other.partition(".")[0] not in spec.bodies  # a ball of its contents is `cup.1`
-        found = f"{body!r}, {depth_m:.3f} m inside of {other!r}" + (", which is the robot's" if is_robot else "")
         lies = upright > LEVEL and other in spec.bodies and spec.bodies[other].fixed
         yield located.problem(
             "OVERLAP",
             ("bodies", body, "place"),
-            found,
-            "bodies that touch at most",
+            found=f"{body!r}, {depth_m:.3f} m inside of {other!r}" + (", which is the robot's" if is_robot else ""),
+            expected="bodies that touch at most",
             hint=f"Raise it by {depth_m:.3f} m." if lies else "Move one of them.",
         )
 

@@ -73,8 +73,11 @@ def read_urdf(path: Path, arguments: Mapping[str, str] = {}, replaced: Collectio
     except ValueError as error:
         raise DefinitionError(explain(str(error), path)) from error
     limits = {name: joint.find("limit") for name, joint in document.joints().items()}
-    speeds = {name: float(each.get("velocity", 0.0)) for name, each in limits.items() if each is not None}
-    return ModelSource(spec, tuple(remarks), speeds)
+    return ModelSource(
+        spec,
+        tuple(remarks),
+        speeds={name: float(each.get("velocity", 0.0)) for name, each in limits.items() if each is not None},
+    )
 
 
 @dataclass(frozen=True, slots=True)

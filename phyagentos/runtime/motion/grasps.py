@@ -132,8 +132,11 @@ def foresee_payload(entity: Entity, approach: Approach) -> Payload:
     """The entity as it will sit in the hand at the end of an approach."""
     in_hand = compute_inverse(compute_matrix(approach.tcp_end)) @ compute_matrix(entity.pose)
     low_m, high_m = compute_extent(entity, tuple(in_hand[1, :3].tolist()))
-    width_m = high_m - low_m if approach.release_m is None else min(high_m - low_m, approach.release_m)
-    return Payload(entity.name, compute_pose(in_hand), width_m)
+    return Payload(
+        entity.name,
+        compute_pose(in_hand),
+        width_m=high_m - low_m if approach.release_m is None else min(high_m - low_m, approach.release_m),
+    )
 
 
 def _iter_batches(

@@ -75,8 +75,10 @@ def shape_transport(request: ShapeTransport, chain: Chain, limits: JointLimits, 
         timed = time_carry(rows, limits, chain, care, is_shaped=request.method != "toppra")
         tilt_rad = timed.scaling.worst_tilt_rad
         if timed.scaling.solver == "casadi" and tilt_rad is not None and tilt_rad > request.tilt_max_rad:
-            message = f"The carry tilts the vessel by {tilt_rad:.3f} rad of {request.tilt_max_rad} at its slowest."
-            return job.fail("TILT", message)
+            return job.fail(
+                "TILT",
+                message=f"The carry tilts the vessel by {tilt_rad:.3f} rad of {request.tilt_max_rad} at its slowest.",
+            )
     return Motion(trajectory=timed.trajectory, goal=0, timing=job.timing, stages=Stages(scaling=timed.scaling))
 
 

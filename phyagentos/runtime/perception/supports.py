@@ -228,6 +228,13 @@ def _place(nominal: Entity, was: Entity, plane: Plane, cameras: int) -> Entity:
     if not is_contradicted:
         return msgspec.structs.replace(nominal, **stated)
     height_m, along_x, along_y = plane.values.tolist()
-    rotation = turn(np.array([along_y, -along_x, 0.0])) @ compute_rotation(nominal.pose.quaternion_wxyz)
     position = np.array(nominal.pose.position_m) + np.array([0.0, 0.0, height_m])
-    return msgspec.structs.replace(nominal, pose=as_pose(rotation, position), source=SOURCE, **stated)
+    return msgspec.structs.replace(
+        nominal,
+        pose=as_pose(
+            rotation=turn(np.array([along_y, -along_x, 0.0])) @ compute_rotation(nominal.pose.quaternion_wxyz),
+            position_m=position,
+        ),
+        source=SOURCE,
+        **stated,
+    )

@@ -156,8 +156,10 @@ class PolicyClient:
         """A silence within the heartbeat's limit is that of a server that stalls."""
         if error.code != "POLICY_LOST" or not isinstance(error.__cause__, TimeoutError) or silence_s > self._timeout_s:
             return error
-        message = f"{self._endpoint}: {str(error).removeprefix('POLICY_LOST: ')}; heartbeat_s: {self._heartbeat_s:g}"
-        return ExecutionError("POLICY_STALLED", message)
+        return ExecutionError(
+            "POLICY_STALLED",
+            message=f"{self._endpoint}: {str(error).removeprefix('POLICY_LOST: ')}; heartbeat_s: {self._heartbeat_s:g}",
+        )
 
 
 def _exchange(
