@@ -90,9 +90,8 @@ def _iter_tree_problems(
             yield from _iter_tree_problems(subtree, library, registry, (*above, name))
 
 
-def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> list[Problem]:
+def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> Iterator[Problem]:
     """Every problem of one tree itself, without its subtrees."""
-    problems: list[Problem] = []
     written = {name: PORT_TYPES[port.type] for name, port in tree.header.inputs.items()}
     nodes = list(iter_nodes(tree.root))
     declared = [(node, _find_ports(node, library, registry)) for node in nodes]
@@ -105,26 +104,25 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
             elif _is_unread(node, registry):
                 written.setdefault(value.key, object)  # perhaps
         if node.kind is NodeKind.FOR_EACH:
-            problems += _iter_list_problems(tree, node, written)
+            yield from _iter_list_problems(tree, node, written)
     for node, ports in declared:
         if node.kind is NodeKind.CONDITION:
-            problems += _iter_condition_problems(tree, node, written)
+            yield from _iter_condition_problems(tree, node, written)
         elif node.kind in REACTIVE:
-            problems += _iter_reactive_problems(tree, node, library, registry)
+            yield from _iter_reactive_problems(tree, node, library, registry)
         elif node.kind in (NodeKind.LEAF, NodeKind.SUBTREE):
             if ports is not None:
-                problems += _iter_wiring_problems(tree, node, ports, written)
+                yield from _iter_wiring_problems(tree, node, ports, written)
             elif not _is_unread(node, registry):
-                problems.append(_problem_unknown(tree, node, library, registry))
+                yield _problem_unknown(tree, node, library, registry)
             if node.kind is NodeKind.SUBTREE and (way := _find_way(node.type, tree.header.tree, library)):
                 cycle = " -> ".join((tree.header.tree, *way))
                 expected, hint = "another tree, without a way back", "For what is done again use 'repeat' or 'retry'."
-                problems.append(tree.located.problem("CYCLE", node.address, cycle, expected, hint))
-    problems += _iter_default_problems(tree, library, registry)
+                yield tree.located.problem("CYCLE", node.address, cycle, expected, hint)
+    yield from _iter_default_problems(tree, library, registry)
     for name in tree.header.outputs:
         if name not in written:
-            problems.append(tree.located.unknown("written key", ("outputs", name), name, written))
-    return problems
+            yield tree.located.unknown("written key", ("outputs", name), name, written)
 
 
 def _iter_default_problems(tree: Tree, library: Library, registry: LeafRegistry) -> Iterator[Problem]:

@@ -134,12 +134,11 @@ def explain_unseen(spec: SceneSpec, name: str, seed: int, robot: Robot, sensors:
     return f"The scene starts {name} at ({x:.3f}, {y:.3f}, {z:.3f}) m: {told}. Move it, or a camera of sensors.yaml"
 
 
-def find_remote(path: Path, seed: int, robot: Robot, sensors: Sensors) -> list[Problem]:
+def find_remote(path: Path, seed: int, robot: Robot, sensors: Sensors) -> Iterator[Problem]:
     """Objects of a scene that start beyond the reach of a fixed robot at home, or in view of none of its cameras."""
     spec, located, profile = place_scene(read_scene(path), robot[0].placement), read_yaml(path), robot[0]
     model = compile_scene([robot], spec, seed).model
     data, cameras = pose_start(model, [robot]), [each.camera for each in sensors.cameras.values() if each.camera]
-    problems = []
     for name, body in spec.bodies.items():
         if body.fixed or body.joint or body.part_of or not body.listed:
             continue
@@ -147,12 +146,11 @@ def find_remote(path: Path, seed: int, robot: Robot, sensors: Sensors) -> list[P
         away_m = math.dist(data.body(name).xpos[:2], profile.mount_position_m[:2])
         if profile.base is None and away_m > far_m:
             found, expected = f"{name!r}, {away_m:.2f} m from {profile.target}", f"at most {far_m:.2f} m"
-            problems.append(located.problem("OUT_OF_REACH", at, found, expected, "Move it nearer."))
+            yield located.problem("OUT_OF_REACH", at, found, expected, "Move it nearer.")
         reasons = dict.fromkeys(_find_reason(model, data, name, each) for each in cameras)
         if reasons and not any(each.startswith(IN_VIEW) for each in reasons):
             found = f"{name!r}: {'; '.join(reasons)}"
-            problems.append(located.problem("NOT_VISIBLE", at, found, "in view of a camera", "Move it, or a camera."))
-    return problems
+            yield located.problem("NOT_VISIBLE", at, found, "in view of a camera", "Move it, or a camera.")
 
 
 def _find_reason(model: mujoco.MjModel, data: mujoco.MjData, name: str, camera: CameraSettings) -> str:

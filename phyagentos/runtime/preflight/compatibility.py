@@ -1,6 +1,7 @@
 """Whether a session fits a target: the checks in order, and the grant. Paper sections 3.4 and 4.5."""
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import msgspec
@@ -87,7 +88,7 @@ class Preflight:
         problems += iter_safety_problems(settings.limits, profile)
         problems += iter_timing_problems(profile, settings.contract)
         if skill is not None:
-            problems += self._find_skill_problems(skill)
+            problems += self._iter_skill_problems(skill)
             if skill.policy is not None and self.ask_policy is not None:
                 problems += iter_served_problems(skill, self.ask_policy)
         return locate(session, problems)
@@ -151,37 +152,27 @@ class Preflight:
         of_agent = map(describe_skill_tool, tools_of_agent)
         return plan, TargetToolManifest(expose=granted, tools=(*make_tools(granted, self.profile, live), *of_agent))
 
-    def _find_skill_problems(self, skill: SkillRuntime) -> list[Problem]:
+    def _iter_skill_problems(self, skill: SkillRuntime) -> Iterator[Problem]:
         settings, profile = self.settings, self.profile
-        problems: list[Problem] = []
         if skill.kind not in self.kinds:
-            problems.append(
-                make_problem("NOT_OFFERED", "skill.kind", repr(skill.kind), expected=format_names(self.kinds))
-            )
-        problems += iter_version_problems(skill)
-        problems += iter_ability_problems(skill, profile)
-        problems += iter_operation_problems(skill, profile, settings.contract)
-        problems += iter_sensing_problems(skill, profile, settings.sensors, settings.perception, settings.contract)
+            yield make_problem("NOT_OFFERED", "skill.kind", repr(skill.kind), expected=format_names(self.kinds))
+        yield from iter_version_problems(skill)
+        yield from iter_ability_problems(skill, profile)
+        yield from iter_operation_problems(skill, profile, settings.contract)
+        yield from iter_sensing_problems(skill, profile, settings.sensors, settings.perception, settings.contract)
         for name in skill.loop.tools if skill.loop is not None else ():
             tool = self.skills.get(name)
             if tool is None or tool.kind != "builtin":
-                problems.append(
-                    Problem.unknown(
-                        "skill",
-                        "skill.loop.tools",
-                        name,
-                        possible=(each.skill for each in self.skills.values() if each.kind == "builtin"),
-                    )
-                )
+                possible = (each.skill for each in self.skills.values() if each.kind == "builtin")
+                yield Problem.unknown("skill", "skill.loop.tools", name, possible)
             else:
-                problems += self._find_skill_problems(tool)
+                yield from self._iter_skill_problems(tool)
         if skill.kind == "policy":
-            problems += iter_policy_problems(skill, profile, settings.sensors, settings.perception.embedded.max_age_s)
+            yield from iter_policy_problems(skill, profile, settings.sensors, settings.perception.embedded.max_age_s)
         chain = self._compile_bridges(skill)
         if not isinstance(chain, BridgeChain):
             own = (each for each in chain if skill.action_space or each.address.startswith("target."))
-            problems += (_locate_space(skill, each) for each in own)
-        return problems
+            yield from (_locate_space(skill, each) for each in own)
 
     def _compile_bridges(self, skill: SkillRuntime) -> BridgeChain | tuple[Problem, ...]:
         """From the skill's action space to the target's; or why there is no way."""

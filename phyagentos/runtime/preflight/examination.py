@@ -4,7 +4,7 @@ Nothing moves. The world is observed unless the target is another than its profi
 its problems.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import msgspec
@@ -77,7 +77,7 @@ class Examiner:
         loading_s = 0.0
         trials: tuple[Trial, ...] = ()
         held_back: tuple[Problem, ...] = ()
-        problems = [*self.preflight.find_contract_problems(session), *self._find_tree_problems(session)]
+        problems = [*self.preflight.find_contract_problems(session), *self._iter_tree_problems(session)]
         try:
             live = self.handle.describe()
             problems += (mismatches := self.preflight.find_target_problems(session, live))
@@ -150,17 +150,15 @@ class Examiner:
         found, expected = f"{name!r}, which is in the scene and in no picture", "an object that was seen"
         return msgspec.structs.replace(problem, found=found, expected=expected, hint=f"{why}.")
 
-    def _find_tree_problems(self, session: Session) -> list[Problem]:
+    def _iter_tree_problems(self, session: Session) -> Iterator[Problem]:
         skill = self.preflight.skills.get(session.skill)
         known = self.preflight.skills
         named = skill.loop.tools if skill is not None and skill.loop is not None else (session.skill,)
-        problems: list[Problem] = []
         for each in (known[name] for name in named if name in known):
             try:
-                problems += check_tree(each.tree, self.library, self.registry) if each.kind == "builtin" else ()
+                yield from check_tree(each.tree, self.library, self.registry) if each.kind == "builtin" else ()
             except DefinitionError as error:
-                problems += error.problems
-        return problems
+                yield from error.problems
 
     def _find_scene_problems(self, session: Session) -> list[Problem]:
         try:

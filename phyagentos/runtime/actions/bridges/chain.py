@@ -4,6 +4,7 @@ A malformed chunk, or one that jumps further than the target's velocity permits,
 that the contract allows repairs, and is recorded.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -239,21 +240,20 @@ def list_bridges() -> list[type[ActionBridge]]:
     return [found[name] for name in sorted(found, key=places.__getitem__)]
 
 
-def _check_space(space: ActionSpace, side: str) -> list[Problem]:
+def _check_space(space: ActionSpace, side: str) -> Iterator[Problem]:
     """Contradictions and gaps of a space."""
 
     def problem(field: str, found: str, expected: str) -> Problem:
         return Problem("ACTION_SPACE_INVALID", f"{side}.{field}", found, expected)
 
-    problems = []
     if space.representation == "joint_position" and len(set(space.joints)) != len(space.joints):
-        problems.append(problem("joints", "a joint twice", "each joint once"))
+        yield problem("joints", "a joint twice", "each joint once")
     if space.representation == "joint_position" and not space.joints:
-        problems.append(problem("joints", "none", "a name for each column"))
+        yield problem("joints", "none", "a name for each column")
     if space.representation == "tool_pose" and space.rotation == "euler" and not space.euler_order:
-        problems.append(problem("euler_order", "none", "three axes such as xyz or ZYX"))
+        yield problem("euler_order", "none", "three axes such as xyz or ZYX")
     if space.gripper is not None and space.gripper.closed == space.gripper.open:
-        problems.append(problem("gripper", "closed equals open", "two values"))
+        yield problem("gripper", "closed equals open", "two values")
     columns = len(space.joints) if space.representation == "joint_position" else POSITION_WIDTH
     lengths = {"minimum": columns, "maximum": columns}
     lengths["scale"] = space.arm_width
@@ -261,7 +261,6 @@ def _check_space(space: ActionSpace, side: str) -> list[Problem]:
     for field, expected in lengths.items():
         found = len(getattr(space, field))
         if found not in (0, expected):
-            problems.append(problem(field, f"{found} values", f"{expected}, or none"))
+            yield problem(field, f"{found} values", f"{expected}, or none")
     if space.scale and space.representation == "tool_pose" and space.rotation not in UNIT_ROTATIONS:
-        problems.append(problem("scale", f"a scaled {space.rotation}", " or ".join(UNIT_ROTATIONS)))
-    return problems
+        yield problem("scale", f"a scaled {space.rotation}", " or ".join(UNIT_ROTATIONS))

@@ -107,20 +107,18 @@ class Queries:
 
     def read_entities(self, holders: Mapping[str, str]) -> tuple[Entity, ...]:
         """Ground truth of every object (after `look`); `holders` maps entities to the target that holds each."""
-        found = []
-        for body, entity in self._bodies.items():
-            found.append(
-                msgspec.structs.replace(
-                    entity,
-                    pose=self._read_pose(body),
-                    speed_m_s=self._find_speed(body),
-                    joint=self._find_opening(body),
-                    held_by=holders.get(entity.name),
-                    observed_at_s=self._state.time_s,
-                    contents=self._count_balls(body, entity.interior),
-                )
+        return tuple(
+            msgspec.structs.replace(
+                entity,
+                pose=self._read_pose(body),
+                speed_m_s=self._find_speed(body),
+                joint=self._find_opening(body),
+                held_by=holders.get(entity.name),
+                observed_at_s=self._state.time_s,
+                contents=self._count_balls(body, entity.interior),
             )
-        return tuple(found)
+            for body, entity in self._bodies.items()
+        )
 
     def _read_pose(self, body: int) -> Pose:
         return Pose(tuple(self.seen.xpos[body].tolist()), tuple(self.seen.xquat[body].tolist()))
