@@ -151,8 +151,8 @@ def make_matrix(rotation: "ArrayLike", position_m: "ArrayLike") -> "Array":
     """The (4, 4) matrix of a (3, 3) rotation and a position (3,) [m]."""
     import numpy as np
 
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = rotation, position_m
+    T = np.zeros((4, 4))
+    T[:3, :3], T[:3, 3], T[3, 3] = rotation, position_m, 1.0
     return T
 
 

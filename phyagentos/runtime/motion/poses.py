@@ -49,7 +49,9 @@ def find_way_out(T: Array) -> tuple[float, ...]:
 
 def move_pose(T: Array, by_m: Array) -> Array:
     """The same pose, moved by (3,) in the world."""
-    return make_matrix(T[:3, :3], T[:3, 3] + by_m)
+    moved = T.copy()
+    moved[:3, 3] += by_m
+    return moved
 
 
 def raise_pose(T: Array, height_m: float) -> Array:
