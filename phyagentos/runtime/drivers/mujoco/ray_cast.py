@@ -67,7 +67,9 @@ class RayCaster:
         if cache is None or self._moving.sign_fixed(begin) != cache.signature:
             return True
         wanted, moved = shot.find_pixels(), self._moving.find_moved(data, begin)
-        return any(len(self._moving.find_near(each, cache.lens, cache.rays, wanted, moved)) for each in (data, begin))
+        return any(
+            len(self._moving.find_near(each, cache.lens, shot.viewpoint, wanted, moved)) for each in (data, begin)
+        )
 
     def _paint(self, data: mujoco.MjData, rays: Rays, lengths: Array, hits: Hits) -> Picture:
         """Colours, depths and cosines of (n,) pixels from the hits of their rays."""
@@ -111,7 +113,7 @@ class RayCaster:
         """The fixed solids, with the moving ones in front."""
         rays, behind, wanted = cache.rays, cache.hits, shot.find_pixels()
         picture = cache.picture.take(wanted)
-        near = self._moving.find_near(data, cache.lens, rays, wanted)
+        near = self._moving.find_near(data, cache.lens, rays.viewpoint, wanted)
         if len(near):
             where = wanted[near]
             beam = Rays(rays.viewpoint, rays.directions.take(where, axis=0), rays.cutoff_m)
