@@ -18,14 +18,22 @@ class ChatServer(ThreadingHTTPServer):
         answers: Texts of messages; other values are given as their JSON.
         tokens: Usage that each answer states.
         delay_s: Silence before each answer [s].
-        status: Of every answer.
+        status: Of every answer; a redirection leads to another path of this server.
+        body: Sent in place of an answer.
     """
 
     daemon_threads = True
 
-    def __init__(self, answers: Sequence[object], tokens: int = 0, delay_s: float = 0.0, status: int = 200) -> None:
+    def __init__(
+        self,
+        answers: Sequence[object],
+        tokens: int = 0,
+        delay_s: float = 0.0,
+        status: int = 200,
+        body: bytes | None = None,
+    ) -> None:
         super().__init__(("127.0.0.1", 0), _Answering)
-        self.answers, self.tokens, self.delay_s, self.status = list(answers), tokens, delay_s, status
+        self.answers, self.tokens, self.delay_s, self.status, self.body = list(answers), tokens, delay_s, status, body
         self.asked: list[dict] = []
         self.keys: list[str | None] = []
         self.closed = threading.Event()
@@ -50,14 +58,17 @@ class ChatServer(ThreadingHTTPServer):
 class _Answering(BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         server = self.server
-        server.asked.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+        asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        server.asked.append(asked | {"path": self.path})
         server.keys.append(self.headers.get("Authorization"))
         server.closed.wait(server.delay_s)
         found = server.answers[min(len(server.asked), len(server.answers)) - 1]
         text = found if isinstance(found, str) else json.dumps(found)
         body = {"choices": [{"message": {"content": text}}], "usage": {"total_tokens": server.tokens}}
-        data = json.dumps(body).encode()
+        data = json.dumps(body).encode() if server.body is None else server.body
         self.send_response(server.status)
+        if 300 <= server.status < 400:
+            self.send_header("Location", f"{server.url}/elsewhere")
         self.send_header("Content-Length", str(len(data)))
         self.end_headers()
         with contextlib.suppress(OSError):

@@ -1,6 +1,7 @@
 """A small library, synthetic worlds, and a runtime that plays its part in the journal without a robot."""
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from textwrap import dedent
@@ -34,6 +35,7 @@ from phyagentos.protocol.world.environment import (
 from phyagentos.store.admission import Entry
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
+from tests.chat_server import ChatServer
 
 SKILLS = {
     "pick_and_place": """
@@ -331,6 +333,34 @@ class Stage:
         return self.make_mission().run(graph, seed=seed)
 
 
+def get_order(stage: Stage) -> list[str]:
+    """The sessions that ran, without their goal."""
+    return [session.id.partition(".")[2] for session in stage.runtime.ran]
+
+
+def check_report(report: MissionReport, reasons: dict[str, str] | None = None, **expected: Any) -> None:
+    """Raise unless a mission ended as expected; ids of sessions are without their goal.
+
+    Args:
+        report: Of the mission.
+        reasons: Id of a session, or "" for the goal itself -> what its reason holds.
+        expected: What `found` has.
+    """
+    of_session = {each.id.partition(".")[2]: each for each in report.sessions}
+    found = {
+        "verdict": report.verdict,
+        "exit_code": report.exit_code,
+        "replans": report.replans,
+        "nodes": {name: str(state) for name, state in report.nodes.items()},
+        "sessions": [(id, str(each.state)) for id, each in of_session.items()],
+        "causes": {id: each.cause for id, each in of_session.items() if each.cause},
+        "ended": {id: each.ended for id, each in of_session.items()},
+    }
+    assert {key: found[key] for key in expected} == expected
+    for id, text in (reasons or {}).items():
+        assert text in (of_session[id].reason if id else report.reason)
+
+
 @pytest.fixture
 def make_stage(tmp_path: Path, library: Library) -> Iterator[Callable[..., Stage]]:
     stages: list[Stage] = []
@@ -345,3 +375,16 @@ def make_stage(tmp_path: Path, library: Library) -> Iterator[Callable[..., Stage
     yield make
     for stage in stages:
         stage.close()
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[..., ChatServer]]:
+    """Starts servers of language models; they answer what is given, in turn."""
+    with ExitStack() as stack:
+
+        def open_one(*answers: object, **facts: Any) -> ChatServer:
+            server = ChatServer(answers, **facts)
+            stack.callback(server.close)
+            return server
+
+        yield open_one

@@ -5,9 +5,9 @@ import sys
 import pytest
 
 from phyagentos.protocol.sessions.evidence import FAULTS, write_json
-from phyagentos.protocol.sessions.session import Ended
 
-from .conftest import Play, ScriptedRuntime, put
+from .conftest import ScriptedRuntime
+from .test_mission import slip
 
 GRAPH = """
     goal: tidy
@@ -42,15 +42,6 @@ def listen(opened_files):
     opened_files.names = names = []
     yield names
     opened_files.names = None
-
-
-def slip(world, session):
-    return Play(
-        world=put(world, session.parameters["object"], (0.5, 0.1, 0.02)),
-        ended=Ended.SKILL_FAILED,
-        code="GRASP_LOST",
-        leaf="pick_and_place/place/verify_grasp",
-    )
 
 
 class TellingRuntime(ScriptedRuntime):

@@ -7,9 +7,9 @@ import pytest
 from phyagentos.agent.goals.graph import check_goal_graph, read_goal_graph, render_mermaid
 from phyagentos.agent.goals.spec import NodeSpec
 from phyagentos.errors import Problem
-from phyagentos.protocol.sessions.tasks import NodeState
 from phyagentos.store.views.tasks import render_graph, render_task
 
+from .conftest import check_report, get_order
 from .test_mission import slip
 
 UNFIT = Problem(code="NOT_OFFERED", address="joint_torque")
@@ -39,62 +39,95 @@ GRAPH = """
     """
 
 
-def state_of(report):
-    return {name: str(state) for name, state in report.nodes.items()}
+ONLY_RED = GRAPH.replace("count(inside(*, green_tray)) >= 1", "inside(red_cube, red_tray)")
+AFTER_BOTH = GRAPH.replace("after: [main]", "after: [main, other]")
+AFTER_TWO = GRAPH.replace("{node: main, on: failure}", "{node: main, on: failure}, {node: last, on: failure}").replace(
+    "        after: [main]\n", ""
+)
+NEAR_OTHER = GRAPH.replace("destination: green_tray}", 'destination: green_tray, near: "${other.outputs.place_site}"}')
+NOT_TAKEN = {"last": "done", "main": "done", "other": "skipped", "behind": "skipped"}
+RESCUED = {"last": "done", "main": "rescued", "other": "done", "behind": "done"}
 
 
-def test_a_branch_that_is_not_taken_is_left_out_with_what_only_waits_for_it(make_stage, write_graph):
-    stage = make_stage()
-    report = stage.pursue(write_graph(GRAPH))
-    assert report.verdict == "success"
-    assert state_of(report) == {"last": "done", "main": "done", "other": "skipped", "behind": "skipped"}
-    assert [session.node for session in stage.runtime.ran] == ["main", "last"]
-    assert report.reason == "every node on a branch that was taken is done, and the criterion holds"
-
-
-@pytest.mark.parametrize("how", ["missed", "refused"])
-def test_a_branch_makes_up_for_a_node_that_cannot_be_done_and_what_waits_goes_on(make_stage, write_graph, how):
-    stage = make_stage({"main": slip}) if how == "missed" else make_stage(refuse={"main": UNFIT})
-    report = stage.pursue(write_graph(GRAPH))
-    assert (report.verdict, report.exit_code) == ("success", 0)
-    assert state_of(report) == {"last": "done", "main": "rescued", "other": "done", "behind": "done"}
-    ran = [session.node for session in stage.runtime.ran if session.node != "main"]
-    assert ran.index("other") < ran.index("last")
-
-
-def test_a_goal_fails_with_its_first_cause_when_the_branch_fails_too(make_stage, write_graph):
-    stage = make_stage({"main": slip, "other": slip})
-    report = stage.pursue(write_graph(GRAPH))
-    assert (report.verdict, report.exit_code) == ("failure", 1)
-    assert set(state_of(report).values()) == {"blocked"}
-    assert report.reason.startswith("node main cannot be done: ")
-
-
-def test_a_goal_is_not_met_by_a_branch_alone(make_stage, write_graph):
-    text = GRAPH.replace("count(inside(*, green_tray)) >= 1", "inside(red_cube, red_tray)")
-    report = make_stage({"main": slip}).pursue(write_graph(text))
-    assert (report.verdict, report.nodes["main"]) == ("failure", "rescued")
-    assert report.reason.startswith("inside(red_cube, red_tray) is false")
-
-
-def test_a_node_that_waits_for_both_ways_goes_on_after_the_one_that_was_taken(make_stage, write_graph):
-    text = GRAPH.replace("after: [main]", "after: [main, other]")
-    for script in ({}, {"main": slip}):
-        assert make_stage(script).pursue(write_graph(text)).nodes["last"] == "done"
-
-
-def test_a_node_behind_several_failures_needs_each_of_them(make_stage, write_graph):
-    text = GRAPH.replace("{node: main, on: failure}", "{node: main, on: failure}, {node: last, on: failure}")
-    text = text.replace("        after: [main]\n", "")
-    report = make_stage({"main": slip}).pursue(write_graph(text))
-    assert state_of(report) == {"last": "done", "main": "blocked", "other": "skipped", "behind": "skipped"}
-    assert report.verdict == "failure"
-
-
-def test_an_output_of_a_branch_that_is_not_taken_is_not_waited_for(make_stage, write_graph):
-    text = GRAPH.replace("destination: green_tray}", 'destination: green_tray, near: "${other.outputs.place_site}"}')
-    report = make_stage().pursue(write_graph(text))
-    assert (report.nodes["last"], report.verdict) == ("skipped", "failure")  # by the goal's own acceptance
+@pytest.mark.parametrize(
+    ("graph", "stage", "expected", "ran"),
+    [
+        pytest.param(
+            GRAPH,
+            {},
+            {
+                "verdict": "success",
+                "nodes": NOT_TAKEN,
+                "reasons": {"": "every node on a branch that was taken is done, and the criterion holds"},
+            },
+            ["main", "last"],
+            id="a branch that is not taken is left out with what only waits for it",
+        ),
+        pytest.param(
+            GRAPH,
+            {"script": {"main": slip}},
+            {"verdict": "success", "exit_code": 0, "nodes": RESCUED},
+            ["main", "other", "behind", "last"],
+            id="a branch makes up for a node that missed and what waits goes on",
+        ),
+        pytest.param(
+            GRAPH,
+            {"refuse": {"main": UNFIT}},
+            {"verdict": "success", "exit_code": 0, "nodes": RESCUED},
+            ["other", "behind", "last"],
+            id="it makes up for a node that was refused",
+        ),
+        pytest.param(
+            GRAPH,
+            {"script": {"main": slip, "other": slip}},
+            {
+                "verdict": "failure",
+                "exit_code": 1,
+                "nodes": dict.fromkeys(RESCUED, "blocked"),
+                "reasons": {"": "node main cannot be done: "},
+            },
+            ["main", "other"],
+            id="a goal fails with its first cause when the branch fails too",
+        ),
+        pytest.param(
+            ONLY_RED,
+            {"script": {"main": slip}},
+            {"verdict": "failure", "nodes": RESCUED, "reasons": {"": "inside(red_cube, red_tray) is false"}},
+            ["main", "other", "behind", "last"],
+            id="a goal is not met by a branch alone",
+        ),
+        pytest.param(
+            AFTER_BOTH, {}, {"nodes": NOT_TAKEN}, ["main", "last"], id="what waits for both ways goes on after one"
+        ),
+        pytest.param(
+            AFTER_BOTH,
+            {"script": {"main": slip}},
+            {"nodes": RESCUED},
+            ["main", "other", "behind", "last"],
+            id="it goes on after the other one",
+        ),
+        pytest.param(
+            AFTER_TWO,
+            {"script": {"main": slip}},
+            {"verdict": "failure", "nodes": NOT_TAKEN | {"main": "blocked"}},
+            ["last", "main"],
+            id="a node behind several failures needs each of them",
+        ),
+        pytest.param(
+            NEAR_OTHER,
+            {},
+            {"verdict": "failure", "nodes": dict.fromkeys(RESCUED, "skipped") | {"main": "done"}},
+            ["main"],
+            id="an output of a branch that is not taken is not waited for",
+        ),
+    ],
+)
+def test_a_branch_on_failure_runs_where_it_is_needed_and_nowhere_else(
+    make_stage, write_graph, graph, stage, expected, ran
+):
+    stage = make_stage(**stage)
+    check_report(stage.pursue(write_graph(graph)), **expected)
+    assert get_order(stage) == ran
 
 
 @pytest.mark.slow
@@ -102,36 +135,30 @@ def test_an_output_of_a_branch_that_is_not_taken_is_not_waited_for(make_stage, w
     "script", [{}, {"main": slip}, {"main": slip, "other": slip}], ids=lambda script: "-".join(script) or "all well"
 )
 def test_an_agent_that_starts_anew_comes_to_the_same_end(make_stage, write_graph, script):
-    whole = make_stage(script).pursue(write_graph(GRAPH))
+    graph = write_graph(GRAPH)
+    whole = make_stage(script).pursue(graph)
+
+    class Dying:
+        def on_change(self, goal, ledger):
+            stage.runtime.on_change(goal, ledger)
+            if ledger.seq > until:
+                raise KeyboardInterrupt
+
     for killed_after in range(1, 12):
-        stage = make_stage(script)
-
-        class Kill(Exception):
-            pass
-
-        def die(_goal, ledger, stage=stage, killed_after=killed_after):
-            stage.runtime.on_change(_goal, ledger)
-            if ledger.seq > 3 * killed_after:
-                raise Kill
-
+        stage, until = make_stage(script), 3 * killed_after
         try:
-            stage.make_mission(observers=[type("Dying", (), {"on_change": staticmethod(die)})()]).run(
-                write_graph(GRAPH), seed=7
-            )
-        except Kill:
-            again = stage.make_mission().run(write_graph(GRAPH), seed=7)
+            stage.make_mission(observers=[Dying()]).run(graph, seed=7)
+        except KeyboardInterrupt:
+            again = stage.make_mission().run(graph, seed=7)
             assert (again.verdict, again.nodes) == (whole.verdict, whole.nodes)
 
 
 def test_documents_and_drawings_say_which_branch_is_not_taken(make_stage, write_graph, catalogue):
-    graph = read_goal_graph(write_graph(GRAPH), catalogue)
-    assert 'n1 -. "on failure" .-> n2' in render_mermaid(graph)
-    assert "n0 --> n1" not in render_mermaid(graph)
-    stage = make_stage()
-    mission = stage.make_mission()
+    plan = render_mermaid(read_goal_graph(write_graph(GRAPH), catalogue))
+    assert ('n1 -. "on failure" .-> n2' in plan, "n0 --> n1" in plan) == (True, False)
+    mission = make_stage().make_mission()
     mission.run(write_graph(GRAPH), seed=7)
     goal = mission.ledger.goals["branches-7"]
-    assert goal.nodes["other"].state is NodeState.SKIPPED
     drawing, text = render_graph(goal), render_task(goal, mission.ledger)
     assert '["<b>other</b><br/>skipped"]:::skipped' in drawing
     assert '-- "on failure" -->' in drawing

@@ -23,7 +23,7 @@ from phyagentos.store.admission import Entry
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
 
-from .conftest import make_world, put, succeed
+from .conftest import check_report, get_order, make_world, put, remove, succeed
 from .test_mission import slip
 
 HEAD = """
@@ -76,80 +76,103 @@ EITHER = """
     """
 
 
-def states(report):
-    return {name: str(state) for name, state in report.nodes.items()}
-
-
-def ran(stage):
-    return [session.node for session in stage.runtime.ran]
-
-
 def two_in_red_tray():
     world = put(make_world(), "yellow_cube", (0.6, 0.3, 0.03))
     return put(world, "red_cube", (0.4, 0.3, 0.02))
 
 
-def test_a_fan_out_over_what_is_seen_becomes_its_nodes_once_it_is_ready(make_stage, write_graph):
-    stage = make_stage(world=two_in_red_tray())
-    report = stage.pursue(write_graph(HEAD + EACH % 2))
-    assert report.verdict == "success"
-    assert states(report) == dict.fromkeys(("first", "last", "each-red_cube", "each-yellow_cube"), "done")
-    assert ran(stage) == ["first", "each-red_cube", "each-yellow_cube", "last"]
+NOTHING_FITS = (HEAD + EACH % 0).replace("inside(${thing}, red_tray)", "inside(${thing}, blue_tray)")
+NEVER = (
+    (HEAD + EITHER)
+    .replace("        any_of:", '        when: ["holding(arm, red_cube)"]\n        any_of:')
+    .replace('green_cube, green_tray)"]', 'blue_cube, blue_tray)"]')
+)
 
 
-def test_a_fan_out_to_which_nothing_fits_is_left_out_and_what_waits_for_it_goes_on(make_stage, write_graph):
-    text = (HEAD + EACH % 0).replace("inside(${thing}, red_tray)", "inside(${thing}, blue_tray)")
-    report = make_stage().pursue(write_graph(text))
-    assert report.verdict == "success"
-    assert states(report) == {"first": "done", "each": "skipped", "last": "done"}
+def choose(first, second, third, last="done"):
+    """The nodes of the graph with alternatives."""
+    return {"first": "done", "either-1": first, "either-2": second, "either-3": third, "last": last}
 
 
 @pytest.mark.parametrize(
-    ("when", "state"), [("inside(red_cube, red_tray)", "done"), ("holding(arm, blue_cube)", "skipped")]
+    ("text", "stage", "verdict", "nodes"),
+    [
+        pytest.param(
+            HEAD + EACH % 2,
+            {"world": two_in_red_tray()},
+            "success",
+            dict.fromkeys(("first", "last", "each-red_cube", "each-yellow_cube"), "done"),
+            id="a fan-out over what is seen becomes its nodes",
+        ),
+        pytest.param(
+            NOTHING_FITS,
+            {},
+            "success",
+            {"first": "done", "each": "skipped", "last": "done"},
+            id="a fan-out to which nothing fits is left out and what waits for it goes on",
+        ),
+        pytest.param(
+            HEAD + MAYBE % "inside(red_cube, red_tray)",
+            {},
+            "success",
+            {"first": "done", "maybe": "done", "last": "done"},
+            id="a condition that is true on what is seen",
+        ),
+        pytest.param(
+            HEAD + MAYBE % "holding(arm, blue_cube)",
+            {},
+            "success",
+            {"first": "done", "maybe": "skipped", "last": "done"},
+            id="what waits goes on where a condition is false",
+        ),
+        pytest.param(HEAD + EITHER, {}, "success", choose("done", "skipped", "skipped"), id="the first alternative"),
+        pytest.param(
+            HEAD + EITHER,
+            {"script": {"either-1": slip}},
+            "success",
+            choose("rescued", "done", "skipped"),
+            id="the second one when the first has failed",
+        ),
+        pytest.param(
+            HEAD + EITHER,
+            {"script": {"either-1": slip, "either-2": slip}},
+            "success",
+            choose("rescued", "rescued", "done"),
+            id="the third one when both have failed",
+        ),
+        pytest.param(
+            HEAD + EITHER,
+            {"script": {"either-1": slip, "either-2": slip, "either-3": slip}},
+            "failure",
+            choose("blocked", "blocked", "blocked", "blocked"),
+            id="no alternative is left",
+        ),
+        pytest.param(
+            NEVER,
+            {"script": {"either-1": slip}},
+            "success",
+            choose("skipped", "skipped", "skipped"),
+            id="alternatives whose condition is false are all left out and what waits goes on",
+        ),
+    ],
 )
-def test_a_condition_decides_on_what_is_seen_and_what_waits_goes_on_either_way(make_stage, write_graph, when, state):
-    stage = make_stage()
-    report = stage.pursue(write_graph(HEAD + MAYBE % when))
-    assert report.verdict == "success"
-    assert states(report) == {"first": "done", "maybe": state, "last": "done"}
+def test_what_is_seen_and_what_has_failed_decide_which_nodes_there_are(
+    make_stage, write_graph, text, stage, verdict, nodes
+):
+    check_report(make_stage(**stage).pursue(write_graph(text)), verdict=verdict, nodes=nodes)
+
+
+def test_a_fan_out_over_what_is_seen_runs_between_what_is_before_and_behind_it(make_stage, write_graph):
+    stage = make_stage(world=two_in_red_tray())
+    stage.pursue(write_graph(HEAD + EACH % 2))
+    assert get_order(stage) == ["first", "each-red_cube", "each-yellow_cube", "last"]
 
 
 def test_a_condition_that_cannot_be_told_blocks_its_node_and_says_why(make_stage, write_graph):
-    world = make_world()
-    world.entities.pop("yellow_cube")
-    stage = make_stage(world=world)
+    stage = make_stage(world=remove(make_world(), "yellow_cube"))
     report = stage.pursue(write_graph(HEAD + MAYBE % "inside(yellow_cube, red_tray)"))
-    assert report.verdict == "failure"
-    assert report.reason.startswith(
-        "node maybe cannot be done: its condition is unknown: inside(yellow_cube, red_tray)"
-    )
-
-
-@pytest.mark.parametrize(
-    ("script", "expected"),
-    [
-        ({}, ("done", "skipped", "skipped")),
-        ({"either-1": slip}, ("rescued", "done", "skipped")),
-        ({"either-1": slip, "either-2": slip}, ("rescued", "rescued", "done")),
-        ({"either-1": slip, "either-2": slip, "either-3": slip}, ("blocked", "blocked", "blocked")),
-    ],
-)
-def test_of_alternatives_each_runs_when_those_before_it_have_failed(make_stage, write_graph, script, expected):
-    stage = make_stage(script)
-    report = stage.pursue(write_graph(HEAD + EITHER))
-    found = states(report)
-    assert tuple(found[f"either-{number}"] for number in (1, 2, 3)) == expected
-    assert found["last"] == ("blocked" if len(script) == 3 else "done")
-    assert report.verdict == ("failure" if len(script) == 3 else "success")
-
-
-def test_alternatives_whose_condition_is_false_are_all_left_out_and_what_waits_goes_on(make_stage, write_graph):
-    text = (HEAD + EITHER).replace("        any_of:", '        when: ["holding(arm, red_cube)"]\n        any_of:')
-    report = make_stage({"either-1": slip}).pursue(
-        write_graph(text.replace('green_cube, green_tray)"]', 'blue_cube, blue_tray)"]'))
-    )
-    assert [states(report)[f"either-{number}"] for number in (1, 2, 3)] == ["skipped"] * 3
-    assert (report.verdict, states(report)["last"]) == ("success", "done")
+    unknown = "node maybe cannot be done: its condition is unknown: inside(yellow_cube, red_tray)"
+    check_report(report, {"": unknown}, verdict="failure")
 
 
 def test_a_mistake_in_an_alternative_is_reported_where_it_stands(catalogue, write_graph):
@@ -176,16 +199,15 @@ def test_a_choice_among_fewer_than_two_alternatives_is_refused(catalogue, write_
 def test_what_a_predicate_names_is_not_among_what_fits_it(make_stage, write_graph):
     tray_in_itself = "inside(${thing}, red_tray) or visible(${thing}) and inside(red_cube, red_tray)"
     text = (HEAD + EACH % 1).replace("inside(${thing}, red_tray)", tray_in_itself)
-    stage = make_stage()
-    stage.pursue(write_graph(text))
-    assert {"each-red_tray", "each-red_cube"}.isdisjoint(ran(stage))
-    assert "each-green_cube" in ran(stage)
+    ran = make_stage().pursue(write_graph(text)).nodes
+    assert {"each-red_tray", "each-red_cube"}.isdisjoint(ran)
+    assert "each-green_cube" in ran
 
 
 @pytest.mark.parametrize(
     ("old", "new", "code", "line"),
     [
-        ("after: [first]\n        foreach", "foreach", "NOTHING_SEEN", 12),
+        ("after: [first]\n        foreach", "foreach", "NOT_OBSERVED", 12),
         ("inside(${thing}, red_tray)", "inside(*, red_tray)", "INVALID_VALUE", 13),
         ("inside(${thing}, red_tray)", "inside(${thing}, tub)", "UNKNOWN_NAME (object)", 13),
         ("inside(${thing}, red_tray)", "inside(${thing}", "SYNTAX", 13),
@@ -241,48 +263,43 @@ def amend(make_stage, write_graph):
     return run
 
 
-def test_an_amendment_takes_out_what_is_open_and_adds_other_nodes(amend):
-    report, goal, stage = amend(HEAD + WANTED, HEAD + OTHER)
-    assert report.verdict == "success"
-    assert (states(report), ran(stage)) == ({"first": "done", "other": "done"}, ["first", "other"])
-    assert (goal.asked, goal.changes) == ((), ("as a person asked for",))
-
-
-def test_an_amendment_that_contradicts_what_has_begun_is_refused_with_the_reason(amend):
-    changed = (HEAD + OTHER).replace("red_cube", "yellow_cube")
-    report, goal, stage = amend(HEAD + WANTED, changed)
-    assert (report.verdict, ran(stage)) == ("success", ["first", "next"])
-    (reason,) = goal.changes
-    assert re.search(
-        r"^refused: .*node 'first': CONTRADICTS_DONE: found it is active, by changing-7\.first; changed: arguments",
-        reason,
-    ), reason
-
-
-def test_what_has_begun_cannot_be_taken_out(amend):
-    gone = HEAD.replace("first:", "begun:") + OTHER.replace("[first]", "[begun]")
-    report, goal, _ = amend(HEAD + WANTED, gone)
-    assert report.verdict == "success"
-    assert (
-        "node 'first': CONTRADICTS_DONE: found it is active, by changing-7.first, and was taken out" in goal.changes[0]
-    )
-
-
-def test_an_amendment_that_cannot_run_is_refused_with_its_problems(amend):
-    report, goal, _ = amend(
-        HEAD + WANTED,
-        (HEAD + OTHER).replace("pick_and_place\n        with: {object: blue", "jump\n        with: {object: blue"),
-    )
-    assert report.verdict == "success"
-    assert "UNKNOWN_NAME (skill)" in goal.changes[0] or "unknown" in goal.changes[0]
-
-
-def test_another_scene_is_another_goal(amend):
-    _, goal, _ = amend(
-        HEAD + WANTED, (HEAD + OTHER).replace("As it comes.", "Else.").replace("goal: changing", "goal: changed")
-    )
-    assert "goal" in goal.changes[0]
-    assert goal.changes[0].startswith("refused: ")
+@pytest.mark.parametrize(
+    ("wanted", "ran", "change"),
+    [
+        pytest.param(
+            HEAD + OTHER, ["first", "other"], "as a person asked for", id="what is open is taken out and others added"
+        ),
+        pytest.param(
+            (HEAD + OTHER).replace("red_cube", "yellow_cube"),
+            ["first", "next"],
+            r"refused: .*node 'first': CHANGED: found it is active, by changing-7\.first; changed: arguments",
+            id="what contradicts what has begun",
+        ),
+        pytest.param(
+            HEAD.replace("first:", "begun:") + OTHER.replace("[first]", "[begun]"),
+            ["first", "next"],
+            r"refused: .*node 'first': CHANGED: found it is active, by changing-7\.first, and was taken out",
+            id="what has begun cannot be taken out",
+        ),
+        pytest.param(
+            (HEAD + OTHER).replace("pick_and_place\n        with: {object: blue", "jump\n        with: {object: blue"),
+            ["first", "next"],
+            r"refused: .*UNKNOWN_NAME \(skill\)",
+            id="what cannot run is refused with its problems",
+        ),
+        pytest.param(
+            (HEAD + OTHER).replace("As it comes.", "Else.").replace("goal: changing", "goal: changed"),
+            ["first", "next"],
+            "refused: .*goal",
+            id="another goal",
+        ),
+    ],
+)
+def test_an_amendment_is_taken_or_refused_with_the_reason(amend, wanted, ran, change):
+    report, goal, stage = amend(HEAD + WANTED, wanted)
+    check_report(report, verdict="success", nodes=dict.fromkeys(ran, "done"))
+    assert (get_order(stage), goal.asked, len(goal.changes)) == (ran, (), 1)
+    assert re.match(change, goal.changes[0]), goal.changes
 
 
 def test_a_node_that_cannot_be_done_may_be_taken_out_and_what_it_blocked_goes_on(amend):
@@ -297,8 +314,8 @@ def test_a_node_that_cannot_be_done_may_be_taken_out_and_what_it_blocked_goes_on
     again = WANTED.replace("next:", "again:") + OTHER.replace("[first]", "[again]") + slow % ""
     report, goal, _ = amend(old, HEAD + again, at="slow", script={"next": slip})
     assert goal.changes == ("as a person asked for",)
-    assert states(report) == {"first": "done", "next": "skipped", "other": "done", "slow": "done", "again": "done"}
-    assert report.verdict == "success"
+    nodes = dict.fromkeys(("first", "other", "slow", "again"), "done") | {"next": "skipped"}
+    check_report(report, verdict="success", nodes=nodes)
 
 
 def test_a_goal_goes_on_with_its_amended_graph_after_its_agent_has_died(make_stage, write_graph):
@@ -321,7 +338,7 @@ def test_an_amendment_that_was_asked_for_without_an_agent_is_answered_by_the_nex
     ask(stage, write_graph(HEAD + OTHER, "wanted.yaml"))
     stage.runtime.script.clear()
     report = stage.make_mission().resume(GoalId("changing-7"))
-    assert states(report) == {"first": "done", "other": "done"}
+    check_report(report, nodes={"first": "done", "other": "done"})
 
 
 def test_an_edit_of_the_task_document_that_cannot_be_read_is_kept_word_for_word(tmp_path, library, caplog):
@@ -372,7 +389,7 @@ def cut_node(text, name):
 @pytest.mark.slow
 def test_a_node_that_a_person_takes_out_of_the_task_document_is_not_done(edit_task):
     report, goal, stage = edit_task(lambda text: cut_node(text, "next"))
-    assert (report.verdict, ran(stage), states(report)) == ("success", ["first"], {"first": "done"})
+    check_report(report, verdict="success", nodes={"first": "done"}, sessions=[("first", "succeeded")])
     assert goal.changes == ("as a person asked for",)
     assert "**Changed:** as a person asked for" in stage.workspace.task.read_text()
 
@@ -387,9 +404,8 @@ def test_what_a_person_wants_accepted_in_the_task_document_decides_the_goal(edit
 
 @pytest.mark.slow
 def test_a_state_that_a_person_writes_into_the_task_document_is_refused(edit_task):
-    report, goal, stage = edit_task(lambda text: text.replace("state: active", "state: done"))
-    assert report.verdict == "success"
-    assert ran(stage) == ["first", "next"]
+    report, goal, _ = edit_task(lambda text: text.replace("state: active", "state: done"))
+    check_report(report, verdict="success", sessions=[("first", "succeeded"), ("next", "succeeded")])
     assert goal.changes[0].startswith("refused: TASK.md: nodes.first cannot be changed there")
 
 

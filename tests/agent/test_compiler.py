@@ -37,9 +37,22 @@ GRAPH = """
 
 
 @pytest.fixture
-def compiler(write_graph, catalogue) -> SessionCompiler:
-    graph = read_goal_graph(write_graph(GRAPH), catalogue)
-    return SessionCompiler(graph=graph, catalogue=catalogue, goal=GoalId("g-7"), seed=7)
+def compile_graph(write_graph, catalogue):
+    """Makes the compiler of a graph, whose text may be changed before."""
+
+    def make(old: str = "", new: str = "") -> SessionCompiler:
+        graph = read_goal_graph(write_graph(GRAPH.replace(old, new) if old else GRAPH), catalogue)
+        return SessionCompiler(graph=graph, catalogue=catalogue, goal=GoalId("g-7"), seed=7)
+
+    return make
+
+
+@pytest.fixture
+def compiler(compile_graph) -> SessionCompiler:
+    return compile_graph()
+
+
+LOOK = Revision(parent=SessionId("g-7.red"), purpose="inspect")
 
 
 def test_a_contract_holds_what_skill_node_and_goal_say_each_once(compiler):
@@ -54,16 +67,14 @@ def test_a_contract_holds_what_skill_node_and_goal_say_each_once(compiler):
     assert session.objective == "Pick and place: object red_cube, destination red_tray, speed 1."
 
 
-def test_a_contract_names_what_else_comes_to_its_place_and_what_must_stay(write_graph, catalogue):
-    graph = read_goal_graph(write_graph(GRAPH.replace("timeout_s: 20", 'hold: ["visible(green_cube)"]')), catalogue)
-    compiler = SessionCompiler(graph=graph, catalogue=catalogue, goal=GoalId("g-7"), seed=7)
+def test_a_contract_names_what_else_comes_to_its_place_and_what_must_stay(compile_graph):
+    compiler = compile_graph("timeout_s: 20", 'hold: ["visible(green_cube)"]')
     red, blue, hand = (compiler.compile_node(name) for name in ("red", "blue", "hand"))
     assert (red.coming, blue.coming, hand.coming) == (("blue_cube",), ("red_cube",), ())
     assert "bottle" in red.kept
     assert not {"red_cube", "blue_cube", "green_cube"} & set(blue.kept)
     assert hand.kept == ()
-    look = Revision(parent=SessionId("g-7.red"), purpose="inspect")
-    assert compiler.compile_node("red", outputs={}, attempt=1, revision=look).coming == ()
+    assert compiler.compile_node("red", outputs={}, attempt=1, revision=LOOK).coming == ()
 
 
 @pytest.mark.parametrize(("key", "stays"), [("accept", False), ("hold", True)])
@@ -84,12 +95,10 @@ def test_what_is_not_in_the_hand_in_the_end_may_be_moved_meanwhile(write_graph, 
         ("red", ("not moved(bottle)", "metric(ticks) >= 9"), False),
     ],
 )
-def test_a_node_that_wants_a_state_is_not_acted_on_where_it_is_met(write_graph, catalogue, node, change, unless_met):
-    graph = read_goal_graph(write_graph(GRAPH.replace(*change) if change[0] else GRAPH), catalogue)
-    compiler = SessionCompiler(graph=graph, catalogue=catalogue, goal=GoalId("g-7"), seed=7)
+def test_a_node_that_wants_a_state_is_not_acted_on_where_it_is_met(compile_graph, node, change, unless_met):
+    compiler = compile_graph(*change)
     assert compiler.compile_node(node, outputs={}).unless_met is unless_met
-    look = Revision(parent=SessionId("g-7.red"), purpose="inspect")
-    assert not compiler.compile_node(node, outputs={}, attempt=1, revision=look).unless_met
+    assert not compiler.compile_node(node, outputs={}, attempt=1, revision=LOOK).unless_met
 
 
 def test_limits_of_supervision_resources_and_resets_reach_the_contract(write_graph, catalogue):
@@ -116,7 +125,7 @@ def test_outputs_fill_parameters_with_values_and_predicates_with_text(compiler):
 
 
 def test_a_missing_output_is_an_error_that_names_it(compiler):
-    with pytest.raises(DefinitionError, match=r"OUTPUT_MISSING: found no value for red\.outputs\.place_site"):
+    with pytest.raises(DefinitionError, match=r"MISSING_VALUE: found no value for red\.outputs\.place_site"):
         compiler.compile_node("blue", outputs={"red": {}})
 
 

@@ -5,7 +5,7 @@ import pytest
 from phyagentos.agent.memory.advisor import Advice, NoAdvice
 from phyagentos.protocol.sessions.means import Means, Preparation
 from phyagentos.protocol.sessions.session import Ended
-from phyagentos.protocol.sessions.strategy import Strategy
+from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 
 from .conftest import Play, add_skills, put
 from .test_recovery_missions import GRAPH, MORE_SKILLS, make_table_world, move_away
@@ -67,25 +67,12 @@ def test_what_is_in_the_way_is_cleared_before_the_first_attempt(make_stage, two)
     assert status.memory == "memory/7-abc"
 
 
-def test_where_nothing_stands_in_the_way_nothing_is_cleared_and_the_lesson_is_not_counted(make_stage, two):
-    _, report, (attempt,) = pursue(make_stage, two, Means(prepare=(CLEAR,)), world=make_table_world())
-    assert report.verdict == "success"
-    assert (attempt.skill, attempt.advised_by, attempt.strategy) == ("pick_and_place", ("lesson-2",), SLOW)
-
-
 def test_what_a_finished_node_has_placed_is_not_cleared_away(make_stage, two):
     world = crowd(make_table_world(), "green_cube")
     script = {"green": lambda world, session: Play(world=put(world, "green_cube", (0.55, 0.0, 0.03)))}
     near = put(world, "red_cube", (0.5, 0.05, 0.02))
     _, _, (attempt,) = pursue(make_stage, two, Means(prepare=(CLEAR,)), script, near)
     assert attempt.skill == "pick_and_place"
-
-
-def test_a_preparation_that_fails_is_followed_by_the_attempt(make_stage, two):
-    script = {"red": lambda world, session: Play(world=world, ended=Ended.STALLED)}
-    _, report, ran = pursue(make_stage, two, Means(prepare=(CLEAR,)), script)
-    assert report.verdict == "success"
-    assert [session.skill for session in ran] == ["set_aside", "pick_and_place"]
 
 
 def test_another_skill_must_keep_the_promise_of_the_node(make_stage, two):
@@ -95,33 +82,64 @@ def test_another_skill_must_keep_the_promise_of_the_node(make_stage, two):
     assert (attempt.parent, attempt.advised_by) == (None, ("lesson-1",))
 
 
-@pytest.mark.parametrize("means", [Means(skill="inspect"), Means(skill="gone"), Means(target="gone")])
-def test_means_that_cannot_be_had_leave_the_advice_without_them(make_stage, two, means):
-    _, report, (attempt,) = pursue(make_stage, two, means)
+RED_ALONE = GRAPH[: GRAPH.index("      green:")] + GRAPH[GRAPH.index("      red:") :].replace(
+    "after: [green]", ""
+).replace(', "inside(green_cube, green_tray)"', "")
+PREPARED = [("set_aside", "clear"), ("pick_and_place", "")]
+PREPARE = Means(prepare=(CLEAR,))
+
+
+@pytest.mark.parametrize(
+    ("graph", "means", "stage", "ran", "sources"),
+    [
+        pytest.param(
+            GRAPH,
+            PREPARE,
+            {"world": make_table_world()},
+            PREPARED[1:],
+            ("lesson-2",),
+            id="where nothing stands in the way nothing is cleared and the lesson is not counted",
+        ),
+        pytest.param(
+            GRAPH,
+            PREPARE,
+            {"script": {"red": lambda world, session: Play(world=world, ended=Ended.STALLED)}},
+            PREPARED,
+            ("lesson-1",),
+            id="a preparation that fails is followed by the attempt",
+        ),
+        pytest.param(
+            GRAPH.replace("BUDGET", "budget: {sessions: 2}"),
+            PREPARE,
+            {},
+            PREPARED[1:],
+            ("lesson-2",),
+            id="nothing is prepared beyond the budget of the goal",
+        ),
+        pytest.param(
+            RED_ALONE,
+            PREPARE,
+            {"script": {"red.r1": move_away}},
+            [("inspect", "inspect"), *PREPARED],
+            ("lesson-1",),
+            id="before anything was seen a look comes first",
+        ),
+        *(
+            pytest.param(GRAPH, means, {}, PREPARED[1:], ("lesson-2",), id=f"{means} that cannot be had")
+            for means in (Means(skill="inspect"), Means(skill="gone"), Means(target="gone"))
+        ),
+    ],
+)
+def test_what_is_advised_is_done_where_it_can_be_and_is_counted_only_then(
+    make_stage, write_graph, graph, means, stage, ran, sources
+):
+    _, report, found = pursue(make_stage, write_graph(graph.replace("BUDGET", "")), means, **stage)
     assert report.verdict == "success"
-    assert (attempt.skill, attempt.strategy, attempt.advised_by) == ("pick_and_place", SLOW, ("lesson-2",))
-
-
-def test_nothing_is_prepared_beyond_the_budget_of_the_goal(make_stage, write_graph):
-    graph = write_graph(GRAPH.replace("BUDGET", "budget: {sessions: 2}"))
-    _, report, (attempt,) = pursue(make_stage, graph, Means(prepare=(CLEAR,)))
-    assert report.verdict == "success"
-    assert attempt.skill == "pick_and_place"
-
-
-def test_before_anything_was_seen_a_look_comes_first(make_stage, write_graph):
-    alone = GRAPH.replace("BUDGET", "")
-    start, end = alone.index("      green:"), alone.index("      red:")
-    graph = write_graph(
-        (alone[:start] + alone[end:]).replace("after: [green]", "").replace(', "inside(green_cube, green_tray)"', "")
+    assert [(session.skill, session.purpose) for session in found] == ran
+    assert (found[-1].advised_by, found[-1].strategy) == (
+        sources,
+        SLOW if sources == ("lesson-2",) else DEFAULT_STRATEGY,
     )
-    _, report, ran = pursue(make_stage, graph, Means(prepare=(CLEAR,)), {"red.r1": move_away})
-    assert report.verdict == "success"
-    assert [(s.skill, s.purpose) for s in ran] == [
-        ("inspect", "inspect"),
-        ("set_aside", "clear"),
-        ("pick_and_place", ""),
-    ]
 
 
 def test_a_contract_by_other_means_keeps_conditions_and_limits(make_stage, write_graph):

@@ -43,33 +43,45 @@ def judge_metric(text, folder=None, **more):
     return criterion
 
 
-def test_acceptance_needs_facts_that_were_observed_at_the_end():
-    late = msgspec.structs.replace(DONE, time_s=FRESH_S + 0.5)
-    (criterion,) = PredicateJudge().judge(make_bundle(late))
-    assert criterion.truth is Truth.UNKNOWN
-    assert "red_cube was last seen 1.5 s before; up to 1 s is allowed" in criterion.because
-
-
-@pytest.mark.parametrize(("status", "truth"), [("unproven", Truth.UNKNOWN), ("live", Truth.TRUE)])
-def test_no_verdict_rests_on_cameras_without_a_count_of_which_no_picture_has_changed(status, truth):
+def with_sensors(status):
+    """The world after the session, by cameras of which one has never shown a change."""
     sensors = {"left": SensorHealth(status="unproven"), "right": SensorHealth(status=status)}
-    (criterion,) = PredicateJudge().judge(make_bundle(msgspec.structs.replace(DONE, sensors=sensors)))
-    assert (criterion.truth, "move something in its view" in criterion.because) == (truth, truth is Truth.UNKNOWN)
+    return msgspec.structs.replace(DONE, sensors=sensors)
 
 
-def test_a_snapshot_older_than_the_one_before_the_session_proves_nothing():
-    before = msgspec.structs.replace(make_world(), time_s=3.0)
-    (criterion,) = PredicateJudge().judge(make_bundle(DONE, before=before))
-    assert criterion.truth is Truth.UNKNOWN
-    assert "older than the one before it" in criterion.because
+LATER = {"before": msgspec.structs.replace(make_world(), time_s=3.0, revision=9)}
 
 
-def test_a_world_that_began_anew_counts_its_time_anew_where_the_old_one_was_lost():
-    before = msgspec.structs.replace(make_world(), time_s=3.0, revision=9)
-    (criterion,) = PredicateJudge().judge(make_bundle(DONE, before=before, execution={"ended": Ended.TARGET_LOST}))
-    assert criterion.truth is Truth.TRUE
-    (criterion,) = PredicateJudge().judge(make_bundle(DONE, before=before))
-    assert criterion.truth is Truth.UNKNOWN
+@pytest.mark.parametrize(
+    ("after", "facts", "truth", "because"),
+    [
+        pytest.param(
+            msgspec.structs.replace(DONE, time_s=FRESH_S + 0.5),
+            {},
+            Truth.UNKNOWN,
+            "red_cube was last seen 1.5 s before; up to 1 s is allowed",
+            id="what was seen long before the end",
+        ),
+        pytest.param(
+            with_sensors("unproven"), {}, Truth.UNKNOWN, "move something in its view", id="cameras that never changed"
+        ),
+        pytest.param(with_sensors("live"), {}, Truth.TRUE, "", id="one camera that did"),
+        pytest.param(
+            DONE, LATER, Truth.UNKNOWN, "older than the one before it", id="a snapshot older than the one before"
+        ),
+        pytest.param(
+            DONE,
+            LATER | {"execution": {"ended": Ended.TARGET_LOST}},
+            Truth.TRUE,
+            "",
+            id="a world that began anew counts its time anew",
+        ),
+    ],
+)
+def test_acceptance_needs_facts_that_were_observed_at_the_end(after, facts, truth, because):
+    (criterion,) = PredicateJudge().judge(make_bundle(after, **facts))
+    assert criterion.truth is truth
+    assert because in criterion.because
 
 
 def test_a_spilled_cup_is_told_by_its_worst_sample_though_it_stands_upright_now():
@@ -90,17 +102,23 @@ def test_a_condition_on_a_metric_is_judged_by_the_whole_trajectory(tmp_path):
     assert error.truth is Truth.TRUE
 
 
-def test_a_condition_on_a_force_that_nobody_felt_is_unknown(tmp_path):
+@pytest.mark.parametrize(
+    ("execution", "truth", "because"),
+    [
+        pytest.param({}, Truth.UNKNOWN, "nothing measured peak_force_n", id="a force that nothing felt"),
+        pytest.param(
+            {"ticks": 0, "code": "ALREADY_MET"},
+            Truth.TRUE,
+            "ALREADY_MET: no control period was commanded",
+            id="what was not commanded pressed on nothing",
+        ),
+    ],
+)
+def test_a_condition_on_a_force_without_a_measurement(tmp_path, execution, truth, because):
     write_trajectory(tmp_path)
     session = make_session(hold=("metric(peak_force_n) <= 20",))
-    (force,) = HoldJudge().judge(make_bundle(DONE, session=session, folder=tmp_path))
-    assert (force.truth, force.because) == (Truth.UNKNOWN, "nothing measured peak_force_n")
-
-
-def test_what_was_not_commanded_pressed_on_nothing():
-    session, idle = make_session(hold=("metric(peak_force_n) <= 20",)), {"ticks": 0, "code": "ALREADY_MET"}
-    (force,) = HoldJudge().judge(make_bundle(DONE, session=session, execution=idle))
-    assert (force.truth, force.because) == (Truth.TRUE, "ALREADY_MET: no control period was commanded")
+    (force,) = HoldJudge().judge(make_bundle(DONE, session=session, folder=tmp_path, execution=execution))
+    assert (force.truth, force.because) == (truth, because)
 
 
 @pytest.mark.parametrize(
@@ -114,13 +132,20 @@ def test_what_was_not_commanded_pressed_on_nothing():
         ("metric(final_gripper_width_m) > 0.03", Truth.TRUE),
         ("metric(final_rest_s) > 0.059", Truth.TRUE),  # since the third of six periods
         ("metric(final_rest_s) > 0.061", Truth.FALSE),
+        ("metric(peak_force_n) <= 1", Truth.UNKNOWN),  # what a skill says of itself is none
     ],
 )
 def test_numbers_of_the_trajectory(tmp_path, text, truth):
     moving, lagging = np.zeros((ROWS, 2)), np.zeros((ROWS, 2))
     moving[-1, 0], lagging[1, 1] = 0.2, -0.03
     write_trajectory(tmp_path, qd_measured=moving, q_measured=lagging)
-    assert judge_metric(text, tmp_path).truth is truth
+    own_word = {"ended": Ended.COMPLETED, "outputs": {"peak_force_n": 0.0}}
+    assert judge_metric(text, tmp_path, execution=own_word).truth is truth
+
+
+def test_a_number_that_is_none_is_unknown(tmp_path):
+    write_trajectory(tmp_path, qd_measured=np.full((ROWS, 2), np.nan))
+    assert judge_metric("metric(peak_joint_speed_rad_s) <= 1", tmp_path).truth is Truth.UNKNOWN
 
 
 def test_a_controllers_own_word_counts_only_where_the_goal_asks_for_what_was_reported():
@@ -146,16 +171,6 @@ def test_what_nobody_measured_or_can_read_is_unknown(tmp_path, damage):
     assert (criterion.truth, criterion.because) == (Truth.UNKNOWN, "nothing measured peak_tracking_error_rad")
 
 
-def test_what_a_skill_says_of_itself_is_no_number_of_the_trajectory(tmp_path):
-    told = {"ended": Ended.COMPLETED, "outputs": {"peak_force_n": 0.0}}
-    assert judge_metric("metric(peak_force_n) <= 1", tmp_path, execution=told).truth is Truth.UNKNOWN
-
-
-def test_a_number_that_is_none_is_unknown(tmp_path):
-    write_trajectory(tmp_path, qd_measured=np.full((ROWS, 2), np.nan))
-    assert judge_metric("metric(peak_joint_speed_rad_s) <= 1", tmp_path).truth is Truth.UNKNOWN
-
-
 def test_metrics_and_facts_are_asked_in_one_criterion():
     mixed = judge_metric("inside(red_cube, red_tray) and metric(ticks) <= 100")
     assert mixed.truth is Truth.TRUE
@@ -177,14 +192,12 @@ def write_lookahead(folder, **facts):
     write_json(folder / LOOKAHEAD, result)
 
 
-def test_no_rollouts_leave_no_criterion(tmp_path):
-    assert LookaheadJudge().judge(make_bundle(DONE, session=ASKING, folder=tmp_path)) == []
-
-
-def test_where_no_forecaster_was_fit_to_be_asked_look_ahead_has_nothing_to_say(tmp_path):
+def test_without_rollouts_and_where_no_forecaster_was_fit_to_be_asked_look_ahead_has_nothing_to_say(tmp_path):
     worse = {"hasty/1": TrackRecord(cases=31, brier=0.4, base_brier=0.2)}
+    bundle = make_bundle(DONE, session=ASKING, folder=tmp_path)
+    assert LookaheadJudge().judge(bundle) == []
     write_json(tmp_path / LOOKAHEAD, LookaheadResult(samples=0, succeeded=0, threshold=0.7, withheld=worse))
-    assert LookaheadJudge().judge(make_bundle(DONE, session=ASKING, folder=tmp_path)) == []
+    assert LookaheadJudge().judge(bundle) == []
 
 
 def test_the_share_of_rollouts_is_compared_with_the_threshold_that_was_asked(tmp_path):

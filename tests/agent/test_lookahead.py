@@ -45,44 +45,44 @@ SIDEWAYS = Alternative(strategy=Strategy(avoid_grasps=("yaw+000",)), samples=10,
 HOPELESS = Alternative(strategy=Strategy(speed=0.25), samples=1, succeeded=0)
 
 
-def test_the_best_way_that_was_rehearsed_is_taken_and_looked_ahead_again(tmp_path):
-    write_json(tmp_path / LOOKAHEAD, make_result(SIDEWAYS, SLOWER))
-
-    advice = revise_refused(make_refused(), tmp_path)
-
-    assert advice is not None
-    assert advice.strategy == Strategy(speed=0.5)
-    assert advice.threshold is None
-    assert "4 of 10 rollouts succeed" in advice.reasons[0]
-    assert "at half speed it is 9 of 10" in advice.reasons[0]
-
-
-def test_where_no_way_is_likely_enough_the_best_is_tried_all_the_same(tmp_path):
-    write_json(tmp_path / LOOKAHEAD, make_result(SIDEWAYS, HOPELESS))
-
-    advice = revise_refused(make_refused(), tmp_path)
-
-    assert advice is not None
-    assert (advice.strategy, advice.threshold) == (Strategy(avoid_grasps=("yaw+000",)), 0.0)
-
-
-def test_where_no_other_way_is_better_the_own_one_is_tried(tmp_path):
-    write_json(tmp_path / LOOKAHEAD, make_result(HOPELESS))
-
-    advice = revise_refused(make_refused(), tmp_path)
-
-    assert advice is not None
-    assert (advice.strategy, advice.threshold) == (DEFAULT_STRATEGY, 0.0)
-    assert "none of 1 alternative is better" in advice.reasons[0]
-
-
-def test_a_child_that_is_refused_too_is_not_refused_again(tmp_path):
-    write_json(tmp_path / LOOKAHEAD, make_result(SLOWER))
-
-    advice = revise_refused(make_refused(attempt=1), tmp_path)
-
-    assert advice is not None
-    assert (advice.strategy, advice.threshold) == (Strategy(speed=0.5), 0.0)
+@pytest.mark.parametrize(
+    ("alternatives", "attempt", "strategy", "threshold", "reason"),
+    [
+        pytest.param(
+            (SIDEWAYS, SLOWER),
+            0,
+            SLOWER.strategy,
+            None,
+            "at half speed it is 9 of 10",
+            id="the best way that was rehearsed is taken and looked ahead again",
+        ),
+        pytest.param(
+            (SIDEWAYS, HOPELESS),
+            0,
+            SIDEWAYS.strategy,
+            0.0,
+            "4 of 10 rollouts succeed",
+            id="where no way is likely enough the best is tried all the same",
+        ),
+        pytest.param(
+            (HOPELESS,),
+            0,
+            DEFAULT_STRATEGY,
+            0.0,
+            "none of 1 alternative is better",
+            id="where no other way is better the own one is tried",
+        ),
+        pytest.param(
+            (SLOWER,), 1, SLOWER.strategy, 0.0, "at half speed", id="a child that is refused too is not refused again"
+        ),
+    ],
+)
+def test_what_was_rehearsed_decides_how_a_refused_session_is_tried(
+    tmp_path, alternatives, attempt, strategy, threshold, reason
+):
+    write_json(tmp_path / LOOKAHEAD, make_result(*alternatives))
+    advice = revise_refused(make_refused(attempt), tmp_path)
+    assert (advice.strategy, advice.threshold, reason in advice.reasons[0]) == (strategy, threshold, True)
 
 
 @pytest.mark.parametrize("text", [None, b"{not json"])

@@ -9,7 +9,7 @@ import pytest
 from phyagentos.agent.mission.mission import SYNC_AFTER_S, WAIT_S
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
-from phyagentos.protocol.sessions.lifecycle import SessionState, Side
+from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
@@ -17,7 +17,7 @@ from phyagentos.protocol.world.environment import Pose
 from phyagentos.store.admission import Entry
 from phyagentos.store.journal import Journal
 
-from .conftest import SKILLS, Play, add_skills, hold, make_world, put, remove, succeed
+from .conftest import SKILLS, Play, add_skills, check_report, get_order, hold, make_world, put, remove, succeed
 
 UNFIT = Problem(code="NOT_OFFERED", address="joint_torque")
 TIDY = """
@@ -57,108 +57,57 @@ def slip(world, session):
 
 def test_a_mission_in_which_all_goes_well_ends_in_success(make_stage, tidy):
     report = make_stage().pursue(tidy)
-    assert (report.verdict, report.exit_code) == ("success", 0)
-    assert report.goal == "tidy-7"
-    assert [session.id for session in report.sessions] == ["tidy-7.red", "tidy-7.green"]
-    assert report.first_attempt_success == {"red": True, "green": True}
+    sessions = [("red", "succeeded"), ("green", "succeeded")]
+    check_report(report, verdict="success", exit_code=0, sessions=sessions)
+    assert (report.goal, report.first_attempt_success) == ("tidy-7", {"red": True, "green": True})
     assert [criterion.truth for criterion in report.criteria] == ["true"] * 3  # and upright(bottle), the constraint
 
 
 def test_a_lost_grasp_is_replanned_into_a_slower_child_and_the_parent_keeps_its_verdict(make_stage, tidy):
     stage = make_stage({"red": slip})
     report = stage.pursue(tidy)
-    assert report.verdict == "success"
-    assert [(s.id, s.state) for s in report.sessions] == [
-        ("tidy-7.red", "replanned"),
-        ("tidy-7.green", "succeeded"),
-        ("tidy-7.red.r1", "succeeded"),
-    ]
+    sessions = [("red", "replanned"), ("green", "succeeded"), ("red.r1", "succeeded")]
+    check_report(report, {"red": "verify_grasp"}, verdict="success", sessions=sessions, replans=1)
     child = stage.runtime.ran[2]
     assert (child.parent, child.attempt, child.strategy) == ("tidy-7.red", 1, Strategy(speed=0.5))
     assert child.seed != stage.runtime.ran[0].seed
     assert report.sessions[0].cause == "GRASP_LOST"
-    assert "verify_grasp" in report.sessions[0].reason
     assert report.first_attempt_success == {"red": False, "green": True}
-    assert report.replans == 1
 
 
-def test_a_spent_budget_ends_in_failure_and_the_other_nodes_are_done(make_stage, tidy):
-    report = make_stage({"red": slip, "red.r1": slip, "red.r2": slip}).pursue(tidy)
-    assert (report.verdict, report.exit_code) == ("failure", 1)
-    assert report.nodes == {"red": "blocked", "green": "done"}
-    assert "The budget of 2 replans is spent" in report.sessions[-1].reason
+def lose(world, session):
+    return Play(world=remove(world, "red_cube"), ended=Ended.SKILL_FAILED, code="GRASP_MISSED", leaf="pick/verify")
 
 
-def test_a_removed_object_fails_without_another_attempt(make_stage, tidy):
-    def lose(world, session):
-        return Play(world=remove(world, "red_cube"), ended=Ended.SKILL_FAILED, code="GRASP_MISSED", leaf="pick/verify")
-
-    report = make_stage({"red": lose}).pursue(tidy)
-    assert (report.verdict, report.exit_code) == ("failure", 1)
-    assert (report.sessions[0].cause, report.sessions[0].state) == ("OBJECT_GONE", "failed")
-    assert len(report.sessions) == 2
+def fail_but_achieve(world, session):
+    play = succeed(world, session)
+    return Play(world=play.world, ended=Ended.STALLED, code="STALLED", leaf="pick_and_place/retreat")
 
 
-def test_a_skill_that_reports_success_and_moves_nothing_fails(make_stage, tidy):
-    report = make_stage({"red": lambda world, session: Play(world=world, ticks=0)}).pursue(tidy)
-    assert report.verdict == "failure"
-    assert report.sessions[0].ended == "completed"
-    assert (report.sessions[0].state, report.sessions[0].cause) == ("failed", "NOTHING_CHANGED")
+def take_green(world, session):
+    play = succeed(world, session)
+    return replace(play, world=remove(play.world, "green_cube"))
 
 
-def test_a_failed_execution_that_met_the_objective_succeeds(make_stage, tidy):
-    def fail_but_achieve(world, session):
-        play = succeed(world, session)
-        return Play(world=play.world, ended=Ended.STALLED, code="STALLED", leaf="pick_and_place/retreat")
-
-    report = make_stage({"red": fail_but_achieve}).pursue(tidy)
-    assert report.verdict == "success"
-    assert (report.sessions[0].ended, report.sessions[0].verdict) == ("stalled", "success")
-    assert "although the execution ended stalled" in report.sessions[0].reason
+def undo_red(world, session):
+    play = succeed(world, session)
+    return replace(play, world=put(play.world, "red_cube", (0.4, 0.3, 0.02)))
 
 
-def test_a_refused_first_session_blocks_its_node_and_the_exit_code_says_so(make_stage, tidy):
-    report = make_stage(refuse={"red": UNFIT}).pursue(tidy)
-    assert (report.verdict, report.exit_code) == ("failure", 3)
-    assert "NOT_OFFERED" in report.reason
-    assert report.nodes == {"red": "blocked", "green": "done"}
+def knock_over(world, session):
+    fallen = msgspec.structs.replace(world.entities["bottle"], pose=Pose((0.8, 0, 0.03), (0.7071068, 0.7071068, 0, 0)))
+    play = succeed(world, session)
+    return Play(world=msgspec.structs.replace(play.world, entities={**play.world.entities, "bottle": fallen}))
 
 
-@pytest.mark.parametrize("accept", ['["inside(red_cube, red_tray)"]', "[]"])
-def test_a_goal_with_a_blocked_node_is_not_met_though_nothing_speaks_against_its_acceptance(
-    make_stage, write_graph, accept
-):
-    graph = write_graph(TIDY.partition("    accept:")[0] + f"    accept: {accept}\n")
-    done_already = put(make_world(), "red_cube", (0.55, 0.3, 0.03))
-
-    report = make_stage(world=done_already, refuse={"red": UNFIT}).pursue(graph)
-
-    assert (report.verdict, report.nodes) == ("failure", {"red": "blocked", "green": "done"})
+def drop(world, session):
+    lost = hold(put(world, "red_cube", (0.5, 0.1, 0.02)))
+    return Play(world=lost, ended=Ended.SKILL_FAILED, code="GRASP_LOST", leaf="place/verify_grasp")
 
 
-def test_a_thing_that_vanished_before_its_own_session_is_an_objective_not_met(make_stage, tidy):
-    def take_green(world, session):
-        play = succeed(world, session)
-        return Play(world=remove(play.world, "green_cube"), outputs=play.outputs)
-
-    report = make_stage({"red": take_green}).pursue(tidy)
-    assert [session.state for session in report.sessions] == ["succeeded", "rejected"]
-    assert "PRECONDITION_UNMET: found visible(green_cube)" in report.reason
-    assert (report.verdict, report.exit_code) == ("failure", 1)
-
-
-def test_a_violated_constraint_that_cannot_be_undone_fails(make_stage, tidy):
-    def knock_over(world, session):
-        fallen = msgspec.structs.replace(
-            world.entities["bottle"], pose=Pose((0.8, 0, 0.03), (0.7071068, 0.7071068, 0, 0))
-        )
-        play = succeed(world, session)
-        return Play(world=msgspec.structs.replace(play.world, entities={**play.world.entities, "bottle": fallen}))
-
-    report = make_stage({"red": knock_over}).pursue(tidy)
-    assert report.sessions[0].cause == "CONSTRAINT_VIOLATED"
-    assert report.sessions[0].state == SessionState.FAILED
-    assert "upright(bottle) was false at 1.00 s" in report.sessions[0].reason
+def forget(world, session):
+    """Succeeds without the output that another node needs."""
+    return Play(world=succeed(world, session).world)
 
 
 CHAIN = """
@@ -179,18 +128,149 @@ CHAIN = """
         with: {object: "${cube}", destination: green_tray}
     accept: ["count(inside(*, green_tray)) >= 2"]
     """
+TWO_STEPS = """
+    goal: two_steps
+    objective: Pick, then place.
+    scene: table
+    sessions:
+      pick:
+        skill: pick
+        with: {object: red_cube}
+      place:
+        after: [pick]
+        skill: place
+        with: {object: red_cube, destination: red_tray}
+    accept: ["inside(red_cube, red_tray)"]
+    """
+OTHER_END = TIDY.replace('"inside(green_cube, green_tray)"]', '"inside(blue_cube, blue_tray)"]')
+ALL_BLOCKED = dict.fromkeys(("red", "beside", "each-green_cube", "each-yellow_cube"), "blocked")
+SUCCESS, FAILURE = {"verdict": "success", "exit_code": 0}, {"verdict": "failure", "exit_code": 1}
+
+
+@pytest.mark.parametrize(
+    ("graph", "stage", "expected"),
+    [
+        pytest.param(
+            TIDY,
+            {"script": {"red": slip, "red.r1": slip, "red.r2": slip}},
+            FAILURE
+            | {"nodes": {"red": "blocked", "green": "done"}, "reasons": {"red.r2": "The budget of 2 replans is spent"}},
+            id="a spent budget ends in failure and the other nodes are done",
+        ),
+        pytest.param(
+            TIDY,
+            {"script": {"red": lose}},
+            FAILURE | {"causes": {"red": "OBJECT_GONE"}, "sessions": [("red", "failed"), ("green", "succeeded")]},
+            id="a removed object fails without another attempt",
+        ),
+        pytest.param(
+            TIDY,
+            {"script": {"red": lambda world, session: Play(world=world, ticks=0)}},
+            FAILURE
+            | {
+                "ended": {"red": "completed", "green": "completed"},
+                "causes": {"red": "NOTHING_CHANGED"},
+                "sessions": [("red", "failed"), ("green", "succeeded")],
+            },
+            id="a skill that reports success and moves nothing fails",
+        ),
+        pytest.param(
+            TIDY,
+            {"script": {"red": fail_but_achieve}},
+            SUCCESS
+            | {
+                "ended": {"red": "stalled", "green": "completed"},
+                "sessions": [("red", "succeeded"), ("green", "succeeded")],
+                "reasons": {"red": "although the execution ended stalled"},
+            },
+            id="a failed execution that met the objective succeeds",
+        ),
+        pytest.param(
+            TIDY,
+            {"refuse": {"red": UNFIT}},
+            FAILURE | {"exit_code": 3, "nodes": {"red": "blocked", "green": "done"}, "reasons": {"": "NOT_OFFERED"}},
+            id="a refused first session blocks its node and the exit code says so",
+        ),
+        pytest.param(
+            TIDY,
+            {"script": {"red": take_green}},
+            FAILURE
+            | {
+                "sessions": [("red", "succeeded"), ("green", "rejected")],
+                "reasons": {"": "PRECONDITION_UNMET: found visible(green_cube)"},
+            },
+            id="a thing that vanished before its own session is an objective not met",
+        ),
+        pytest.param(
+            TIDY,
+            {"script": {"red": knock_over}},
+            FAILURE
+            | {
+                "sessions": [("red", "failed"), ("green", "failed")],
+                "causes": dict.fromkeys(("red", "green"), "CONSTRAINT_VIOLATED"),
+                "reasons": {"red": "upright(bottle) was false at 1.00 s"},
+            },
+            id="a violated constraint that cannot be undone fails",
+        ),
+        pytest.param(
+            OTHER_END,
+            {},
+            FAILURE
+            | {"nodes": {"red": "done", "green": "done"}, "reasons": {"": "inside(blue_cube, blue_tray) is false"}},
+            id="its own acceptance is not met although every node is done",
+        ),
+        pytest.param(
+            CHAIN,
+            {"refuse": {"red": Problem(code="NO", address="red")}},
+            {"nodes": ALL_BLOCKED, "sessions": [("red", "rejected")]},
+            id="nodes behind a blocked one are blocked",
+        ),
+        pytest.param(
+            CHAIN,
+            {"script": {"red": forget}},
+            {"verdict": "failure", "nodes": ALL_BLOCKED | {"red": "done"}, "reasons": {"": "red.outputs.place_site"}},
+            id="a node whose output is missing is blocked with the reason",
+        ),
+        pytest.param(
+            TWO_STEPS,
+            {"script": {"place": drop}},
+            SUCCESS
+            | {
+                "sessions": [
+                    ("pick", "succeeded"),
+                    ("place", "replanned"),
+                    ("pick.r1", "succeeded"),
+                    ("place.r1", "succeeded"),
+                ]
+            },
+            id="a lost object sends the node that held it to work again",
+        ),
+    ],
+)
+def test_a_goal_ends_by_what_was_observed_of_it_and_says_why(make_stage, write_graph, graph, stage, expected):
+    check_report(make_stage(**stage).pursue(write_graph(graph)), **expected)
+
+
+@pytest.mark.parametrize("accept", ['["inside(red_cube, red_tray)"]', "[]"])
+def test_a_goal_with_a_blocked_node_is_not_met_though_nothing_speaks_against_its_acceptance(
+    make_stage, write_graph, accept
+):
+    graph = write_graph(TIDY.partition("    accept:")[0] + f"    accept: {accept}\n")
+    done_already = put(make_world(), "red_cube", (0.55, 0.3, 0.03))
+
+    report = make_stage(world=done_already, refuse={"red": UNFIT}).pursue(graph)
+
+    assert (report.verdict, report.nodes) == ("failure", {"red": "blocked", "green": "done"})
 
 
 def test_outputs_flow_along_data_edges_and_fan_out_waits(make_stage, write_graph):
     stage = make_stage()
-    report = stage.pursue(write_graph(CHAIN))
-    assert report.verdict == "success"
-    assert [s.node for s in report.sessions] == ["red", "beside", "each-green_cube", "each-yellow_cube"]
-    place_site = stage.runtime.ran[1].parameters["near"]
-    assert place_site == [pytest.approx(0.55), pytest.approx(0.3), pytest.approx(0.03)]
+    assert stage.pursue(write_graph(CHAIN)).verdict == "success"
+    assert get_order(stage) == ["red", "beside", "each-green_cube", "each-yellow_cube"]
+    assert stage.runtime.ran[1].parameters["near"] == pytest.approx([0.55, 0.3, 0.03])
 
 
-@pytest.mark.parametrize(("code", "tried"), [("TOO_WIDE", ["green", "r1"]), ("NO_SPACE", ["green"])])
+@pytest.mark.parametrize(("code", "tried"), [("NOT_GRASPABLE", ["green", "r1"]), ("NO_SPACE", ["green"])])
 def test_a_destination_without_room_is_no_reason_to_try_other_means(make_stage, library, tidy, code, tried):
     """A skill that promised the same was tried there, and moved things for nothing."""
     add_skills(library, {"slide": SKILLS["pick_and_place"].replace("tree: pick_and_place", "tree: slide")})
@@ -199,70 +279,11 @@ def test_a_destination_without_room_is_no_reason_to_try_other_means(make_stage, 
     assert [each.id.rpartition(".")[2] for each in report.sessions if "green" in each.id] == tried
 
 
-def test_nodes_behind_a_blocked_one_are_blocked_and_say_by_whom(make_stage, write_graph):
-    report = make_stage(refuse={"red": Problem(code="NO", address="red")}).pursue(write_graph(CHAIN))
-    assert set(report.nodes.values()) == {"blocked"}
-    assert len(report.sessions) == 1
-
-
-def test_a_node_whose_output_is_missing_is_blocked_with_the_reason(make_stage, write_graph):
-    def forget(world, session):
-        return Play(world=succeed(world, session).world)
-
-    stage = make_stage({"red": forget})
-    report = stage.pursue(write_graph(CHAIN))
-    assert report.verdict == "failure"
-    assert report.nodes["beside"] == "blocked"
-    assert "red.outputs.place_site" in report.reason
-
-
 def test_a_finished_node_that_the_world_undid_is_done_again_before_the_verdict(make_stage, tidy):
-    def undo_red(world, session):
-        play = succeed(world, session)
-        return Play(world=put(play.world, "red_cube", (0.4, 0.3, 0.02)), outputs=play.outputs)
-
     stage = make_stage({"green": undo_red})
-    report = stage.pursue(tidy)
-    assert report.verdict == "success"
-    assert [(s.id, s.state) for s in report.sessions] == [
-        ("tidy-7.red", "succeeded"),
-        ("tidy-7.green", "succeeded"),
-        ("tidy-7.red.r1", "succeeded"),
-    ]
+    sessions = [(id, "succeeded") for id in ("red", "green", "red.r1")]
+    check_report(stage.pursue(tidy), verdict="success", sessions=sessions, replans=1)
     assert stage.runtime.ran[2].parent == "tidy-7.red"
-    assert report.replans == 1
-
-
-def test_a_lost_object_sends_the_node_that_held_it_to_work_again(make_stage, write_graph):
-    graph = write_graph(
-        """
-        goal: two_steps
-        objective: Pick, then place.
-        scene: table
-        sessions:
-          pick:
-            skill: pick
-            with: {object: red_cube}
-          place:
-            after: [pick]
-            skill: place
-            with: {object: red_cube, destination: red_tray}
-        accept: ["inside(red_cube, red_tray)"]
-        """
-    )
-
-    def drop(world, session):
-        lost = hold(put(world, "red_cube", (0.5, 0.1, 0.02)))
-        return Play(world=lost, ended=Ended.SKILL_FAILED, code="GRASP_LOST", leaf="place/verify_grasp")
-
-    report = make_stage({"place": drop}).pursue(graph)
-    assert report.verdict == "success"
-    assert [(s.id.split(".", 1)[1], s.state) for s in report.sessions] == [
-        ("pick", "succeeded"),
-        ("place", "replanned"),
-        ("pick.r1", "succeeded"),
-        ("place.r1", "succeeded"),
-    ]
 
 
 def test_a_second_goal_with_the_same_seed_gets_an_id_of_its_own(make_stage, tidy):
@@ -292,8 +313,7 @@ def test_an_agent_that_died_continues_from_the_records_without_submitting_again(
     with pytest.raises(Death):
         stage.make_mission(observers=[DiesAfter()]).run(tidy, seed=7)
     report = stage.pursue(tidy)
-    assert report.goal == "tidy-7"
-    assert report.verdict == "success"
+    assert (report.goal, report.verdict) == ("tidy-7", "success")
     assert [s.id for s in report.sessions] == ["tidy-7.red", "tidy-7.green", "tidy-7.red.r1"]
 
 
@@ -334,14 +354,6 @@ def test_a_dead_runtime_ends_the_mission_and_a_later_one_continues(make_stage, t
     stage.runtime.paused = False
     stage.runtime.on_change(None, None)
     assert stage.pursue(tidy).verdict == Verdict.SUCCESS
-
-
-def test_the_goal_fails_when_its_own_acceptance_is_not_met_although_every_node_is_done(make_stage, write_graph):
-    graph = write_graph(TIDY.replace('"inside(green_cube, green_tray)"]', '"inside(blue_cube, blue_tray)"]'))
-    report = make_stage().pursue(graph)
-    assert report.nodes == {"red": "done", "green": "done"}
-    assert (report.verdict, report.exit_code) == ("failure", 1)
-    assert "inside(blue_cube, blue_tray) is false" in report.reason
 
 
 def test_verdicts_are_covered_by_what_the_runtime_waits_for_and_the_end_is_waited_for_here(

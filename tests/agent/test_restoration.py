@@ -12,7 +12,7 @@ from phyagentos.protocol.sessions.session import Ended, Session
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.testing import make_contract
 
-from .conftest import Play, add_skills, hold, make_unmet, make_world, put, succeed
+from .conftest import Play, add_skills, check_report, get_order, hold, make_unmet, make_world, put, succeed
 
 HEAD = """
     goal: again
@@ -76,14 +76,6 @@ def slip_and_take_out(name):
         return Play(world=lost, ended=Ended.SKILL_FAILED, code="GRASP_LOST", leaf="pick_and_place/verify_grasp")
 
     return play
-
-
-def tell(report) -> list[tuple[str, str]]:
-    return [(session.id.split(".", 1)[1], session.state) for session in report.sessions]
-
-
-def get_order(stage) -> list[str]:
-    return [session.id.split(".", 1)[1] for session in stage.runtime.ran]
 
 
 def make_session(skill: str, *accept: str, **parameters: str) -> Session:
@@ -158,26 +150,26 @@ def test_what_was_taken_away_and_may_not_be_restored_is_a_goal_not_met(make_stag
 CARRY = "      {0}: {{skill: pick_and_place, with: {{object: red_cube, destination: {0}}}, after: {1}}}\n"
 
 
-def test_two_nodes_that_contradict_each_other_are_a_goal_not_met(make_stage, write_graph):
-    graph = write_graph(HEAD + CARRY.format("red_tray", "[]") + CARRY.format("green_tray", "[]"))
-    report = make_stage().pursue(graph)
-    assert report.verdict == "failure"
-    assert "no longer holds" in report.reason
-
-
-def test_a_thing_that_a_later_node_carries_on_is_where_it_was_wanted(make_stage, write_graph):
-    graph = write_graph(HEAD + CARRY.format("red_tray", "[]") + CARRY.format("green_tray", "[red_tray]"))
-    report = make_stage().pursue(graph)
-    assert (report.verdict, report.replans) == ("success", 0)
+@pytest.mark.parametrize(
+    ("after", "expected"),
+    [
+        pytest.param("[]", {"verdict": "failure", "reasons": {"": "no longer holds"}}, id="two nodes contradict"),
+        pytest.param("[red_tray]", {"verdict": "success", "replans": 0}, id="a later node carries it on"),
+    ],
+)
+def test_a_thing_in_another_place_is_undone_unless_a_later_node_carried_it_there(
+    make_stage, write_graph, after, expected
+):
+    graph = write_graph(HEAD + CARRY.format("red_tray", "[]") + CARRY.format("green_tray", after))
+    check_report(make_stage().pursue(graph), **expected)
 
 
 def test_a_child_waits_for_what_is_restored_however_far_back_and_whatever_its_priority(make_stage, row):
     stage = make_stage({"red": slip_and_take_out("green_cube")})
-    report = stage.pursue(row)
-    assert report.verdict == "success"
-    assert get_order(stage) == ["green", "blue", "red", "green.r1", "red.r1"]
-    assert "rejected" not in dict(tell(report)).values()
-    assert report.replans == 2  # one child each
+    ran = ["green", "blue", "red", "green.r1", "red.r1"]
+    states = ["succeeded", "succeeded", "replanned", "succeeded", "succeeded"]
+    check_report(stage.pursue(row), verdict="success", sessions=list(zip(ran, states, strict=True)), replans=2)
+    assert get_order(stage) == ran
 
 
 def test_what_the_skill_requires_and_an_earlier_node_had_achieved_is_restored_for_its_child(make_stage, write_graph):
@@ -198,35 +190,6 @@ def test_a_full_restart_that_this_process_has_loaded_leaves_other_repairs_as_the
     assert get_order(stage) == ["green", "blue", "red", "green.r1", "red.r1"]
 
 
-def test_a_child_keeps_what_the_node_itself_requires_and_is_refused_when_nobody_can_restore_it(make_stage, write_graph):
-    stage = make_stage({"red": slip_and_take_out("green_cube")})
-    report = stage.pursue(write_graph(HEAD + ROW.replace("REPLANS", "0")))
-    assert report.verdict == "failure"
-    assert tell(report)[-1] == ("red.r1", "rejected")
-    assert get_order(stage) == ["green", "blue", "red"]
-
-
-def test_what_a_node_requires_and_one_before_it_had_achieved_is_restored_before_its_first_session(make_stage, row):
-    stage = make_stage({"blue": take_out("green_cube")})
-    report = stage.pursue(row)
-    assert report.verdict == "success"
-    assert tell(report) == [
-        ("green", "succeeded"),
-        ("blue", "succeeded"),
-        ("red", "rejected"),
-        ("green.r1", "succeeded"),
-        ("red.r1", "succeeded"),
-    ]
-    assert report.replans == 2
-
-
-def test_a_refusal_that_no_restoration_mends_ends_the_node(make_stage, row):
-    refuse = {"red": make_unmet("inside(green_cube, green_tray)")}
-    report = make_stage({"blue": take_out("green_cube")}, refuse=refuse).pursue(row)
-    assert report.verdict == "failure"
-    assert [id for id, _ in tell(report)] == ["green", "blue", "red", "green.r1", "red.r1"]
-
-
 def test_what_is_undone_again_and_again_is_restored_no_more_often_than_its_node_may_have_children(make_stage, row):
     class Thief:
         def on_change(self, goal, ledger):
@@ -237,14 +200,48 @@ def test_what_is_undone_again_and_again_is_restored_no_more_often_than_its_node_
     stage = make_stage({"blue": take_out("green_cube")})
     report = stage.make_mission(observers=[Thief()]).run(row, seed=7)
     assert report.verdict == "failure"
-    assert len([id for id, _ in tell(report) if id.startswith("green")]) <= 3
+    assert len([each for each in report.sessions if each.node == "green"]) <= 3
+
+
+ONCE, TWICE = (HEAD + ROW.replace("REPLANS", count) for count in ("0", "2"))
+LOSE = slip_and_take_out("green_cube")
+DONE = [("green", "succeeded"), ("blue", "succeeded")]
+RESTORED = [*DONE, ("red", "rejected"), ("green.r1", "succeeded")]
+
+
+@pytest.mark.parametrize(
+    ("graph", "stage", "expected"),
+    [
+        pytest.param(
+            ONCE,
+            {"script": {"red": LOSE}},
+            {"verdict": "failure", "sessions": [*DONE, ("red", "replanned"), ("red.r1", "rejected")]},
+            id="a child keeps what the node itself requires and is refused when nobody can restore it",
+        ),
+        pytest.param(
+            TWICE,
+            {"script": {"blue": take_out("green_cube")}},
+            {"verdict": "success", "sessions": [*RESTORED, ("red.r1", "succeeded")], "replans": 2},
+            id="what a node requires and one before it had achieved is restored before its first session",
+        ),
+        pytest.param(
+            TWICE,
+            {
+                "script": {"blue": take_out("green_cube")},
+                "refuse": {"red": make_unmet("inside(green_cube, green_tray)")},
+            },
+            {"verdict": "failure", "sessions": [*RESTORED, ("red.r1", "rejected")]},
+            id="a refusal that no restoration mends ends the node",
+        ),
+    ],
+)
+def test_what_a_node_requires_is_restored_where_that_is_possible(make_stage, write_graph, graph, stage, expected):
+    check_report(make_stage(**stage).pursue(write_graph(graph)), **expected)
 
 
 def test_what_waits_for_a_restoration_that_fails_is_blocked_and_says_by_whom(make_stage, row):
-    lose = slip_and_take_out("green_cube")
-    stage = make_stage({"red": lose, "green.r1": lose, "green.r2": lose})
-    report = stage.pursue(row)
-    assert report.verdict == "failure"
-    assert report.nodes == {"green": "blocked", "blue": "done", "red": "blocked"}
+    stage = make_stage({"red": LOSE, "green.r1": LOSE, "green.r2": LOSE})
+    nodes = {"green": "blocked", "blue": "done", "red": "blocked"}
+    check_report(stage.pursue(row), verdict="failure", nodes=nodes)
     reason = stage.make_mission().ledger.goals["again-7"].nodes["red"].reason
     assert reason == "it waits for green, which is blocked"

@@ -8,8 +8,7 @@ from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.tasks import iter_edges
 from tests.goal_graphs import assert_same_graph
 
-from .conftest import Play, put, succeed
-from .test_mission import CHAIN, TIDY, slip
+from .test_mission import CHAIN, TIDY, slip, undo_red
 from .test_restoration import HEAD, ROW, slip_and_take_out
 
 
@@ -45,10 +44,6 @@ def test_it_follows_sessions_replans_and_ends(make_stage, write_graph, compare):
 
 
 def test_it_follows_a_node_that_the_world_undid(make_stage, write_graph, compare):
-    def undo_red(world, session):
-        play = succeed(world, session)
-        return Play(world=put(play.world, "red_cube", (0.4, 0.3, 0.02)), outputs=play.outputs)
-
     report = make_stage({"green": undo_red}).pursue(write_graph(TIDY))
     assert report.verdict == "success"
     assert "invalidated" in compare

@@ -133,7 +133,7 @@ def test_what_is_not_here_is_missing_and_says_why(read, monkeypatch, tmp_path):
     assert "tidy.own.here.0" not in codes
     assert codes["tidy.own.there.0"] == ["EXTRA_MISSING"]
     assert codes["tidy.own.module.0"] == ["EXTRA_MISSING"]
-    assert codes["tidy.served.here.0"] == codes["tidy.begun.here.0"] == ["POLICY_MISSING"]
+    assert codes["tidy.served.here.0"] == codes["tidy.begun.here.0"] == ["POLICY_UNREACHABLE"]
     assert "paos bench setup other" in str(plan.missing["tidy.own.there.0"][0])
 
 
@@ -177,7 +177,7 @@ def test_the_log_keeps_a_record_once_and_drops_a_half_line(tmp_path):
 
     assert [record.id for record in read_records(tmp_path)] == ["a.1", "a.3"]
     (tmp_path / "episodes.jsonl").write_bytes(b"{}\n")
-    with pytest.raises(DefinitionError, match=r"episodes\.jsonl:1: RUN_DIFFERS"):
+    with pytest.raises(DefinitionError, match=r"episodes\.jsonl:1: CHANGED"):
         read_records(tmp_path)
 
 
@@ -187,7 +187,7 @@ def test_a_line_that_stands_twice_counts_once_and_two_records_of_an_episode_are_
     assert [record.id for record in read_records(tmp_path)] == ["a.1", "a.2"]
     with (tmp_path / "episodes.jsonl").open("ab") as file:
         file.write(msgspec.json.encode(make_record("a.2", verdict="failure")) + b"\n")
-    with pytest.raises(DefinitionError, match=r"episodes\.jsonl:4: RUN_DIFFERS"):
+    with pytest.raises(DefinitionError, match=r"episodes\.jsonl:4: CHANGED"):
         read_records(tmp_path)
 
 
@@ -196,7 +196,7 @@ def test_a_gap_in_the_second_run_is_a_regression():
 
     assert compare(*runs).is_regression()
     assert not compare(runs[1], runs[0]).is_regression()
-    with pytest.raises(DefinitionError, match="RUN_DIFFERS"):
+    with pytest.raises(DefinitionError, match="INVALID_VALUE"):
         compare(runs[0], [make_record("b.9", seed=9)])
 
 

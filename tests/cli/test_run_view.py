@@ -16,7 +16,6 @@ from rich.console import Console
 
 from phyagentos import errors
 from phyagentos.assembly.paths import choose_folder
-from phyagentos.cli import console as console_module
 from phyagentos.cli import mission_run
 from phyagentos.cli.console import RunConsole, build_progress_table
 from phyagentos.cli.final_table import print_report
@@ -45,24 +44,38 @@ from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.environment import Entity, Pose, Relation, Snapshot
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.edits.edit_intake import EditIntake
-from phyagentos.store.ledger import Ledger
 from phyagentos.store.renderer import Views
 from phyagentos.store.views.tasks import render_tasks
 
 GOAL = "tidy-7"
 
 
-def test_rows_follow_the_graph_and_children_follow_their_parents(replanned):
+@pytest.fixture
+def screen(capsys):
+    """Reads what was printed beside a result since it was read last."""
+    return lambda: capsys.readouterr().err
+
+
+def narrate(run, times=1, **options):
+    with RunConsole("tidy", **options) as console:
+        for _ in range(times):
+            console.show(run.fold)
+
+
+def print_end(run, width):
+    text = io.StringIO()
+    print_report(build_report(run.fold, 2.0), run.fold.rows(), Console(file=text, width=width))
+    return text.getvalue()
+
+
+def test_rows_follow_the_graph_children_follow_their_parents_and_wall_time_begins_with_the_claim(replanned):
     rows = replanned.fold.rows()
     assert [(row.name, row.state, row.depth) for row in rows] == [
         ("red", "replanned", 0),
         ("red.r1", "succeeded", 0),
         ("blue", "waiting", 1),
     ]
-
-
-def test_wall_time_of_a_session_begins_with_its_claim(replanned):
-    assert replanned.fold.rows()[0].wall_s == pytest.approx(6.0)  # claim, then six records a second apart
+    assert rows[0].wall_s == pytest.approx(6.0)  # claim, then six records a second apart
 
 
 def test_the_active_leaf_and_its_time_are_shown(run):
@@ -103,19 +116,16 @@ def test_the_world_is_a_line_that_begins_with_what_distinguishes_an_object(repla
     assert line == "world at 1.2 s: a held by arm, b inside tray, c on table, d on table"
 
 
-def test_without_a_terminal_every_change_is_one_line_said_once(replanned, monkeypatch):
-    stream = io.StringIO()
-    monkeypatch.setattr(console_module.sys, "stderr", stream)
-    with RunConsole("tidy") as console:
-        console.show(replanned.fold)
-        console.show(replanned.fold)
-    lines = stream.getvalue().splitlines()
-    assert lines[0] == "red: replanned  GRASP_LOST"
-    assert lines[1] == "    ✗ inside(red_cube, red_tray)  distance_m 0.31"
+def test_without_a_terminal_every_change_is_one_line_said_once_and_quiet_says_nothing(replanned, screen):
+    narrate(replanned, quiet=True)
+    assert screen() == ""
+    narrate(replanned, times=2)
+    lines = screen().splitlines()
+    assert lines[:2] == ["red: replanned  GRASP_LOST", "    ✗ inside(red_cube, red_tray)  distance_m 0.31"]
     assert len([line for line in lines if line.startswith("red.r1: succeeded")]) == 1
 
 
-def test_no_word_of_a_goal_or_a_session_commands_the_terminal_or_stands_in_a_document(run, paos, monkeypatch):
+def test_no_word_of_a_goal_or_a_session_commands_the_terminal_or_stands_in_a_document(run, paos, screen):
     evil = "\x1b]0;owned\x07\x1b[2J\x9b31m"
     run.write(Side.AGENT, f"goal:{GOAL}", "goal_submitted", graph="tidy", seed=7, objective=evil)
     nodes = {"red": {"objective": evil, "skill": "s", "target": "arm", "after": [], "reasons": [evil]}}
@@ -123,26 +133,14 @@ def test_no_word_of_a_goal_or_a_session_commands_the_terminal_or_stands_in_a_doc
     id = run.submit("red")
     run.write(Side.OPERATOR, id, "cancel", reason=evil)
     run.end("failure")
-    stream = io.StringIO()
-    with monkeypatch.context() as shown:
-        shown.setattr(console_module.sys, "stderr", stream)
-        with RunConsole("tidy") as console:
-            console.show(run.fold)
-    texts = [stream.getvalue(), paos("why", id, "-w", run.workspace.root).out, render_tasks(run.fold.ledger)]
+    narrate(run)
+    texts = [screen(), paos("why", id, "-w", run.workspace.root).out, render_tasks(run.fold.ledger)]
     views = Views(run.workspace, run.pens[Side.RUNTIME].folder, run.clock, EditIntake(run.workspace, run.clock))
     views.refresh()
     views.close()
     texts += [path.read_text() for path in run.workspace.root.glob("*.md")]
     assert "31m" in texts[0]  # the words are kept
     assert [text for text in texts if re.search("[\x00-\x08\x0b-\x1f\x7f-\x84\x86-\x9f]", text)] == []
-
-
-def test_quiet_says_nothing(replanned, monkeypatch):
-    stream = io.StringIO()
-    monkeypatch.setattr(console_module.sys, "stderr", stream)
-    with RunConsole("tidy", quiet=True) as console:
-        console.show(replanned.fold)
-    assert stream.getvalue() == ""
 
 
 def test_the_report_is_one_json_value_with_every_judgement(replanned):
@@ -170,59 +168,44 @@ def test_the_final_table_names_nodes_verdicts_times_and_pictures(replanned):
     picture.parent.mkdir()
     picture.write_bytes(b"")
     replanned.end("failure")
-    report = build_report(replanned.fold, 2.0)
-    text = io.StringIO()
-    print_report(report, replanned.fold.rows(), Console(file=text, width=160))
-    assert "goal tidy-7: not met  because" in text.getvalue()
-    assert "6.5 s" in text.getvalue()
-    assert "the criterion holds" in text.getvalue()
-    assert text.getvalue().count(str(picture)) == 1
-    assert text.getvalue().endswith(
-        f"next: paos why -w {replanned.workspace.root} (what decided), paos view -w "
-        f"{replanned.workspace.root} (the run, on a page)\n"
-    )
+    text, root = print_end(replanned, 160), replanned.workspace.root
+    for said in ("goal tidy-7: not met  because", "6.5 s", "the criterion holds"):
+        assert said in text
+    assert text.count(str(picture)) == 1
+    assert text.endswith(f"next: paos why -w {root} (what decided), paos view -w {root} (the run, on a page)\n")
 
 
-def test_a_success_whose_execution_was_lost_is_never_shown_as_plain_success(run, monkeypatch):
-    stream, text = io.StringIO(), io.StringIO()
-    monkeypatch.setattr(console_module.sys, "stderr", stream)
+def test_a_success_whose_execution_was_lost_is_never_shown_as_plain_success(run, screen):
     run.begin()
     id = run.submit("red")
     run.execute(id, Ended.RUNNER_LOST)
     run.judge(id, Verdict.SUCCESS, Truth.TRUE)
     run.end("success")
-    with RunConsole("tidy") as console:
-        console.show(run.fold)
-    report = build_report(run.fold, 2.0)
-    print_report(report, run.fold.rows(), Console(file=text, width=200))
-    for shown in (stream.getvalue(), text.getvalue()):
+    narrate(run)
+    text = print_end(run, 200)
+    for shown in (screen(), text):
         assert "but the execution failed: runner_lost GRASP_LOST" in shown
-    assert "succeeded (execution failed)" in text.getvalue()
-    assert "the criterion holds, but" in text.getvalue()
+    assert "succeeded (execution failed)" in text
+    assert "the criterion holds, but" in text
 
 
 @pytest.mark.parametrize(
-    ("verdict", "code"), [("success", ExitCode.GOAL_MET), ("failure", ExitCode.GOAL_NOT_MET)], ids=["met", "not met"]
+    ("verdict", "is_rejected", "code"),
+    [
+        ("success", False, ExitCode.GOAL_MET),
+        ("failure", False, ExitCode.GOAL_NOT_MET),
+        ("failure", True, ExitCode.REJECTED),
+        (None, False, ExitCode.INTERNAL_ERROR),
+    ],
+    ids=["met", "not met", "rejected by preflight", "without a verdict"],
 )
-def test_the_verdict_decides_the_exit_code(run, verdict, code):
+def test_the_verdict_decides_the_exit_code(run, verdict, is_rejected, code):
     run.begin()
-    run.end(verdict)
+    if is_rejected:
+        reject(run, "NO_FREE_SITE")
+    if verdict is not None:
+        run.end(verdict)
     assert build_report(run.fold, 2.0).exit_code == code
-
-
-def test_a_run_without_a_verdict_is_an_internal_error(run):
-    run.begin()
-    assert build_report(run.fold, 2.0).exit_code == ExitCode.INTERNAL_ERROR
-
-
-def test_a_goal_that_preflight_rejected_has_its_own_code(run):
-    run.begin()
-    id = run.submit("red")
-    run.write(Side.RUNTIME, id, "claim")
-    run.write(Side.RUNTIME, id, "check", 1)
-    run.write(Side.RUNTIME, id, "reject", 1, reason="UNKNOWN_NAME (skill)")
-    run.end("failure")
-    assert build_report(run.fold, 2.0).exit_code == ExitCode.REJECTED
 
 
 def test_a_run_follows_its_own_goal_whatever_is_submitted_beside_it(run):
@@ -239,17 +222,16 @@ def test_the_first_interrupt_cancels_the_goal_and_leaves_its_sessions_to_the_age
     run.begin()
     run.submit("red")
     ask_for_end(run.fold, run.pens[Side.OPERATOR])
-    ledger = Ledger()
-    for record in run.pens[Side.AGENT].read_new():
-        ledger.apply(record)
-    assert ledger.goals[GOAL].is_cancelled
+    assert read_ledger(run.workspace.root).goals[GOAL].is_cancelled
     assert take_signals(run.workspace.signals) == []
 
 
-def test_an_interrupt_before_there_is_a_goal_ends_nothing_of_others(run):
-    ask_for_end(RunFold(run.workspace, "tidy-8", run.fold.ledger), run.pens[Side.OPERATOR])
-    assert take_signals(run.workspace.signals) == []
-    assert run.pens[Side.OPERATOR].read_new() == []
+@pytest.mark.parametrize("goal", ["tidy-8", GOAL], ids=["before there is a goal", "after the verdict"])
+def test_an_interrupt_ends_nothing_of_others_and_nothing_that_is_over(run, goal):
+    run.begin()
+    run.end("success")
+    ask_for_end(RunFold(run.workspace, goal, run.fold.ledger), run.pens[Side.OPERATOR])
+    assert (take_signals(run.workspace.signals), run.pens[Side.OPERATOR].read_new()) == ([], [])
 
 
 def test_a_cancelled_goal_leaves_no_session_that_waits_though_no_plane_is_left(run, paos):
@@ -261,13 +243,6 @@ def test_a_cancelled_goal_leaves_no_session_that_waits_though_no_plane_is_left(r
 
     ledger = read_ledger(run.workspace.root)
     assert [ledger.sessions[id].state for id in (judged_never, claimed_never)] == ["cancelled", "cancelled"]
-
-
-def test_an_interrupt_after_the_verdict_changes_nothing(run):
-    run.begin()
-    run.end("success")
-    ask_for_end(run.fold, run.pens[Side.OPERATOR])
-    assert run.pens[Side.OPERATOR].read_new() == []
 
 
 @pytest.mark.parametrize(
@@ -316,17 +291,14 @@ class EndedPlane:
         return self.printed
 
 
-def follow(run, monkeypatch, tmp_path):
-    stream = io.StringIO()
-    monkeypatch.setattr(console_module.sys, "stderr", stream)
+def follow(run, tmp_path):
     with RunConsole("tidy") as console:
         pen, interrupts = run.pens[Side.OPERATOR], Interrupts()
         show = partial(mission_run.show_run, console, interrupts, run.clock, run.clock.now_s() + mission_run.WARM_UP_S)
         follow_run(run.fold, pen, [EndedPlane(tmp_path)], interrupts, run.clock, show)
-    return stream.getvalue()
 
 
-def test_a_session_that_an_earlier_goal_has_left_is_not_waited_for(run, monkeypatch, tmp_path):
+def test_a_session_that_an_earlier_goal_has_left_is_not_waited_for(run, screen, tmp_path):
     run.begin()
     run.write(Side.RUNTIME, run.submit("red"), "claim")
     run.write(Side.OPERATOR, f"goal:{GOAL}", "goal_cancelled", reason="twice")
@@ -334,17 +306,18 @@ def test_a_session_that_an_earlier_goal_has_left_is_not_waited_for(run, monkeypa
     run.write(Side.AGENT, "goal:tidy-8", "goal_submitted", graph="tidy", seed=8)
     run.write(Side.AGENT, "goal:tidy-8", "goal_verdict", verdict="success", criteria=[], reason="because")
 
-    follow(run, monkeypatch, tmp_path)
+    follow(run, tmp_path)
 
     assert build_report(run.fold, 2.0).exit_code == ExitCode.GOAL_MET
 
 
-def test_a_latched_emergency_stop_is_told_once_with_its_way_out(run, monkeypatch, tmp_path):
+def test_a_latched_emergency_stop_is_told_once_with_its_way_out(run, screen, tmp_path):
     latch(run.workspace.signals.parent, Latch(by="paos estop", reason="a hand in the cell"))
     run.begin()
     run.end("success")
 
-    told = follow(run, monkeypatch, tmp_path)
+    follow(run, tmp_path)
+    told = screen()
 
     assert told.count("emergency stop latched by paos estop (a hand in the cell)") == 1
     assert f"paos estop -w {run.workspace.root} --reset --reason ... lets it go on" in told
@@ -394,7 +367,6 @@ def test_whoever_has_read_of_the_workspace_can_interrupt_at_once(tmp_path, monke
 
 
 def reject(run, *codes: str) -> str:
-    run.begin()
     id = run.submit("red")
     problems = [Problem(code, "red", "too far") for code in codes]
     run.write(Side.RUNTIME, id, "claim")
@@ -405,41 +377,38 @@ def reject(run, *codes: str) -> str:
 
 
 @pytest.mark.parametrize("is_in_goal", [True, False])
-def test_the_sentences_of_a_rejection_are_printed_once(run, monkeypatch, is_in_goal):
-    stream = io.StringIO()
-    monkeypatch.setattr(console_module.sys, "stderr", stream)
+def test_the_sentences_of_a_rejection_are_printed_once(run, screen, is_in_goal):
+    run.begin()
     reason = reject(run, "OUT_OF_REACH", "NO_FREE_SITE")
     why = f"red cannot be done: {reason}" if is_in_goal else "because"
     run.write(Side.AGENT, f"goal:{GOAL}", "goal_verdict", verdict="failure", criteria=[], reason=why)
-    with RunConsole("tidy") as console:
-        console.show(run.fold)
-    report = build_report(run.fold, 2.0)
-    print_report(report, run.fold.rows(), Console(file=stream, width=300))
-    assert stream.getvalue().count("red: OUT_OF_REACH: found too far") == 1
-    assert "red: rejected  OUT_OF_REACH, NO_FREE_SITE\n" in stream.getvalue()
+    narrate(run)
+    text = screen() + print_end(run, 300)
+    assert text.count("red: OUT_OF_REACH: found too far") == 1
+    assert "red: rejected  OUT_OF_REACH, NO_FREE_SITE\n" in text
 
 
 @pytest.mark.parametrize(("waited_s", "tick", "is_told"), [(1.0, 0, False), (9.0, 0, True), (9.0, 1, False)])
-def test_a_run_that_does_not_move_yet_says_that_it_warms_up(run, monkeypatch, tmp_path, waited_s, tick, is_told):
+def test_a_run_that_does_not_move_yet_says_that_it_warms_up(
+    run, monkeypatch, screen, tmp_path, waited_s, tick, is_told
+):
     run.begin()
     id = run.submit("red")
     write_heartbeat(run.workspace.heartbeats, Heartbeat(target="panda", pid=1, session=id, tick=tick))
     beginning = iter([run.clock.now_s()])
     monkeypatch.setattr(run.clock, "now_s", lambda now=run.clock.now_s: next(beginning, now() + waited_s))
     with pytest.raises(PlaneEnded):
-        follow(run, monkeypatch, tmp_path)
-    assert ("warming up" in console_module.sys.stderr.getvalue()) is is_told
+        follow(run, tmp_path)
+    assert ("warming up" in screen()) is is_told
 
 
-def test_a_latched_stop_is_told_before_anything_starts_and_even_when_quiet(run, monkeypatch, tmp_path):
-    stream = io.StringIO()
-    monkeypatch.setattr(console_module.sys, "stderr", stream)
+def test_a_latched_stop_is_told_before_anything_starts_and_even_when_quiet(run, monkeypatch, screen):
     latch(run.workspace.signals.parent, Latch(by="ana", reason="a hand"))
 
     class Started(Exception): ...
 
     def start(*_: object) -> None:
-        assert "emergency stop latched by ana (a hand)" in stream.getvalue()
+        assert "emergency stop latched by ana (a hand)" in screen()
         raise Started
 
     monkeypatch.setattr(carrying_out, "start_planes", start)

@@ -1,5 +1,7 @@
 """A journal on a folder of its own, and contracts to put into it."""
 
+from contextlib import ExitStack, closing
+
 import msgspec
 import pytest
 
@@ -9,6 +11,7 @@ from phyagentos.store.journal import Entry, Journal
 from phyagentos.testing import ManualClock
 
 from .edit_stand import EditStand
+from .evidence_bundles import Store
 
 
 def make_session(id="tidy-7.red", **changes):
@@ -31,6 +34,24 @@ def make_submit(id="tidy-7.red", **changes):
     return Entry(id, "submit", msgspec.to_builtins(make_session(id, **changes)))
 
 
+def make_course(id, execution, start=None):
+    """The entries of the runtime from claim to finish."""
+    return [
+        Entry(id, "claim"),
+        Entry(id, "check"),
+        Entry(id, "start", start, 1),
+        Entry(id, "halt"),
+        Entry(id, "finish", {"execution": execution}, 1),
+    ]
+
+
+@pytest.fixture
+def store(tmp_path):
+    """A workspace in which bundles of evidence are left."""
+    with closing(Store(tmp_path / "w", make_submit)) as made:
+        yield made
+
+
 @pytest.fixture
 def contract():
     return make_session
@@ -48,25 +69,19 @@ def clock():
 
 @pytest.fixture
 def open_journal(tmp_path, clock):
-    opened = []
+    with ExitStack() as opened:
 
-    def open_one(side=Side.AGENT, by="", **options):
-        journal = Journal(
-            tmp_path, **({"side": side, "by": by or str(side), "clock": clock, "durable": False} | options)
-        )
-        opened.append(journal)
-        return journal
+        def open_one(side=Side.AGENT, by="", **options):
+            facts = {"side": side, "by": by or str(side), "clock": clock, "durable": False}
+            return opened.enter_context(closing(Journal(tmp_path, **(facts | options))))
 
-    yield open_one
-    for journal in opened:
-        journal.close()
+        yield open_one
 
 
 @pytest.fixture
 def stand(tmp_path, clock, submit):
     """Two sessions that wait, in a workspace that is edited."""
-    stand = EditStand(tmp_path / "w", clock)
-    stand.commit("agent", submit("a"), submit("b"))
-    stand.settle(1)
-    yield stand
-    stand.close()
+    with closing(EditStand(tmp_path / "w", clock)) as stand:
+        stand.commit("agent", submit("a"), submit("b"))
+        stand.settle(1)
+        yield stand

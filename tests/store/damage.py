@@ -1,6 +1,7 @@
 """What rots in a journal, and what is done about it."""
 
 import hashlib
+from contextlib import closing
 
 from phyagentos.store.checkpoint import start_reading, write_checkpoint
 from phyagentos.store.follower import Follower
@@ -11,6 +12,7 @@ from phyagentos.store.segments import SystemIO
 from phyagentos.testing import ManualClock
 
 from .conftest import make_submit
+from .histories import fold
 
 
 class HashingFollower(Follower):
@@ -57,13 +59,25 @@ def start_of(path, seq):
     return path.read_bytes().index(b"<!-- phy1 %010d" % seq)
 
 
+def flip(path, *places):
+    """Change a bit of the byte at each place."""
+    data = bytearray(path.read_bytes())
+    for place in places:
+        data[place] ^= 4
+    path.write_bytes(data)
+
+
 def spoil(path, seq, *, at=60):
     """Change one byte of a record; where it begins."""
-    data = bytearray(path.read_bytes())
-    start = data.index(b"<!-- phy1 %010d" % seq)
-    data[start + at] ^= 1
-    path.write_bytes(data)
+    start = start_of(path, seq)
+    flip(path, start + at)
     return start
+
+
+def read_all(folder):
+    """Every record of a partition."""
+    with closing(Follower(folder)) as follower:
+        return follower.read_new()
 
 
 def frames_of(folder):
@@ -76,8 +90,7 @@ def frames_of(folder):
 
 def checkpoint(folder):
     ledger, follower = start_reading(folder)
-    for record in follower.read_new():
-        ledger.apply(record)
+    fold(follower.read_new(), ledger)
     write_checkpoint(folder, ledger, follower.position, SystemIO(), durable=False)
     follower.close()
     return ledger

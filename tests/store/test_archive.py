@@ -14,6 +14,7 @@ from phyagentos.store.maintenance import Maintenance
 from phyagentos.store.segments import SystemIO, list_all_segments, list_segments
 from phyagentos.testing import ManualClock
 
+from .damage import read_all
 from .histories import STEPS, Story, fold
 
 HYPOTHESIS = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -48,14 +49,6 @@ class MortalIO(SystemIO):
         self._live(super().replace, source, destination)
 
 
-def read_seqs(folder):
-    follower = Follower(folder)
-    try:
-        return [record.seq for record in follower.read_new()]
-    finally:
-        follower.close()
-
-
 def tidy(folder, io=None, *, durable=False):
     ledger, follower = start_reading(folder)
     fold(follower.read_new(), ledger)
@@ -63,6 +56,10 @@ def tidy(folder, io=None, *, durable=False):
         Maintenance(folder, ManualClock(), io or SystemIO(), durable=durable).tidy(ledger, follower.position)
     follower.close()
     return ledger
+
+
+def read_seqs(folder):
+    return [record.seq for record in read_all(folder)]
 
 
 @pytest.fixture
@@ -113,7 +110,8 @@ def test_a_live_session_or_an_open_goal_keeps_its_segment_and_those_behind(agent
     tidy(agent.folder)
 
     assert len(list_segments(agent.folder)) == 1
-    assert len(read_seqs(agent.folder)) == list(read_seqs(agent.folder))[-1]
+    seqs = read_seqs(agent.folder)
+    assert len(seqs) == seqs[-1]
 
 
 def test_writers_and_starts_need_no_archive(open_journal, agent, submit):

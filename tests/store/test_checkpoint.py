@@ -1,6 +1,7 @@
 """Checkpoints: the same ledger sooner, and never a wrong one."""
 
 import zlib
+from contextlib import closing
 
 import msgspec
 import pytest
@@ -12,32 +13,27 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
 from phyagentos.store import ledger as ledger_module
 from phyagentos.store.checkpoint import NAME, find_checkpoint, find_checkpoint_seq, start_reading
-from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Entry, IllegalEvent, Journal
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.maintenance import PERIOD_RECORDS, PERIOD_S, Maintenance
 from phyagentos.store.segments import SystemIO
 from phyagentos.testing import ManualClock
 
+from .conftest import make_submit
+from .damage import read_all
 from .histories import STEPS, Story, fold
 
 HYPOTHESIS = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
-def read_all(folder, **options):
-    follower = Follower(folder)
-    try:
-        return fold(follower.read_new(), **options)
-    finally:
-        follower.close()
+def fold_all(folder, **options):
+    return fold(read_all(folder), **options)
 
 
 def start(folder):
     ledger, follower = start_reading(folder)
-    try:
+    with closing(follower):
         return fold(follower.read_new(), ledger)
-    finally:
-        follower.close()
 
 
 def write_checkpoint(folder):
@@ -74,7 +70,7 @@ def test_a_checkpoint_and_what_follows_tell_what_the_whole_journal_tells(
     restored = start(story.folder)
 
     assert find_checkpoint_seq(story.folder) == written
-    assert describe(restored) == describe(read_all(story.folder))
+    assert describe(restored) == describe(fold_all(story.folder))
     story.close()
 
 
@@ -128,23 +124,17 @@ def test_an_id_is_never_used_twice_however_long_ago(open_journal, submit):
 
 def fill(journal, count=30):
     for number in range(count):
-        journal.commit([submit_entry(f"s{number}")])
+        journal.commit([make_submit(f"s{number}", goal="")])
         journal.commit([Entry(f"s{number}", "cancel", {"reason": "enough"})])
-
-
-def submit_entry(id):
-    from .conftest import make_submit
-
-    return make_submit(id, goal="")
 
 
 @pytest.fixture
 def lane(open_journal):
     journal = open_journal()
     fill(journal)
-    journal.commit([submit_entry("live")])
+    journal.commit([make_submit("live", goal="")])
     write_checkpoint(journal.folder)
-    journal.commit([submit_entry("later")])
+    journal.commit([make_submit("later", goal="")])
     return journal.folder
 
 
@@ -168,7 +158,7 @@ def test_every_flipped_byte_and_every_cut_of_a_checkpoint_makes_it_be_ignored(la
         assert find_checkpoint(lane) is None, place
         path.write_bytes(whole[:place])
         assert find_checkpoint(lane) is None, place
-    assert describe(start(lane)) == describe(read_all(lane))
+    assert describe(start(lane)) == describe(fold_all(lane))
 
 
 def test_a_checkpoint_ahead_of_the_segments_tells_that_their_end_is_gone(lane, open_journal):
@@ -185,7 +175,7 @@ def test_a_checkpoint_ahead_of_the_segments_tells_that_their_end_is_gone(lane, o
     (lane / NAME).unlink()  # whoever deletes it accepts the loss
     late = open_journal()
     assert late.read_new()[-1].seq == 40
-    fill_up = [submit_entry(f"other{number}") for number in range(30)]
+    fill_up = [make_submit(f"other{number}", goal="") for number in range(30)]
     late.commit(fill_up)
     (lane / NAME).write_bytes(checkpoint)
     assert find_checkpoint(lane) is None  # the same number of records, but others
@@ -244,7 +234,7 @@ def test_a_ledger_opened_late_is_complete_and_goes_on(open_journal, submit):
 
     assert list(ledger.sessions)[-1] == "new"
     assert [record.id for record in records] == ["own", "last"]
-    assert describe(fold(records, ledger)) == describe(read_all(agent.folder))
+    assert describe(fold(records, ledger)) == describe(fold_all(agent.folder))
 
 
 def test_a_goal_that_is_kept_stays_whole_and_is_not_in_the_checkpoint(open_journal, submit, monkeypatch):
@@ -260,9 +250,9 @@ def test_a_goal_that_is_kept_stays_whole_and_is_not_in_the_checkpoint(open_journ
 
     assert list(ledger.sessions) == [f"g.{number}" for number in range(5)]
     image = msgspec.json.encode(ledger.take_image())
-    assert msgspec.json.encode(ledger.take_image()) == msgspec.json.encode(read_all(agent.folder).take_image())
-    assert list(read_all(agent.folder).sessions) == ["g.3", "g.4"]
-    assert len(read_all(agent.folder, forgets=False).sessions) == 5
+    assert msgspec.json.encode(ledger.take_image()) == msgspec.json.encode(fold_all(agent.folder).take_image())
+    assert list(fold_all(agent.folder).sessions) == ["g.3", "g.4"]
+    assert len(fold_all(agent.folder, forgets=False).sessions) == 5
 
     ledger.keep_goal("another")
 

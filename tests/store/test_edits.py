@@ -52,16 +52,14 @@ def test_a_limit_or_the_priority_of_a_pending_session_is_amended(stand, old, new
 
 
 def test_a_session_is_cancelled_with_its_reason(stand):
-    stand.commit("runtime", Entry("b", "claim"))
-    stand.commit("runtime", Entry("b", "check"))
+    stand.commit("runtime", Entry("b", "claim"), Entry("b", "check"))
     stand.settle()
     text = stand.text.replace("state: pending\n", "state: cancelled\nreason: no more cubes\n", 1)
     save(stand, text.replace("state: preflight\n", "state: cancel\n", 1))
 
     assert events(stand) == [("a", "cancel", "operator"), ("b", "request_cancel", "operator")]
     assert (stand.sessions["a"].state, stand.sessions["a"].reason) == ("cancelled", "no more cubes")
-    assert stand.sessions["b"].state == "cancelling"
-    assert stand.rejected == ""
+    assert (stand.sessions["b"].state, stand.rejected) == ("cancelling", "")
 
 
 @pytest.mark.parametrize("place", ["before the mark", "behind the mark"])
@@ -186,9 +184,7 @@ def test_an_edit_of_an_old_rendering_is_taken_into_the_present(stand, submit):
         stand.commit("agent", submit(f"s{number}"))
         stand.settle(1)
     save(stand, text.replace("priority: 0", "priority: 5", 1))
-
-    assert stand.sessions["a"].contract.priority == 5
-    assert stand.rejected == ""
+    assert (stand.sessions["a"].contract.priority, stand.rejected) == (5, "")
 
 
 def test_an_edit_of_an_unknown_rendering_is_refused_as_a_whole(stand):

@@ -5,19 +5,7 @@ import re
 import subprocess
 from pathlib import Path
 
-import pytest
-
-from .edit_stand import EditStand
-
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "editing.md").read_text(encoding="utf-8")
-
-
-@pytest.fixture
-def stand(tmp_path, clock):
-    stand = EditStand(tmp_path / "w", clock)
-    stand.settle(1)
-    yield stand
-    stand.close()
 
 
 def test_the_five_lines_of_shell_submit_a_session(stand):

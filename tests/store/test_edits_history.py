@@ -1,5 +1,7 @@
 """What was shown at an earlier record, from memory, from the journal or from its checkpoint."""
 
+from contextlib import ExitStack, closing
+
 import pytest
 
 from phyagentos.store.follower import Follower
@@ -12,15 +14,8 @@ from phyagentos.store.views.sessions import render_page
 
 @pytest.fixture
 def open_history():
-    opened = []
-
-    def open_one(lane, **options):
-        opened.append(History(lane, **options))
-        return opened[-1]
-
-    yield open_one
-    for each in opened:
-        each.close()
+    with ExitStack() as opened:
+        yield lambda lane: opened.enter_context(closing(History(lane)))
 
 
 @pytest.fixture
@@ -46,30 +41,25 @@ def test_every_earlier_rendering_is_found_again(story, open_history):
         assert render_page(late.find_page(seq)) == texts[seq]
 
 
-def test_what_was_rendered_lately_is_remembered(open_journal, submit, open_history, monkeypatch):
+@pytest.mark.parametrize(
+    ("count", "kept", "asked"),
+    [
+        pytest.param(10, 999, range(1, 11), id="what was rendered lately is remembered"),
+        pytest.param(30, 20, (1, 10, 11, 30), id="the oldest renderings are let go and made anew"),
+    ],
+)
+def test_renderings_are_kept_up_to_a_number(open_journal, submit, open_history, monkeypatch, count, kept, asked):
+    monkeypatch.setattr(page_history, "PAGES_KEPT", kept)
     agent = open_journal()
     watched = open_history(agent.folder)
-    for number in range(10):
+    for number in range(count):
         agent.commit([submit(f"s{number}")])
         watched.read_new()
         watched.build_page()
-    monkeypatch.setattr(page_history, "_begin", None)
-
-    assert [len(watched.find_page(seq).shown) for seq in range(1, 11)] == list(range(1, 11))
-
-
-def test_the_oldest_renderings_are_let_go(open_journal, submit, open_history, monkeypatch):
-    monkeypatch.setattr(page_history, "PAGES_KEPT", 20)
-    agent = open_journal()
-    watched = open_history(agent.folder)
-    for number in range(30):
-        agent.commit([submit(f"s{number}")])
-        watched.read_new()
-        watched.build_page()
-    monkeypatch.setattr(page_history, "_begin", lambda _: (Ledger(), Follower(agent.folder)))
-
-    assert [len(watched.find_page(seq).shown) for seq in (1, 10, 11, 30)] == [1, 10, 11, 30]
-    assert len(watched._pages) == 20
+    begin = (lambda _: (Ledger(), Follower(agent.folder))) if kept < count else None
+    monkeypatch.setattr(page_history, "_begin", begin)
+    assert [len(watched.find_page(seq).shown) for seq in asked] == list(asked)
+    assert len(watched._pages) == min(kept, count)
 
 
 @pytest.mark.slow

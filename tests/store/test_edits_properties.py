@@ -1,6 +1,7 @@
 """Edits at random: what was rendered asks for nothing; what was written is a record or in the rejected file."""
 
 import re
+from contextlib import ExitStack, closing
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -49,15 +50,10 @@ class Bench(EditStand):
 
 @pytest.fixture
 def open_bench(tmp_path_factory, submit):
-    opened = []
-
-    def open_one(objective="o"):
-        opened.append(Bench(tmp_path_factory.mktemp("w") / "w", submit, objective))
-        return opened[-1]
-
-    yield open_one
-    for bench in opened:
-        bench.close()
+    with ExitStack() as opened:
+        yield lambda objective="o": opened.enter_context(
+            closing(Bench(tmp_path_factory.mktemp("w") / "w", submit, objective))
+        )
 
 
 @pytest.fixture

@@ -17,14 +17,7 @@ from phyagentos.protocol.sessions.evidence_manifest import (
     unseal_bundle,
 )
 
-from .evidence_bundles import HEAVY, MODEL, Store, names_in
-
-
-@pytest.fixture
-def store(tmp_path, submit):
-    made = Store(tmp_path / "w", submit)
-    yield made
-    made.close()
+from .evidence_bundles import HEAVY, MODEL, names_in
 
 
 def test_equal_large_files_are_stored_once_and_every_bundle_stays_a_folder_of_ordinary_files(store):
@@ -69,32 +62,28 @@ def test_a_bundle_that_is_written_again_does_not_change_the_others(store):
 
 
 @pytest.mark.parametrize(
-    ("damage", "found"),
+    ("damage", "found", "hint"),
     [
-        (lambda folder: (folder / evidence.TRACE).write_bytes(b"changed"), "sha256 "),
-        (lambda folder: (folder / evidence.HOLDS).unlink(), "no such file"),
-        (lambda folder: (folder / "note.txt").write_bytes(b"mine"), "a file that the manifest does not name"),
-        (lambda folder: (folder / MANIFEST).write_bytes(b"{"), "Input data was truncated"),
-        (lambda folder: (folder / MANIFEST).unlink(), "no manifest.json"),
+        (lambda folder: (folder / evidence.TRACE).write_bytes(b"changed"), "sha256 ", ""),
+        (lambda folder: (folder / evidence.HOLDS).unlink(), "no such file", ""),
+        (lambda folder: (folder / "note.txt").write_bytes(b"mine"), "a file that the manifest does not name", ""),
+        (lambda folder: (folder / MANIFEST).write_bytes(b"{"), "Input data was truncated", ""),
+        (lambda folder: (folder / MANIFEST).unlink(), "no manifest.json", ""),
+        pytest.param(
+            lambda folder: (folder / evidence.SCENE_MODEL).unlink(),
+            "no such file",
+            f"{OBJECTS}/{hashlib.sha256(MODEL).hexdigest()[:2]}",
+            id="a large file that is among the objects",
+        ),
     ],
 )
-def test_a_change_of_a_sealed_bundle_is_found(store, damage, found):
+def test_a_change_of_a_sealed_bundle_is_found(store, damage, found, hint):
     folder = store.run("g.a")
     assert check_bundle(folder) == []
     damage(folder)
-
     (problem,) = check_bundle(folder)
     assert problem.code == "EVIDENCE_DAMAGED"
-    assert found in problem.found
-
-
-def test_a_lost_large_file_is_found_again_among_the_objects(store):
-    folder = store.run("g.a")
-    (folder / evidence.SCENE_MODEL).unlink()
-
-    [problem] = check_bundle(folder)
-    assert problem.code == "EVIDENCE_DAMAGED"
-    assert f"{OBJECTS}/{hashlib.sha256(MODEL).hexdigest()[:2]}" in problem.hint
+    assert (found in problem.found, hint in problem.hint) == (True, True)
 
 
 def test_a_worker_that_seals_late_does_not_undo_what_a_clean_up_has_written(store, monkeypatch):

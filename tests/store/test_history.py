@@ -4,9 +4,10 @@ import pytest
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.store.follower import Follower
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import Entry
+
+from .damage import read_all, spoil
 
 COUNT = 40
 NAMES = [f"s{number}" for number in range(COUNT)] + ['"quoted"', "back\\slash", "ünï"]
@@ -21,14 +22,6 @@ def lane(open_journal, submit):
         reason = f'- {{"id":"s1","ev" of {name}'
         runtime.commit([Entry(name, "claim"), Entry(name, "check"), Entry(name, "reject", {"reason": reason})])
     return agent.folder
-
-
-def read_all(lane):
-    follower = Follower(lane)
-    try:
-        return follower.read_new()
-    finally:
-        follower.close()
 
 
 def test_every_history_is_complete_and_in_order(lane):
@@ -50,10 +43,7 @@ def test_what_is_added_meanwhile_is_found(lane, open_journal, submit):
 
 def test_a_damaged_record_is_not_believed(lane):
     path = min(lane.glob("*.md"))
-    data = bytearray(path.read_bytes())
-    offset = data.index(b"<!-- phy1 0000000002")
-    data[offset + 100] ^= 4
-    path.write_bytes(data)
+    spoil(path, 2, at=100)
 
     with Histories(lane) as histories, pytest.raises(ExecutionError, match=rf"JOURNAL_DAMAGED: .*{path.name}, offset"):
         histories.find("s1")

@@ -8,6 +8,8 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.segments import SystemIO
 
+from .damage import segments_of, spoil
+
 
 class CountingIO(SystemIO):
     """Counts the waits for the disk."""
@@ -19,15 +21,10 @@ class CountingIO(SystemIO):
         super().fdatasync(fd)
 
 
-def read_segment(journal):
-    (path,) = journal.folder.glob("*.md")
-    return path
-
-
 def test_a_torn_tail_is_cut_and_recorded(open_journal, submit):
     agent = open_journal()
     agent.commit([submit("s"), submit("t")])
-    path = read_segment(agent)
+    (path,) = segments_of(agent)
     whole = path.read_bytes()
     path.write_bytes(whole + b"<!-- phy1 0000000003 000900 00000000 -->\n- half of")
     assert [record.seq for record in agent.read_new()] == [1, 2]  # a follower waits
@@ -43,7 +40,7 @@ def test_a_torn_tail_is_cut_and_recorded(open_journal, submit):
 def test_half_a_batch_is_cut_as_a_whole(open_journal, submit):
     agent = open_journal()
     agent.commit([submit("s")])
-    path = read_segment(agent)
+    (path,) = segments_of(agent)
     before = path.read_bytes()
     agent.commit([submit("t"), submit("u")])
     agent.close()
@@ -60,14 +57,12 @@ def test_half_a_batch_is_cut_as_a_whole(open_journal, submit):
 @pytest.mark.parametrize("place", ["first", "last"])
 def test_damage_is_located_and_nothing_is_touched(open_journal, submit, place):
     agent = open_journal()
-    agent.commit([submit("s")])
-    agent.commit([submit("t")])
+    for id in ("s", "t"):
+        agent.commit([submit(id)])
     agent.close()
-    path = read_segment(agent)
-    data = bytearray(path.read_bytes())
-    start = data.index(b"<!-- phy1") if place == "first" else data.rindex(b"<!-- phy1")
-    data[start + 60] ^= 4
-    path.write_bytes(data)
+    (path,) = segments_of(agent)
+    start = spoil(path, {"first": 1, "last": 2}[place])
+    data = path.read_bytes()
 
     with pytest.raises(
         ExecutionError, match=rf"JOURNAL_DAMAGED: .*{path.name}, offset {start}: record \d is not as it was"
@@ -81,7 +76,7 @@ def test_damage_is_located_and_nothing_is_touched(open_journal, submit, place):
 def test_a_running_follower_reports_damage_in_what_comes_next(open_journal, submit):
     agent, reader = open_journal(), open_journal(Side.RUNTIME)
     agent.commit([submit("s")])
-    path = read_segment(agent)
+    (path,) = segments_of(agent)
     path.write_bytes(path.read_bytes().replace(b"red cube", b"blue cub"))
 
     with pytest.raises(ExecutionError, match="JOURNAL_DAMAGED"):

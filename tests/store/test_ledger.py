@@ -16,6 +16,9 @@ from phyagentos.store.journal import Entry
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.views.sessions import render_sessions
 
+from .conftest import make_course
+from .histories import fold
+
 EXECUTION = Execution(ended=Ended.COMPLETED, evidence="evidence/s", outputs={"place_site": [0.1, 0.2, 0.3]}, ticks=600)
 ATTEMPT = Attempt(
     verdict=Verdict.REPLAN,
@@ -32,26 +35,18 @@ GOAL = [
 ]
 
 
-def fold(journal, ledger=None):
-    ledger = ledger or Ledger()
-    for record in journal.read_new():
-        ledger.apply(record)
-    return ledger
-
-
 def test_a_session_carries_what_its_records_said(open_journal, contract, submit):
     agent, runtime = open_journal(), open_journal(Side.RUNTIME, "watchdog")
     agent.commit([submit("s")])
-    runtime.commit([Entry("s", "claim"), Entry("s", "check"), Entry("s", "start", {"plan": {"bridges": []}}, 1)])
-    runtime.commit([Entry("s", "halt"), Entry("s", "finish", {"execution": EXECUTION}, 1)])
+    runtime.commit(make_course("s", EXECUTION, {"plan": {"bridges": []}}))
     agent.commit([Entry("s", "verify"), Entry("s", "replan", {"attempt": ATTEMPT})])
 
-    status = fold(agent).sessions["s"]
+    status = fold(agent.read_new()).sessions["s"]
 
     assert status.contract == contract("s")
     assert (status.state, status.epoch, status.claimed_by) == ("replanned", 1, "watchdog")
-    assert status.execution == EXECUTION
-    assert status.attempts == (ATTEMPT,)
+    assert (status.execution, status.attempts) == (EXECUTION, (ATTEMPT,))
+
     assert status.updated_at.startswith("1970-01-12T")
 
 
@@ -59,53 +54,46 @@ def test_the_problems_of_a_rejection_stay_typed_and_stand_in_the_view(open_journ
     open_journal().commit([submit("s")])
     journal = open_journal(Side.RUNTIME)
     unmet = Problem(code="PRECONDITION_UNMET", address="requires", subject="visible(red_cube)")
-    plain = {"code": "TOO_WIDE", "address": "dry run", "found": "0.1 m", "expected": "", "hint": ""}
+    plain = {"code": "NOT_GRASPABLE", "address": "dry run", "found": "0.1 m", "expected": "", "hint": ""}
     journal.commit([Entry("s", "reject", {"reason": "r", "problems": [msgspec.to_builtins(unmet), plain]})])
-    ledger = fold(journal)
+    ledger = fold(journal.read_new())
 
-    problems = (unmet, Problem(code="TOO_WIDE", address="dry run", found="0.1 m"))
+    problems = (unmet, Problem(code="NOT_GRASPABLE", address="dry run", found="0.1 m"))
     assert ledger.sessions["s"].problems == problems
     assert read_document(render_sessions(ledger), SESSIONS).blocks["s"].problems == problems
 
 
-def test_who_waits_is_answered_by_priority_and_age(open_journal, submit):
+def test_who_waits_is_answered_by_priority_and_age_and_who_waits_for_a_verdict_is_alive(open_journal, submit):
     agent, runtime = open_journal(), open_journal(Side.RUNTIME)
-    agent.commit([submit("a"), submit("b", target="ur5e"), submit("c", priority=2), submit("d")])
+    agent.commit([submit("a"), submit("b", target="ur5e"), submit("c", priority=2), submit("d"), submit("e")])
     runtime.commit([Entry("a", "claim"), Entry("a", "check"), Entry("a", "release", epoch=1)])
-    ledger = fold(agent)
-
-    assert [status.contract.id for status in ledger.iter_pending()] == ["c", "a", "b", "d"]
+    ledger = fold(agent.read_new())
+    assert [status.contract.id for status in ledger.iter_pending()] == ["c", "a", "b", "d", "e"]
     assert ledger.sessions["a"].epoch == 1
+    runtime.commit([*make_course("b", EXECUTION), Entry("c", "reject", {"reason": "no"})])
+    fold(agent.read_new(), ledger)
+    assert [status.contract.id for status in ledger.live_sessions()] == ["a", "b", "d", "e"]
 
 
-def test_who_waits_for_a_verdict_is_alive(open_journal, submit):
-    agent, runtime = open_journal(), open_journal(Side.RUNTIME)
-    agent.commit([submit("a"), submit("b"), submit("c")])
-    runtime.commit(
-        [
-            Entry("b", "claim"),
-            Entry("b", "check"),
-            Entry("b", "start"),
-            Entry("b", "halt"),
-            Entry("b", "finish", {"execution": EXECUTION}),
-        ]
-    )
-    runtime.commit([Entry("c", "reject", {"reason": "no"})])
-    ledger = fold(agent)
-
-    assert [status.contract.id for status in ledger.live_sessions()] == ["a", "b"]
+def test_a_cancelled_goal_says_so_until_it_has_its_verdict(open_journal):
+    agent, operator = open_journal(), open_journal(Side.OPERATOR)
+    operator.commit([GOAL[0], Entry("goal:g", "goal_cancelled", {"reason": "supper"})])
+    goal = fold(agent.read_new()).goals["g"]
+    assert (goal.is_cancelled, goal.reason, goal.verdict) == (True, "supper", "")
+    (record,) = agent.commit([Entry("goal:g", "goal_verdict", {"verdict": "failure"})])
+    assert (record.source, record.to, record.epoch) == (None, None, None)
 
 
 def test_a_goal_follows_its_nodes_from_waiting_to_a_verdict(open_journal, submit):
     agent = open_journal()
     ledger = Ledger()
     agent.commit(GOAL)
-    goal = fold(agent, ledger).goals["g"]
+    goal = fold(agent.read_new(), ledger).goals["g"]
     assert (goal.graph, goal.seed, goal.objective, goal.accept) == ("tidy", 7, "Tidy", ("on(a, b)",))
     assert {name: node.state for name, node in goal.nodes.items()} == {"red": "waiting", "blue": "waiting"}
 
     agent.commit([Entry("node:g/red", "node_ready"), submit("g.red", goal="g", node="red")])
-    assert fold(agent, ledger).goals["g"].nodes["red"].state is NodeState.ACTIVE
+    assert fold(agent.read_new(), ledger).goals["g"].nodes["red"].state is NodeState.ACTIVE
 
     agent.commit([Entry("node:g/red", "child_of", {"child": "g.red.r1", "parent": "g.red"})])
     agent.commit([Entry("node:g/red", "budget_spent"), submit("g.red.r1", goal="g", node="red", parent="g.red")])
@@ -118,7 +106,7 @@ def test_a_goal_follows_its_nodes_from_waiting_to_a_verdict(open_journal, submit
             )
         ]
     )
-    goal = fold(agent, ledger).goals["g"]
+    goal = fold(agent.read_new(), ledger).goals["g"]
 
     assert goal.nodes["red"].state is NodeState.INVALIDATED
     assert goal.nodes["red"].sessions == ("g.red", "g.red.r1")
@@ -130,22 +118,14 @@ def test_a_goal_follows_its_nodes_from_waiting_to_a_verdict(open_journal, submit
     assert (goal.verdict, goal.reason, goal.replans, goal.criteria) == ("failure", "blue is gone", 1, ATTEMPT.criteria)
 
 
-def test_a_cancelled_goal_says_so(open_journal):
-    operator = open_journal(Side.OPERATOR)
-    operator.commit([GOAL[0], Entry("goal:g", "goal_cancelled", {"reason": "supper"})])
-    goal = fold(operator).goals["g"]
-
-    assert (goal.is_cancelled, goal.reason, goal.verdict) == (True, "supper", "")
-
-
 def test_a_repair_changes_nobody(open_journal, submit):
     agent = open_journal()
     agent.commit([submit("s")])
     with next(agent.folder.glob("*.md")).open("ab") as file:
         file.write(b"<!-- phy1 00")
-    before = fold(agent)
+    before = fold(agent.read_new())
     late = open_journal()
-    after = fold(late)
+    after = fold(late.read_new())
 
     assert after.sessions == before.sessions
     assert after.seq == before.seq + 1
@@ -172,7 +152,7 @@ def test_the_fold_agrees_with_the_journal_after_any_history(tmp_path_factory, su
             continue
         assert record.source == expected[id]
         expected[id] = record.to
-    ledgers = [fold(journal) for journal in journals.values()]
+    ledgers = [fold(journal.read_new()) for journal in journals.values()]
     for journal in journals.values():
         journal.close()
 

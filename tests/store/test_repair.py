@@ -2,6 +2,7 @@
 
 import hashlib
 import shutil
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -21,15 +22,15 @@ from phyagentos.testing import ManualClock
 from tests.documents.test_log import tell
 
 from .conftest import make_submit
-from .damage import HashingFollower, checkpoint, fill, frames_of, mend, segment_of, segments_of, spoil, start_of
+from .damage import HashingFollower, checkpoint, fill, flip, frames_of, mend, segment_of, segments_of, spoil, start_of
+from .histories import fold
 
 
 @pytest.fixture
 def agree(tmp_path, read_with_node):
     def compare(folder):
-        follower = HashingFollower(folder)
-        follower.read_new()
-        follower.close()
+        with closing(HashingFollower(folder)) as follower:
+            follower.read_new()
         (told,) = read_with_node(tmp_path)
         assert (told["seq"], told["sha256"], told["tail"]) == (
             follower.seq,
@@ -108,9 +109,7 @@ def test_a_writer_goes_on_behind_a_repair_and_one_that_ran_meanwhile_stops(open_
     mend(journal.folder)
 
     for running in (journal, asleep):
-        with pytest.raises(
-            ExecutionError, match=r"JOURNAL_DAMAGED|JOURNAL_WRITE_FAILED: .* moved, replaced or deleted"
-        ):
+        with pytest.raises(ExecutionError, match=r"JOURNAL_DAMAGED|WRITE_FAILED: .* moved, replaced or deleted"):
             running.commit([make_submit("late")])
     assert open_journal(segment_bytes=3000).commit([make_submit("next")])[0].seq == 25
     assert agree(journal.folder) == 25
@@ -118,23 +117,15 @@ def test_a_writer_goes_on_behind_a_repair_and_one_that_ran_meanwhile_stops(open_
 
 def test_a_session_without_its_submission_is_shown_nowhere_and_one_without_its_claim_goes_on(open_journal):
     agent, runtime = open_journal(), open_journal(Side.RUNTIME)
-    agent.commit([make_submit("a")])
-    agent.commit([make_submit("b")])
+    agent.commit([make_submit("a"), make_submit("b")])
     for id in ("a", "b"):
-        runtime.commit([Entry(id, "claim")])
-        runtime.commit([Entry(id, "check")])
-        runtime.commit([Entry(id, "start", epoch=1)])
+        runtime.commit([Entry(id, "claim"), Entry(id, "check"), Entry(id, "start", epoch=1)])
     (path,) = segments_of(agent)
-    spoil(path, 1)
-    spoil(path, 6)
-
-    repair = mend(agent.folder)
-
-    ledger = Ledger()
-    for record in open_journal().read_new():
-        ledger.apply(record)
-    assert set(repair.concerns) == {"a", "b"}
-    assert {id: status.state for id, status in ledger.sessions.items()} == {"b": "running"}
+    for seq in (1, 6):
+        spoil(path, seq)
+    assert set(mend(agent.folder).concerns) == {"a", "b"}
+    sessions = fold(open_journal().read_new()).sessions
+    assert {id: status.state for id, status in sessions.items()} == {"b": "running"}
     assert inspect_partition(agent.folder).is_whole
     assert open_journal(Side.RUNTIME).commit([Entry("b", "halt", epoch=1)])[0].to == "halting"
 
@@ -143,11 +134,7 @@ def test_a_destroyed_end_never_gives_a_number_again(open_journal, agree):
     journal = open_journal()
     fill(journal, 4)
     (path,) = segments_of(journal)
-    data = bytearray(path.read_bytes())
-    for seq in (5, 6, 7):
-        data[start_of(path, seq) + 60] ^= 1
-    path.write_bytes(data)
-
+    flip(path, *(start_of(path, seq) + 60 for seq in (5, 6, 7)))
     repair = mend(journal.folder)
 
     assert (repair.lost, repair.cuts[0]["first_lost"], repair.is_exact) == (3, 5, False)
@@ -165,7 +152,7 @@ def test_what_a_checkpoint_knows_is_missed_at_the_end(open_journal, agree):
     mend(journal.folder)
 
     assert (finding.code, finding.message) == ("JOURNAL_DAMAGED", "records 6 to 9 are lost, at least")
-    assert (unused.code, unused.is_damage) == ("CHECKPOINT_UNUSED", False)
+    assert (unused.code, unused.is_damage) == ("JOURNAL_LEFTOVER", False)
     assert agree(journal.folder) == 10
     assert inspect_partition(journal.folder).findings == ()
 

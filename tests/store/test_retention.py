@@ -33,13 +33,6 @@ from phyagentos.store.segments import SystemIO
 from .evidence_bundles import DAY_S, EVERYTHING, HEAVY, MODEL, SMALL, Store, names_in, read_all
 
 
-@pytest.fixture
-def store(tmp_path, submit):
-    made = Store(tmp_path / "w", submit)
-    yield made
-    made.close()
-
-
 def test_a_succeeded_session_is_thinned_and_its_manifest_says_so(store):
     folder = store.run("g.a")
     before = read_manifest(folder)
@@ -115,32 +108,31 @@ def test_a_manifest_names_no_file_outside_of_its_bundle(store, tmp_path, key):
     assert "EVIDENCE_DAMAGED" in str(check_bundle(folder))
 
 
+ALL_OVER = EvidenceRetention(keep_last=0, keep_days=0, max_bytes=1)
+
+
 def test_failed_and_replanned_sessions_stay_whole(store):
     folders = [store.run("g.a", Verdict.FAILURE), store.run("g.b", Verdict.REPLAN)]
-    before = [names_in(folder) for folder in folders]
-    report = store.prune(EvidenceRetention(keep_last=0, keep_days=0, max_bytes=1))
-
-    assert [names_in(folder) for folder in folders] == before
-    assert (report.thinned, report.whole) == ((), 2)
-    assert report.bytes_over == report.bytes_after - 1
+    before = list(map(names_in, folders))
+    report = store.prune(ALL_OVER)
+    assert list(map(names_in, folders)) == before
+    assert (report.thinned, report.whole, report.bytes_over) == ((), 2, report.bytes_after - 1)
 
 
-def test_a_running_session_is_never_touched(store):
+@pytest.mark.parametrize(
+    ("is_judged", "after_s"),
+    [
+        pytest.param(False, 1000 * DAY_S, id="a running session is never touched"),
+        pytest.param(True, retention.GRACE_S / 2, id="nor one that was judged this very moment"),
+    ],
+)
+def test_a_session_that_may_still_be_written_is_not_touched(store, is_judged, after_s):
     folder = store.begin("g.a")
+    if is_judged:
+        store.end("g.a", seal=False)
     before = read_all(folder)
-    store.clock.advance(1000 * DAY_S)
-    store.prune(EvidenceRetention(keep_last=0, keep_days=0, max_bytes=1))
-
-    assert read_all(folder) == before
-
-
-def test_a_session_that_was_judged_this_very_moment_is_not_touched(store):
-    folder = store.begin("g.a")
-    store.end("g.a", seal=False)
-    before = read_all(folder)
-    store.clock.advance(retention.GRACE_S / 2)
-
-    assert store.prune().thinned == ()
+    store.clock.advance(after_s)
+    assert store.prune(ALL_OVER).thinned == ()
     assert read_all(folder) == before
 
 
@@ -153,19 +145,18 @@ def test_sessions_of_a_goal_that_goes_on_are_not_touched(store):
     assert len(store.prune().thinned) == 1
 
 
-def test_the_newest_and_the_youngest_stay_whole(store):
+@pytest.mark.parametrize(
+    ("policy", "thinned"),
+    [
+        (EvidenceRetention(keep_last=4, keep_days=0), ["g.a", "g.b"]),
+        (EvidenceRetention(keep_last=0, keep_days=4.5), ["g.a", "g.b"]),
+        (EvidenceRetention(keep_last=6, keep_days=0), []),
+    ],
+)
+def test_the_newest_and_the_youngest_stay_whole(store, policy, thinned):
     for name in "abcdef":  # one a day
         store.run(f"g.{name}")
-
-    assert [
-        each.session for each in store.prune(EvidenceRetention(keep_last=4, keep_days=0), dry_run=True).thinned
-    ] == [
-        "g.a",
-        "g.b",
-    ]
-    by_age = store.prune(EvidenceRetention(keep_last=0, keep_days=4.5), dry_run=True)
-    assert [each.session for each in by_age.thinned] == ["g.a", "g.b"]
-    assert store.prune(EvidenceRetention(keep_last=6, keep_days=0)).thinned == ()
+    assert [each.session for each in store.prune(policy, dry_run=True).thinned] == thinned
 
 
 def test_a_cap_takes_from_the_oldest_on_until_the_rest_fits_and_models_last(store):
@@ -299,7 +290,7 @@ def test_a_clean_up_that_dies_at_any_call_leaves_no_bundle_that_lacks_a_file_wit
         assert not list(store.workspace.evidence.rglob("*.tmp"))
         assert not names_in(folders[0]) & HEAVY
         store.close()
-        assert died in {"", "EVIDENCE_UNWRITABLE"}
+        assert died in {"", "WRITE_FAILED"}
         if not died:
             assert fault.calls < at
             break

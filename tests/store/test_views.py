@@ -22,6 +22,9 @@ from phyagentos.store.renderer import Views
 from phyagentos.store.views.sessions import FINISHED_SHOWN, render_sessions
 from phyagentos.store.views.tasks import render_graph, render_tasks
 
+from .conftest import make_course
+from .histories import fold
+
 EXECUTION = Execution(
     ended=Ended.SKILL_FAILED,
     evidence="evidence/tidy-7.red",
@@ -62,8 +65,7 @@ def run(open_journal, submit):
             submit(),
         ]
     )
-    runtime.commit([Entry("tidy-7.red", "claim"), Entry("tidy-7.red", "check"), Entry("tidy-7.red", "start", epoch=1)])
-    runtime.commit([Entry("tidy-7.red", "halt"), Entry("tidy-7.red", "finish", {"execution": EXECUTION}, 1)])
+    runtime.commit(make_course("tidy-7.red", EXECUTION))
     child = {"child": "tidy-7.red.r1", "parent": "tidy-7.red", "reason": "the cube slipped"}
     agent.commit(
         [
@@ -84,10 +86,7 @@ def run(open_journal, submit):
 
 @pytest.fixture
 def ledger(run):
-    ledger = Ledger()
-    for record in run.read_new():
-        ledger.apply(record)
-    return ledger
+    return fold(run.read_new())
 
 
 def test_a_session_tells_what_was_asked_who_did_it_what_was_seen_and_why(ledger):
@@ -123,10 +122,7 @@ def test_sessions_shows_all_live_ones_and_the_last_finished(open_journal, submit
     agent = open_journal()
     agent.commit([submit(f"s{number}") for number in range(120)])
     agent.commit([Entry(f"s{number}", "cancel") for number in range(100)])
-    ledger = Ledger()
-    for record in agent.read_new():
-        ledger.apply(record)
-    text = render_sessions(ledger)
+    text = render_sessions(fold(agent.read_new()))
     names = [block.name for block in iter_blocks(text)]
 
     assert names == [f"s{n}" for n in range(100, 120)] + [f"s{n}" for n in range(99, 99 - FINISHED_SHOWN, -1)]
@@ -145,10 +141,7 @@ def test_a_pending_session_shows_every_field_that_may_change(ledger):
 def test_no_objective_can_break_the_page(open_journal, submit):
     agent = open_journal()
     agent.commit([submit("a", objective="x\n## fake\n```yaml\nstate: y\n```\n<!-- end of view -->\n"), submit("b")])
-    ledger = Ledger()
-    for record in agent.read_new():
-        ledger.apply(record)
-    text = render_sessions(ledger)
+    text = render_sessions(fold(agent.read_new()))
 
     assert [block.name for block in iter_blocks(text)] == ["a", "b"]
     assert text.count("\n<!-- end of view -->\n") == 1
@@ -158,8 +151,7 @@ def test_what_is_shown_no_more_is_forgotten(open_journal, submit):
     agent, ledger, cache = open_journal(), Ledger(), {}
     for number in range(300):
         agent.commit([submit(f"s{number}"), Entry(f"s{number}", "cancel")])
-        for record in agent.read_new():
-            ledger.apply(record)
+        fold(agent.read_new(), ledger)
         render_sessions(ledger, cache)
 
     assert len(cache) <= 3 * FINISHED_SHOWN + 2
@@ -167,8 +159,7 @@ def test_what_is_shown_no_more_is_forgotten(open_journal, submit):
 
 def test_a_task_shows_goal_nodes_criteria_and_verdict(run, ledger):
     verdict = {"verdict": "success", "reason": "both cubes are in", "criteria": ATTEMPT.criteria}
-    for record in run.commit([Entry("goal:tidy-7", "goal_verdict", verdict)]):
-        ledger.apply(record)
+    fold(run.commit([Entry("goal:tidy-7", "goal_verdict", verdict)]), ledger)
     text = render_tasks(ledger)
 
     for fact in (

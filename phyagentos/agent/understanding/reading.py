@@ -103,7 +103,8 @@ def is_slip(word: str, meant: str) -> bool:
 
     The first letter is hardly ever wrong (Yannakoudakis and Fawthrop 1983, doi:10.1016/0306-4573(83)90045-6).
     """
-    cuts = ((meant[:at], meant[at:]) for at in range(1, len(meant) + 1))
+    is_alike = word[:1] == meant[:1] and abs(len(word) - len(meant)) <= 1  # no pattern is compiled for the others
+    cuts = ((meant[:at], meant[at:]) for at in range(1, len(meant) + 1) if is_alike)
     return any(re.fullmatch(f"{a}(.?{b[1:]}|.{b}|{b[1:2]}{b[:1]}{b[2:]})", word) for a, b in cuts)
 
 

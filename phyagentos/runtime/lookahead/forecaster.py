@@ -56,7 +56,7 @@ def open_forecaster(name: str, site: ForecasterSite) -> Forecaster:
         raise
     except Exception as error:  # foreign code
         raise DefinitionError.of(
-            "BROKEN_PLUGIN",
+            "BROKEN_PYTHON",
             "lookahead.forecasters",
             found=f"forecaster {name!r}, which does not open: {type(error).__name__}: {error}",
         ) from error

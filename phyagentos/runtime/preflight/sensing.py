@@ -44,7 +44,7 @@ def iter_sensing_problems(
     for name, sensor in used.items():
         if name not in read:
             yield make_problem(
-                "SENSOR_MISMATCH",
+                "OBSERVATION_MISMATCH",
                 address="perception.yaml: pipelines",
                 found=repr(name),
                 expected=format_names(read),
@@ -81,7 +81,7 @@ def _make_missing(need: str, sensors: Sensors, perception: Perception, by: str) 
         fix = f"Let a sensor of sensors.yaml provide {need!r}."
         address = "sensors.yaml: sensors"
         known = sorted({name for sensor in sensors.sensors.values() for name in sensor.provides})
-    return make_problem("SENSOR_MISMATCH", address, repr(need), format_names(known), by, fix, kind="missing")
+    return make_problem("OBSERVATION_MISMATCH", address, repr(need), format_names(known), by, fix, kind="missing")
 
 
 def _iter_freshness_problems(cameras: dict[str, Sensor], perception: Perception, by: str) -> Iterator[Problem]:
@@ -91,7 +91,7 @@ def _iter_freshness_problems(cameras: dict[str, Sensor], perception: Perception,
         left_s = perception.embedded.max_age_s - late_s
         if left_s <= 0.0 or sensor.rate_hz * left_s < 1.0 - RATE_TOLERANCE:
             yield make_problem(
-                "SENSOR_MISMATCH",
+                "OBSERVATION_MISMATCH",
                 address=f"sensors.yaml: sensors.{name}.rate_hz",
                 found=sensor.rate_hz,
                 expected=f"at least {1.0 / left_s:.3g} Hz"
@@ -113,7 +113,7 @@ def iter_sensor_problems(
         both = sensor.modality == "rgbd" and usual in ("rgb", "depth")
         if sensor.modality != usual and not both:
             yield make_problem(
-                "SENSOR_MISMATCH",
+                "OBSERVATION_MISMATCH",
                 address=f"{place}.modality",
                 found=sensor.modality,
                 expected=f"{usual}, for {each!r}",
@@ -123,7 +123,7 @@ def iter_sensor_problems(
     if sensor.modality == "simulator_state" and profile.kind == "real_robot":
         fix = "A real robot has no simulator; use a camera."
         yield make_problem(
-            "SENSOR_MISMATCH",
+            "OBSERVATION_MISMATCH",
             f"{place}.modality",
             sensor.modality,
             "a sensor of the robot",
@@ -135,7 +135,7 @@ def iter_sensor_problems(
     if sensor.modality in _SAMPLED and sensor.rate_hz < contract.sampling_hz * (1.0 - RATE_TOLERANCE):
         fix = "Raise it, or lower sampling_hz: conditions are sampled more often than this sensor measures."
         yield make_problem(
-            "SENSOR_MISMATCH",
+            "OBSERVATION_MISMATCH",
             f"{place}.rate_hz",
             sensor.rate_hz,
             expected=f"at least {contract.sampling_hz:g} Hz",
@@ -146,7 +146,7 @@ def iter_sensor_problems(
     elif sensor.rate_hz > fastest_hz * (1.0 + RATE_TOLERANCE):
         fix = "Lower it: nothing changes between two steps of the physics."
         yield make_problem(
-            "SENSOR_MISMATCH",
+            "OBSERVATION_MISMATCH",
             f"{place}.rate_hz",
             sensor.rate_hz,
             f"at most {fastest_hz:g} Hz",

@@ -94,7 +94,7 @@ class Lost:
         return Execution(
             ended=Ended.TARGET_LOST,
             evidence=f"evidence/{self.session.id}",
-            code="TARGET_UNAVAILABLE",
+            code="TARGET_LOST",
             message=f"{self.reason}; and no worker starts that could look at the world",
         )
 
@@ -350,7 +350,7 @@ class TargetSupervisor:
 
     def _take_measure(self, due: Due) -> None:
         if due.measure is Measure.LOSE:
-            self._lose(due.reason, code=due.code)
+            self._lose(due.reason)
         elif due.measure is Measure.REPLACE:
             self._replace()
         elif self.session is not None and due.measure is Measure.STOP:
@@ -360,7 +360,7 @@ class TargetSupervisor:
             self.worker.send(Stop(session=self.session.id, reason=due.ended, why=due.reason))
             self._stop_by_s = self._clock.now_s() + STOP_GRACE_S
         elif self.session is not None:
-            self._refuse(self.session, Problem(due.code, str(self.session.id), due.reason))
+            self._refuse(self.session, Problem("TIMED_OUT", str(self.session.id), due.reason))
 
     def _show_check(self, session: Session) -> None:
         """Record that a session is being checked, as long as no other watchdog holds it."""
@@ -379,7 +379,7 @@ class TargetSupervisor:
 
 
 def compute_may_reset(session: Session, ledger: Ledger) -> bool:
-    """Whether another episode may end for this session; the target itself refuses with `RESET_FORBIDDEN`."""
+    """Whether another episode may end for this session; the target itself refuses with `NOT_PERMITTED`."""
     if session.reset_policy is not ResetPolicy.BETWEEN_GOALS:
         return session.reset_policy is ResetPolicy.ON_NEW_EPISODE
     return not any(

@@ -49,6 +49,13 @@ def make_correction(*, ok=True, strategy=None, **more):
     return [failed, make_episode(ok=ok, parent=failed, strategy=SLOW if strategy is None else strategy)]
 
 
+def teach(memory, **facts):
+    """Record a correction; the failure that it corrects."""
+    pair = make_correction(**facts)
+    memory.record(pair)
+    return pair[0]
+
+
 def ask(episode, **changes):
     """The scope of an episode."""
     return msgspec.structs.replace(compute_scope(episode), **changes)

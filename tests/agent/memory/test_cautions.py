@@ -9,7 +9,7 @@ from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
 from phyagentos.testing import make_contract
 
-from .conftest import SLOW, ask, make_correction, make_episode
+from .conftest import SLOW, ask, make_correction, make_episode, teach
 
 STOPPED = {"ok": False, "cause": "SAFETY_STOP", "safety": ("ESTOPPED",)}
 
@@ -46,6 +46,13 @@ def test_one_safety_event_is_a_lesson_at_once_with_its_bundle(memory):
     assert memory.warn(ask(stopped, scene="elsewhere")) == ()
 
 
+def test_events_that_an_earlier_release_recorded_count_under_their_present_code(memory):
+    for code in ("HOLD_VIOLATED", "CONSTRAINT_VIOLATED", "HOLD_BROKEN"):
+        memory.record([make_episode(**STOPPED | {"safety": (code,)})])
+    (lesson,) = memory.experience.list_lessons()
+    assert (lesson.cause, lesson.supported) == ("CONSTRAINT_VIOLATED", 3)
+
+
 def test_a_caution_lapses_once_many_sessions_passed_without_another_event(memory):
     memory.record([make_episode(**STOPPED)])
     memory.record([make_episode() for _ in range(20)])
@@ -58,8 +65,7 @@ def test_a_caution_lapses_once_many_sessions_passed_without_another_event(memory
 
 
 def test_a_lesson_that_a_safety_event_followed_is_used_no_more(memory):
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
+    failed = teach(memory)
     (found,) = memory.recall(ask(failed))
     memory.record([make_episode(**STOPPED, strategy=SLOW, advised_by=(found.lesson.id,))])
     assert memory.recall(ask(failed)) == ()
@@ -69,8 +75,7 @@ def test_a_lesson_that_a_safety_event_followed_is_used_no_more(memory):
 
 
 def test_at_high_risk_a_lesson_must_surely_do_better_than_nothing(memory):
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
+    failed = teach(memory)
     assert memory.recall(ask(failed))
     memory.record([make_episode(**STOPPED, thing="soap")])
     assert memory.recall(ask(failed)) == (), "one success is not enough"
@@ -80,8 +85,7 @@ def test_at_high_risk_a_lesson_must_surely_do_better_than_nothing(memory):
 
 
 def test_what_was_verified_at_normal_risk_is_not_used_where_conditions_must_hold(memory):
-    failed, corrected = make_correction(risk=Risk.NORMAL)
-    memory.record([failed, corrected])
+    failed = teach(memory, risk=Risk.NORMAL)
     assert memory.recall(ask(failed))
     assert memory.recall(ask(failed, risk=Risk.GUARDED)) == ()
 

@@ -9,7 +9,7 @@ from phyagentos.protocol.sessions.memory_entries import Embodiment, EntryState
 from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 from phyagentos.protocol.sessions.verdicts import Verdict
 
-from .conftest import PANDA, SLOW, ask, make_correction, make_episode
+from .conftest import PANDA, SLOW, ask, make_correction, make_episode, teach
 
 
 def find_lesson(memory, **wanted):
@@ -122,8 +122,7 @@ def test_what_was_the_same_in_every_case_stays(memory):
 
 
 def test_a_lesson_about_one_thing_is_not_told_about_another(memory):
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
+    teach(memory)
     assert memory.recall(ask(make_episode(thing="cube"))) == ()
 
 
@@ -145,8 +144,7 @@ def test_a_place_to_avoid_is_widened_to_other_things_and_not_to_other_places(mem
 
 
 def test_a_lesson_about_the_hand_needs_a_hand_alike(memory):
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
+    failed = teach(memory)
     same = ask(failed, target="ur5e", body=PANDA)
     wider = ask(failed, target="ur5e", body=msgspec.structs.replace(PANDA, grip_width_m=0.14))
     slower = ask(failed, target="ur5e", body=msgspec.structs.replace(PANDA, control_period_s=0.1))
@@ -155,8 +153,7 @@ def test_a_lesson_about_the_hand_needs_a_hand_alike(memory):
 
 
 def test_a_lesson_about_a_place_holds_for_any_arm_and_for_no_base(memory):
-    failed, corrected = make_correction(strategy=Strategy(avoid_sites=("site0",)), cause="PLACED_WRONG")
-    memory.record([failed, corrected])
+    failed = teach(memory, strategy=Strategy(avoid_sites=("site0",)), cause="PLACED_WRONG")
     other_arm = Embodiment(kind="arm", grip_width_m=0.14, grip_force_n=10.0, control_period_s=0.1)
     assert memory.recall(ask(failed, target="ur5e", body=other_arm))
     assert not memory.recall(ask(failed, target="cart", body=Embodiment(kind="base")))
@@ -164,14 +161,12 @@ def test_a_lesson_about_a_place_holds_for_any_arm_and_for_no_base(memory):
 
 def test_what_succeeds_anyway_needs_no_lesson(memory):
     memory.record([make_episode() for _ in range(30)])
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
+    failed = teach(memory)
     assert memory.recall(ask(failed)) == ()
 
 
 def test_a_lesson_that_later_verdicts_contradict_is_no_longer_told(memory):
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
+    failed = teach(memory)
     id = memory.recall(ask(failed))[0].lesson.id
     memory.record([make_episode(ok=False, strategy=SLOW, advised_by=(id,)) for _ in range(4)])
     assert memory.recall(ask(failed)) == ()
@@ -190,8 +185,7 @@ def test_of_two_corrections_the_one_that_helps_more_often_comes_first(memory):
 
 
 def test_a_lesson_that_nothing_confirms_expires(memory):
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
+    failed = teach(memory)
     correction = memory.recall(ask(failed))[0].lesson
     late = memory.experience.seq + methodological.EXPIRES_AFTER + 1
     state, reason = correction.judge(late)

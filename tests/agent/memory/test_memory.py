@@ -11,7 +11,7 @@ from phyagentos.agent.memory.experience_log import Edit
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.memory_entries import EntryState, Scope
 
-from .conftest import SLOW, ask, make_correction, make_episode
+from .conftest import SLOW, ask, make_correction, make_episode, teach
 
 
 def encode(memory):
@@ -38,8 +38,7 @@ def test_a_deleted_cache_loses_nothing(memory, open_memory, tmp_path):
 
 @pytest.mark.parametrize("damage", [b"", b"no JSON at all", b"{}", bytes(200)])
 def test_a_damaged_cache_is_made_anew(memory, open_memory, tmp_path, damage):
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
+    failed = teach(memory)
     find_cache(tmp_path).write_bytes(damage)
     assert open_memory().recall(ask(failed))
 
@@ -54,8 +53,7 @@ def test_a_number_that_rotted_in_the_cache_is_counted_anew(memory, open_memory, 
 
 
 def test_a_cache_of_other_records_is_not_believed(memory, open_memory, tmp_path):
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
+    failed = teach(memory)
     shutil.rmtree(tmp_path / "memory")
     emptied = open_memory()
     assert emptied.recall(ask(failed)) == ()
@@ -104,8 +102,7 @@ def test_two_writers_take_turns(open_memory):
 
 
 def test_what_is_forgotten_is_kept_with_the_reason_and_used_no_more(memory, open_memory):
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
+    failed = teach(memory)
     id = memory.recall(ask(failed))[0].lesson.id
     memory.record([Edit(entry=id, retracts=True, reason="the soap was replaced", by="a person")])
     memory.record(make_correction())  # later verdicts do not raise it again
@@ -117,8 +114,7 @@ def test_what_is_forgotten_is_kept_with_the_reason_and_used_no_more(memory, open
 
 
 def test_a_person_may_say_where_a_lesson_holds(memory):
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
+    failed = teach(memory)
     id = memory.recall(ask(failed))[0].lesson.id
     wider = Scope(skill="pick_and_place", target="panda", object="soap")
     memory.record([Edit(entry=id, scope=wider, by="a person")])
@@ -168,8 +164,7 @@ def test_sessions_of_one_name_from_two_workspaces_are_two_and_one_that_is_told_t
 
 
 def test_a_snapshot_answers_as_it_did_however_much_is_recorded_later(memory, open_memory):
-    failed, corrected = make_correction()
-    memory.record([failed, corrected])
+    failed = teach(memory)
     snapshot, said = memory.snapshot, memory.recall(ask(failed))
     assert open_memory().snapshot == snapshot
     for _ in range(5):

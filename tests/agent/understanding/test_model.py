@@ -1,6 +1,5 @@
 """The understander that asks a model: servers that answer rightly, wrongly, slowly, never, or as they are told to."""
 
-import contextlib
 import hashlib
 import json
 import time
@@ -14,7 +13,6 @@ from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.network.chat import OpenAiEndpoint
-from tests.chat_server import ChatServer
 from tests.hostile_server import HostileServer
 
 from .conftest import get_vocabulary
@@ -29,22 +27,13 @@ NO_PREDICATE = {"goal": {"accept": ["import os"]}}
 CONTRADICTION = {"goal": {"accept": ["inside(red_cube, red_tray)"], "constraints": ["not moved(red_cube)"]}}
 
 
-@pytest.fixture
-def serve():
-    with contextlib.ExitStack() as stack:
-
-        def open_one(*answers, **facts):
-            server = ChatServer(answers, **facts)
-            stack.callback(server.close)
-            return server
-
-        yield open_one
-
-
-def ask(server, request=REQUEST, vocabulary=None, *, key="", answers=None, **limits):
+def make_model(server, key="", **limits):
     endpoint = OpenAiEndpoint(url=server.url, model="m-1", key=key)
-    understander = ModelUnderstander(name=endpoint.name, complete=endpoint.complete, clock=SystemClock(), **limits)
-    return understander.understand(request, vocabulary or get_vocabulary(), answers or {})
+    return ModelUnderstander(name=endpoint.name, complete=endpoint.complete, clock=SystemClock(), **limits)
+
+
+def ask(server, request=REQUEST, vocabulary=None, *, answers=None, **limits):
+    return make_model(server, **limits).understand(request, vocabulary or get_vocabulary(), answers or {})
 
 
 def test_prose_around_the_answer_is_no_part_of_it(serve):
@@ -63,16 +52,6 @@ def test_problems_go_back_and_a_corrected_answer_counts(serve, wrong):
     assert json.loads(server.asked[1]["messages"][-1]["content"])["problems"]
 
 
-def test_three_wrong_answers_are_enough(serve):
-    server = serve(UNKNOWN)
-    found = ask(server)
-
-    assert isinstance(found, Impossible)
-    assert {lack.kind for lack in found.lacks} == {RequestProblemKind.MODEL}
-    assert "crimson_cube" in found.lacks[0].words
-    assert len(server.asked) == 3
-
-
 def test_a_question_is_asked_on_and_its_answer_reaches_the_model(serve):
     question = {"questions": [{"words": "crimson", "candidates": ["red_cube", "red_tray"]}]}
     found = ask(serve(question))
@@ -81,17 +60,6 @@ def test_a_question_is_asked_on_and_its_answer_reaches_the_model(serve):
 
     assert isinstance(found, Ambiguous)
     assert server.data["question"]["answered"] == {"crimson": "red_cube"}
-
-
-def test_candidates_that_are_not_here_are_no_question(serve):
-    server = serve({"questions": [{"words": "x", "candidates": ["red_cube", "unicorn"]}]})
-
-    assert isinstance(ask(server), Impossible)
-    assert len(server.asked) == 3
-
-
-def test_what_is_missing_is_said(serve):
-    assert ask(serve({"missing": ["no skill flies"]})).lacks[0].words == "no skill flies"
 
 
 def test_a_slow_server_costs_no_more_than_the_time_allowed(serve):
@@ -115,26 +83,33 @@ def test_a_server_that_never_answers_ends_in_time(way):
     assert found.lacks[0].words.startswith("MODEL_")
 
 
-def test_a_server_that_refuses_is_told_about(serve):
-    assert "MODEL_FAILED" in ask(serve(RIGHT, status=500)).lacks[0].words
-
-
-def test_tokens_are_limited(serve):
-    server = serve(UNKNOWN, tokens=5000)
-    found = ask(server, tokens=8000)
-
-    assert isinstance(found, Impossible)
-    assert len(server.asked) == 2
-    assert all(asked["max_tokens"] <= 1500 for asked in server.asked)
-    assert isinstance(ask(serve(RIGHT), tokens=100), Impossible)
-
-
-def test_cost_is_limited(serve):
-    server = serve(UNKNOWN, tokens=5000)
-
-    ask(server, price=10.0, cost=0.08)  # 8000 tokens
-
-    assert len(server.asked) == 2
+@pytest.mark.parametrize(
+    ("answer", "facts", "limits", "asked", "said"),
+    [
+        pytest.param(UNKNOWN, {}, {}, 3, "crimson_cube", id="three wrong answers are enough"),
+        pytest.param(
+            {"questions": [{"words": "x", "candidates": ["red_cube", "unicorn"]}]},
+            {},
+            {},
+            3,
+            "unicorn",
+            id="candidates that are not here are no question",
+        ),
+        pytest.param({"missing": ["no skill flies"]}, {}, {}, 1, "no skill flies", id="what is missing is said"),
+        pytest.param(RIGHT, {"status": 500}, {}, 1, "MODEL_FAILED", id="a server that refuses is named"),
+        pytest.param(UNKNOWN, {"tokens": 5000}, {"tokens": 8000}, 2, "", id="tokens are limited"),
+        pytest.param(RIGHT, {}, {"tokens": 100}, 0, "", id="too few tokens for one question"),
+        pytest.param(UNKNOWN, {"tokens": 5000}, {"price": 10.0, "cost": 0.08}, 2, "", id="cost is limited"),
+    ],
+)
+def test_a_model_that_gives_no_goal_is_asked_no_more_than_is_allowed(serve, answer, facts, limits, asked, said):
+    server = serve(answer, **facts)
+    found = ask(server, **limits)
+    assert (type(found), len(server.asked)) == (Impossible, asked)
+    kind = RequestProblemKind.CAPABILITY if "missing" in answer else RequestProblemKind.MODEL
+    assert {lack.kind for lack in found.lacks} == {kind}
+    assert said in found.lacks[0].words
+    assert all(each["max_tokens"] <= 1500 for each in server.asked)
 
 
 @pytest.mark.parametrize(
@@ -162,21 +137,17 @@ def test_text_of_a_scene_is_data_and_an_obedient_model_gets_no_further_than_a_go
 
 
 def test_the_key_is_sent_to_the_server_and_written_nowhere(serve, tmp_path):
-    server = serve(RIGHT)
-    endpoint = OpenAiEndpoint(url=server.url, model="m-1", key="sk-secret")
-    model = ModelUnderstander(name=endpoint.name, complete=endpoint.complete, clock=SystemClock())
+    server, file = serve(RIGHT), tmp_path / "a.json"
+    model = make_model(server, "sk-secret")
     model.understand(REQUEST, get_vocabulary(), {})
-    write_answers(tmp_path / "a.json", REQUEST, SCENE, model)
-
+    write_answers(file, REQUEST, SCENE, model)
     assert server.keys == ["Bearer sk-secret"]
-    assert "sk-secret" not in (tmp_path / "a.json").read_text(encoding="utf-8")
-    assert "sk-secret" not in repr(endpoint)
+    assert "sk-secret" not in file.read_text(encoding="utf-8") + repr(model)
 
 
 def test_kept_answers_are_used_again_without_a_server(serve, tmp_path):
     server = serve(UNKNOWN, RIGHT)
-    endpoint = OpenAiEndpoint(url=server.url, model="m-1")
-    model = ModelUnderstander(name=endpoint.name, complete=endpoint.complete, clock=SystemClock())
+    model = make_model(server)
     first = model.understand(REQUEST, get_vocabulary(), {})
     write_answers(tmp_path / "a.json", REQUEST, SCENE, model)
     again = ModelUnderstander(
@@ -200,8 +171,8 @@ def test_a_file_that_holds_no_answers_is_refused(tmp_path, text):
 
 
 def test_answers_are_plain_json(serve, tmp_path):
-    endpoint = OpenAiEndpoint(url=serve(RIGHT, tokens=77).url, model="m-1")
-    model = ModelUnderstander(name=endpoint.name, complete=endpoint.complete, clock=SystemClock())
+    model = make_model(serve(RIGHT, tokens=77))
+
     model.understand(REQUEST, get_vocabulary(), {})
     write_answers(tmp_path / "a.json", REQUEST, SCENE, model)
     kept = msgspec.json.decode((tmp_path / "a.json").read_bytes())

@@ -4,6 +4,8 @@ from tests.mutants.mutant import Edit, Mutant
 
 VERIFIER = "phyagentos.agent.judging.verifier"
 EVIDENCE = "phyagentos.protocol.sessions.evidence"
+SHOWN = "tests/agent/test_verifier.py::test_only_what_evidence_shows_is_accepted_and_what_is_missing_is_named"
+OBSERVED = "tests/agent/test_mission.py::test_a_goal_ends_by_what_was_observed_of_it_and_says_why"
 
 MUTANTS = (
     Mutant(
@@ -16,10 +18,7 @@ MUTANTS = (
                 "if decisive:",
             ),
         ),
-        tests=(
-            "tests/agent/test_verifier.py::"
-            "test_fingers_that_closed_on_air_are_a_missed_grasp_although_the_skill_completed",
-        ),
+        tests=(f"{SHOWN}[fingers that closed on air are a missed grasp although the skill completed]",),
     ),
     Mutant(
         name="unknown_counted_as_true",
@@ -31,7 +30,7 @@ MUTANTS = (
                 "if decisive and all(criterion.truth is not Truth.FALSE for criterion in decisive):",
             ),
         ),
-        tests=("tests/agent/test_verifier.py::test_unknown_is_never_a_success",),
+        tests=(f"{SHOWN}[unknown is never a success]",),
     ),
     Mutant(
         name="no_criteria_is_success",
@@ -45,7 +44,7 @@ MUTANTS = (
                 "        if decisive and all(criterion.truth is Truth.TRUE for criterion in decisive):",
             ),
         ),
-        tests=("tests/agent/test_verifier.py::test_a_contract_without_criteria_is_never_a_success",),
+        tests=(f"{SHOWN}[without criteria nothing is a success]",),
     ),
     Mutant(
         name="controller_decides",
@@ -59,7 +58,7 @@ MUTANTS = (
                 "        if self.mode is VerificationMode.ENFORCE:\n            history",
             ),
         ),
-        tests=("tests/agent/test_mission.py::test_a_skill_that_reports_success_and_moves_nothing_fails",),
+        tests=(f"{OBSERVED}[a skill that reports success and moves nothing fails]",),
     ),
     Mutant(
         name="criteria_swapped",
@@ -193,7 +192,7 @@ MUTANTS = (
         name="replan_budget_ignored",
         claim="There is always one more attempt.",
         edits=(Edit(VERIFIER, "has_budget = history.replans < history.max_replans", "has_budget = True"),),
-        tests=("tests/agent/test_verifier.py::test_a_spent_budget_turns_a_replan_into_a_failure",),
+        tests=(f"{SHOWN}[a spent budget turns a replan into a failure]",),
     ),
     Mutant(
         name="undone_node_stays_done",
@@ -407,7 +406,7 @@ MUTANTS = (
                 "or case.miss",
             ),
         ),
-        tests=("tests/agent/test_repair.py::test_what_two_looks_did_not_decide_ends_there",),
+        tests=("tests/agent/test_repair.py::test_what_two_looks_did_not_decide_or_show_ends_there",),
     ),
     Mutant(
         name="unseen_hold_forgotten_by_the_replan",

@@ -223,7 +223,7 @@ def compile_chain(
     if now.rate_hz == source.rate_hz and now.chunk_length > target.chunk_length:
         return (
             Problem(
-                "CHUNK_LENGTH",
+                "ACTION_SPACE_MISMATCH",
                 "chunk_length",
                 f"{source.chunk_length} rows",
                 expected=f"1 to {target.chunk_length} rows",
@@ -244,7 +244,7 @@ def _check_space(space: ActionSpace, side: str) -> Iterator[Problem]:
     """Contradictions and gaps of a space."""
 
     def problem(field: str, found: str, expected: str) -> Problem:
-        return Problem("ACTION_SPACE_INVALID", f"{side}.{field}", found, expected)
+        return Problem("ACTION_SPACE_MISMATCH", f"{side}.{field}", found, expected)
 
     if space.representation == "joint_position" and len(set(space.joints)) != len(space.joints):
         yield problem("joints", "a joint twice", "each joint once")

@@ -124,7 +124,7 @@ class ToolCentre:
         kinematics = read_kinematics(found, profile) if found is not None else None
         if found is None or kinematics is None:
             raise DefinitionError.of(
-                "MODEL_MISSING",
+                "UNREADABLE_FILE",
                 f"{place}: model",
                 repr(profile.model),
                 "a MJCF file",

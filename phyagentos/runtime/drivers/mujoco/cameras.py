@@ -83,10 +83,8 @@ class CameraRig:
                 history=history,
             )
             corruptions = find_corruption(name)
-            if exposure is None:
-                missing[name] = "FRAME_DROPPED"
-            elif any(each.kind == "blackout" and each.mode == "silent" for each in corruptions):
-                missing[name] = "CAMERA_SILENT"
+            if exposure is None or any(each.kind == "blackout" and each.mode == "silent" for each in corruptions):
+                missing[name] = "OBSERVATION_UNAVAILABLE"
             else:
                 exposures[name] = exposure, corruptions
 

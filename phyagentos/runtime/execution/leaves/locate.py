@@ -20,8 +20,8 @@ class Locate(Leaf):
 
 
 def get_visible(leaf: Leaf) -> Entity:
-    """The entity that the port `object` names; the leaf fails with `NOT_VISIBLE` where the last look did not see it."""
+    """The entity that the port `object` names; `OBJECT_HIDDEN` where the last look did not see it."""
     entity = leaf.get_entity(leaf.read("object"), WORLD)
     if not entity.visible:
-        raise LeafFailure(FailureCode.NOT_VISIBLE, f"{entity.name} was not seen", object=entity.name)
+        raise LeafFailure(FailureCode.OBJECT_HIDDEN, f"{entity.name} was not seen", object=entity.name)
     return entity
