@@ -205,9 +205,8 @@ class Pipeline:
 
     def own_state(self, state: TargetState, entities: dict[str, Entity]) -> TargetState:
         """The target's state with the perceived held objects: touch does not identify them."""
-        return msgspec.structs.replace(
-            state, holding=tuple(sorted(name for name, entity in entities.items() if entity.status is Status.HELD))
-        )
+        held = tuple(sorted(name for name, entity in entities.items() if entity.status is Status.HELD))
+        return msgspec.structs.replace(state, holding=held)
 
 
 @dataclass(frozen=True, slots=True)
