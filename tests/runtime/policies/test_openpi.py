@@ -111,8 +111,10 @@ def test_a_server_introduces_itself_and_is_healthy(served):
 def test_what_a_model_raises_comes_as_text_and_ends_in_words(served):
     policy, endpoint = served
     policy.infer = lambda _: 1 / 0
-    told = r"(?s)POLICY_FAILED: .*ZeroDivisionError"
-    with open_client(endpoint) as client, pytest.raises(ExecutionError, match=told):
+    with (
+        open_client(endpoint) as client,
+        pytest.raises(ExecutionError, match=r"(?s)POLICY_FAILED: .*ZeroDivisionError"),
+    ):
         ask(client)
     with connect(endpoint.replace("openpi", "ws")) as other:
         other.recv()
