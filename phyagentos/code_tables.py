@@ -1,6 +1,10 @@
-"""The rows of the table of error codes, by phase: a code, then what it means. `codes` reads them."""
+"""The table of error codes: phase, who acts and what another attempt is worth, then each code and what it means."""
 
-AUTHORED = """
+from collections.abc import Mapping
+
+ROWS: Mapping[tuple[str, str, str], str] = {
+    ("authoring", "author", "edited"): """
+AMBIGUOUS       The contract or goal depends on which of several objects that look alike is which.
 BROKEN_PYTHON   Python of a person or installed package does not load, or raised an error in a session.
 BROKEN_TREE     A tree cannot be built: an output that nothing writes, two actions at once, a wrong subtree.
 CYCLE           Nodes wait for each other, or goal graphs or trees contain each other or themselves.
@@ -15,65 +19,58 @@ SYNTAX          A text is no predicate, XML or YAML, stands for too many values,
 UNKNOWN_NAME    Nothing of the kind that stands in brackets has such a name there.
 UNREADABLE_FILE A file is missing, cannot be read, is no regular file, has more than 16 MiB, or is no text.
 WORLD_CONFLICT  Targets cannot share a world, or not the one that the goal gives them, or be repeated in it alone.
-"""
-
-OPERATION = """
-NOT_RUNNING          No workspace runs, or its agent or runtime has ended before the verdict.
+""",
+    ("operation", "operator", "edited"): """
 ALREADY_OVER     The goal, session, turn or emergency stop has ended: its verdict, state or answer is final.
 CHANGED          A goal, proposal, run, setting or measurement is not what was begun, decided on or recorded.
 EXTRA_MISSING    A package, module, environment, key or configuration is missing, or cannot be installed.
 NOT_A_WORKSPACE  The folder is no workspace, or no run of a suite, or has no such partition of the journal.
 NOT_EXECUTED     The session never ran, has no verdict yet, or left nothing to run again or export.
 NOT_PERMITTED    A policy, contract, approval or server level forbids it, or a lesson has not proved itself.
+NOT_RUNNING      No workspace runs, or its agent or runtime has ended before the verdict.
 TOO_LARGE        A proposal, arguments, a context or a record has too many bytes; or too many proposals wait.
 UNTRUSTED_PYTHON A workspace holds Python that is not known from here.
 WOULD_OVERWRITE  A file stands where one was to be written.
-"""
-
-STORE = """
-BUSY                 Another process works on the same run, workspace, journal, evidence or target.
+""",
+    ("store", "operator", "later"): """
+BUSY                Another process works on the same run, workspace, journal, evidence or target.
 EVIDENCE_DAMAGED    A bundle lacks a file, or holds one that cannot be read or is not as its manifest says.
 JOURNAL_DAMAGED     The journal or its checkpoint is not as it was written, or against the lifecycle.
 JOURNAL_LEFTOVER    A part of the journal that does not count; the next writer or reader passes over it.
 JOURNAL_NOT_DURABLE The disk did not confirm a write; the process must end.
 WRITE_FAILED        The disk took or confirmed no record, file or latch; nothing was acknowledged.
-"""
-
-PREFLIGHT = """
-NOT_SECURED          A target or client has no safe key, token, TLS or certificate, or others can use the sockets.
+""",
+    ("preflight", "author", "edited"): """
 ACTION_SPACE_MISMATCH No bridge leads from a source's form, joints, chunk, rate or range to the target's.
-CONTRACT_MISMATCH     runtime_contract.yaml counts on another period, step, rate or mode than the target.
+CONTRACT_MISMATCH     runtime_contract.yaml expects another period, step, rate or mode than the target has.
 LIMIT_INVALID         A limit of safety.yaml is empty, too narrow, wider than the target's, or unenforceable.
 NOT_OBSERVED          An argument, condition, fan-out or scene needs what no observation has shown.
 NOT_OFFERED           Target or runtime do not offer an observation, action, operation or kind of skill.
+NOT_SECURED           A target or client has no safe key, token, TLS or certificate, or others can use the sockets.
 NO_DRIVER             No driver moves a target of this kind or name, or the process of its environment does not start.
 OBSERVATION_MISMATCH  No sensor that is read gives a needed observation in its shape, unit, frame, modality or rate.
 OUT_OF_REACH          Every grasp or place is beyond the arm's reach, or beyond the workspace of safety.yaml.
-POLICY_MISMATCH       A policy, or its server, is not as SKILL.md describes it, or is too slow for its chunks.
+POLICY_MISMATCH       A policy, or its server, differs from its description in SKILL.md, or is too slow for its chunks.
 POLICY_UNREACHABLE    No policy server answers, or it cannot be started.
 PRECONDITION_UNMET    A precondition is false or unknown in the world as observed.
 START_OUTSIDE         The tool stands outside the workspace, or in a keep-out volume, before anything has moved.
 TARGET_MISMATCH       The live target differs from TARGETS.md.
-VERSION_MISMATCH      Skill, policy, target and this software are not of versions that go together.
-"""
-
-SUPERVISION = """
+VERSION_MISMATCH      Skill, policy, target and this software have versions that do not go together.
+""",
+    ("preflight", "operator", "later"): """
 RESOURCE_UNAVAILABLE A resource that the session needs is held by a target that is broken.
-"""
-
-PLANNING = """
+""",
+    ("planning", "agent", "replanned"): """
 IN_COLLISION     The arm, or every goal posture, touches something.
-LOAD_LOST        What was to travel on an object did not arrive with it.
+LOAD_LOST        An object that was to travel on another did not arrive with it.
 LOOKAHEAD_FAILED The requested look-ahead could not be carried out.
-LOOKAHEAD_LOW    The chance of success that was foreseen is too low, so nothing was moved.
+LOOKAHEAD_LOW    The predicted chance of success is too low, so nothing was moved.
 NOT_GRASPABLE    The object is wider than the gripper opens, or too heavy for the arm or the fingers' friction.
 NO_FREE_SITE     There is no free room at the destination.
 NO_IK            No joint posture reaches the requested pose.
 NO_SPACE         The destination is too small for the object.
-"""
-
-EXECUTION = """
-OBSERVATION_UNAVAILABLE A picture or measurement is missing, old, dark, or of another form than declared.
+""",
+    ("execution", "agent", "replanned"): """
 AGENT_GAVE_UP           The agent that directed a session ended it as failed.
 ALREADY_MET             The acceptance was true before the session, so that nothing was commanded.
 CONTACT                 A guarded motion met something, and stopped.
@@ -82,14 +79,14 @@ GRASP_MISSED            The fingers closed and do not hold the object.
 LEAF_ERROR              A leaf failed by an error of its own, or what adapts a policy did.
 MOTION_CONFLICT         Another robot stood in the way of a motion for too long.
 NOT_AT_START            A motion does not begin where the arm stands.
-POLICY_LOST             The policy server has gone, or has sent nothing in time.
+OBSERVATION_UNAVAILABLE A picture or measurement is missing, old, dark, or of another form than declared.
+POLICY_LOST             The policy server closed its connection, or sent nothing in time.
 STALLED                 A motor does not follow its set-points, or no control period passes for longer than allowed.
 STILL_HELD              The fingers opened and still hold the object.
-TIMED_OUT               A limit of time of the contract or of the tree was reached, in preflight and in a queue, too.
+TIMED_OUT               A time limit was reached: of the contract, of the tree, of preflight or of a queue.
 UNMET                   A condition of the tree is false or unknown, or a cooldown has not passed.
-"""
-
-VERIFICATION = """
+""",
+    ("verification", "agent", "replanned"): """
 ADAPTER_REFUSED     A command did not fit the target: an adapter or the target itself refused it.
 BUDGET              The budget of sessions, simulated time or an agent's calls is spent.
 CONSTRAINT_VIOLATED A condition that has to hold all through does not, or did not.
@@ -107,18 +104,15 @@ SENSOR_STALE        The latest measurement is too old to describe the world.
 UNDECIDABLE         Everything was seen, and still a criterion cannot be decided.
 UNKNOWN             None of the other causes.
 WITHOUT_EFFECT      The robot moved, the object did not.
-"""
-
-HOPELESS = """
-AMBIGUOUS           The contract or goal depends on which of several objects that look alike is which.
+""",
+    ("verification", "operator", "never"): """
 CANCELLED           An end was requested.
 CRITERIA_CONTRADICT Two criteria exclude one another, so that no world meets the contract.
 NOTHING_CHANGED     No command was executed and nothing moved, although the skill reported success.
 NO_CRITERIA         The contract holds nothing that could be accepted.
 OBJECT_GONE         The object is not in the believed world, or a request names none.
-"""
-
-SAFETY = """
+""",
+    ("safety", "agent", "replanned"): """
 ABORTED             A command waited for other targets of its world, and its session was to end.
 CLAMPED             A value was projected into its range, as the contract or safety.yaml declares.
 COLLISION           The commanded posture would touch something.
@@ -145,20 +139,20 @@ SESSION_TOO_LONG    The session has been commanding for longer than allowed.
 SET_POINTS_DISAGREE The velocity rows are not the velocity of the position rows.
 WORKSPACE           The tool centre point is outside the workspace.
 WRONG_SHAPE         An array of a command has another shape or type than one control period.
-"""
-
-TARGET = """
-NO_AUTHORITY         A command came without a claim, or out of sequence.
-RUNNER_LOST          The worker or its planner died, gave no heartbeat or that of two processes, or broke its protocol.
-LEASE_LOST             No watchdog has renewed the lease of a session that runs; the worker ended it.
-MALFORMED              A message on the wire could not be read.
-NO_GRAPHICS            This machine cannot draw; sensors.yaml may have `backend: ray`.
-PROTOCOL_BROKEN        The target sent an answer to no request, or one that cannot be: time that runs backwards.
-REQUEST_INVALID        A request comes before an episode began, or names no such camera, tool, truth, model or window.
-STALE_TOKEN            A command came under a claim that is no longer in force.
-TARGET_LIMIT           The target itself refused a command.
-TARGET_LOST            The target no longer answers, or its worker cannot be started.
-"""
+""",
+    ("target", "runtime", "observed"): """
+LEASE_LOST      No watchdog has renewed the lease of a session that runs; the worker ended it.
+MALFORMED       A message on the wire could not be read.
+NO_AUTHORITY    A command came without a claim, or out of sequence.
+NO_GRAPHICS     This machine cannot draw; sensors.yaml may have `backend: ray`.
+PROTOCOL_BROKEN The target sent an answer to no request, or one that cannot be: time that runs backwards.
+REQUEST_INVALID A request comes before an episode began, or names no such camera, tool, truth, model or window.
+RUNNER_LOST     The worker or its planner ended, sent no heartbeats or conflicting ones, or broke its protocol.
+STALE_TOKEN     A command came under a claim that is no longer in force.
+TARGET_LIMIT    The target itself refused a command.
+TARGET_LOST     The target does not answer any more, or its worker cannot be started.
+""",
+}
 
 # Codes of earlier releases, which documents still hold: what each is called now.
 ALIASES = """

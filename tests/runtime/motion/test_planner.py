@@ -260,12 +260,6 @@ def test_an_unknown_entity_is_answered_with_the_nearest_name(planner, build, hom
     assert "Did you mean 'cube" in answer.message
 
 
-def test_a_cancelled_request_is_answered_so(planner, build, home):
-    answer = planner.answer(FindGrasps(world=build.scene(0), object="cube0", q_rad=home, seed=1), lambda: True)
-
-    assert answer.code == "CANCELLED"
-
-
 @pytest.fixture
 def impossible(build, home):
     """A move from one side of a high wall to the other, whose gap for the arm's column is too small for its elbow."""

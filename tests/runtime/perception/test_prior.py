@@ -19,7 +19,7 @@ NAMES = ("first", "second", "can", "screen")
 def look_with(library, prior):
     stage = Stage(library, "test/twins")
     inventory = build_inventory(read_scene(library.get_scene("test/twins")), prior)
-    stage.pipeline = Pipeline(inventory, stage.pipeline._robot, "panda")
+    stage.pipeline = Pipeline(inventory, stage.mask, "panda")
     stage.look()
     return stage, stage.look()
 
