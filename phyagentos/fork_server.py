@@ -62,6 +62,13 @@ class PythonProcess(Protocol):
         """End it at once."""
 
 
+def close_input(process: PythonProcess) -> None:
+    """Close the pipe to its standard input, where it has one: its end shows a child the death of its parent."""
+    if process.stdin is not None:
+        with contextlib.suppress(OSError):
+            process.stdin.close()
+
+
 class Request(msgspec.Struct, frozen=True):
     """A process to fork; `descriptors` are the numbers that the files sent with it shall have."""
 

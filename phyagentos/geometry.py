@@ -13,7 +13,7 @@ import msgspec
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     Array = NDArray[np.float64]
 
@@ -144,11 +144,15 @@ def compute_rotation_vector(rotation: "Array") -> Vector:
 
 def compute_matrix(pose: Pose) -> "Array":
     """The (4, 4) matrix of a pose."""
+    return make_matrix(compute_rotation(pose.quaternion_wxyz), pose.position_m)
+
+
+def make_matrix(rotation: "ArrayLike", position_m: "ArrayLike") -> "Array":
+    """The (4, 4) matrix of a (3, 3) rotation and a position (3,) [m]."""
     import numpy as np
 
-    T = np.eye(4)
-    T[:3, :3] = compute_rotation(pose.quaternion_wxyz)
-    T[:3, 3] = pose.position_m
+    T = np.zeros((4, 4))
+    T[:3, :3], T[:3, 3], T[3, 3] = rotation, position_m, 1.0
     return T
 
 
@@ -165,7 +169,4 @@ def as_pose(rotation: "Array", position_m: "Array") -> Pose:
 
 def compute_inverse(T: "Array") -> "Array":
     """The inverse of a rigid (4, 4) pose."""
-    inverse = T.copy()
-    inverse[:3, :3] = T[:3, :3].T
-    inverse[:3, 3] = -T[:3, :3].T @ T[:3, 3]
-    return inverse
+    return make_matrix(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])

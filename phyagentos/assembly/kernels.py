@@ -47,8 +47,7 @@ def compile_kernels(library: Library, tell: Callable[[str], None]) -> str:
 
 
 def _use_kernels(library: Library) -> str:
-    """One plan, one look through every camera, one belief; the guard's kernels compile at import."""
-    import phyagentos.runtime.actions.guard_kernels  # noqa: F401 - numba may refuse when a module is imported
+    """One plan, one look through every camera, one belief."""
     from phyagentos.protocol.settings.sensors import read_sensors
     from phyagentos.protocol.world.scenes import read_scene
     from phyagentos.runtime.drivers.mujoco.physics import Physics

@@ -16,7 +16,7 @@ from multiprocessing.connection import Client, Connection
 from pathlib import Path
 from typing import Any, Protocol
 
-from phyagentos.fork_server import start_python
+from phyagentos.fork_server import close_input, start_python
 
 SPIN_S = 0.0015  # about twice what a world needs for a control period
 MESSAGE_MAX_BYTES = 2**27  # some frames of several cameras, or the compiled model of a humanoid: 80 MiB
@@ -135,8 +135,7 @@ class Child:
         """End it at once; its exit code."""
         self.channel.close()
         self._process.kill()
-        if self._process.stdin is not None:
-            self._process.stdin.close()
+        close_input(self._process)
         return self._process.wait()
 
     def close(self, grace_s: float) -> None:

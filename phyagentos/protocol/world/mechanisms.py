@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from phyagentos.geometry import compute_rotation, rotate, turn
+from phyagentos.geometry import compute_rotation, make_matrix, rotate, turn
 from phyagentos.protocol.world.environment import Entity, Mechanism
 
 if TYPE_CHECKING:
@@ -25,13 +25,10 @@ def compute_motion(mechanism: Mechanism, amount: float) -> "Array":
     import numpy as np
 
     axis, anchor = _place_axis(mechanism)
-    T = np.eye(4)
     if mechanism.kind == "slide":
-        T[:3, 3] = axis * amount
-    else:
-        T[:3, :3] = turn(axis * amount)
-        T[:3, 3] = anchor - T[:3, :3] @ anchor
-    return T
+        return make_matrix(np.eye(3), axis * amount)
+    rotation = turn(axis * amount)
+    return make_matrix(rotation, anchor - rotation @ anchor)
 
 
 def measure_amount(mechanism: Mechanism, point_m: "Array", at_m: "Array") -> float:

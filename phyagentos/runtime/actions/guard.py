@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 
 from phyagentos.protocol.settings.safety import Reaction, TargetLimits
-from phyagentos.runtime.actions import guard_kernels
 from phyagentos.runtime.actions.guard_limits import ROUNDING, Box, GuardLimits
 from phyagentos.runtime.actions.set_points import Array
 from phyagentos.runtime.actions.tool_point import ToolPoint
@@ -19,6 +18,7 @@ from phyagentos.runtime.actions.violations import CLAMPED, Intervention, Violati
 from phyagentos.runtime.targets.wire import Command, Description, Step
 
 _FLOAT64 = np.dtype(np.float64)
+POSITION, VELOCITY, DISAGREEMENT, STEP, CHANGE, BEND = range(6)  # what is measured of every row
 ENCODER_RAD = 0.001  # several deviations of any encoder here: two looks at a resting joint differ by less
 GRIPPER = "gripper"  # where an opening was clamped; elsewhere it was a joint
 
@@ -64,7 +64,6 @@ class SafetyGuard:
         self._middle, half = (bounds.q_min + bounds.q_max) / 2.0, (bounds.q_max - bounds.q_min) / 2.0
         bounded = (half, bounds.qd_max, bounds.disagreement_max, bounds.step_max, bounds.change_max, bounds.bend_max)
         self._bounds = np.array(bounded)[:, None]
-        self._measures = np.empty((7, rows, n))
         self._points = np.zeros((2, rows + 1, n))  # positions and velocities, behind the row before the first
         self._slopes = np.zeros((2, rows + 1, n))  # their differences, likewise
         self._last_time_s, self._first_time_s = -np.inf, np.inf
@@ -125,8 +124,13 @@ class SafetyGuard:
         if not time_s <= command.expires_at_s:  # also when the expiry is NaN
             return Violation(ViolationCode.EXPIRED, "", time_s, command.expires_at_s, "s")
         if command.expires_at_s - time_s > bounds.validity_max_s:
-            left_s = command.expires_at_s - time_s
-            return Violation(ViolationCode.EXPIRY_TOO_LATE, "", left_s, bounds.validity_max_s, "s")
+            return Violation(
+                ViolationCode.EXPIRY_TOO_LATE,
+                "",
+                found=command.expires_at_s - time_s,
+                limit=bounds.validity_max_s,
+                unit="s",
+            )
         if time_s - self._last_time_s < bounds.period_min_s:
             return Violation(ViolationCode.RATE, "", time_s - self._last_time_s, bounds.period_min_s, "s")
         if time_s - self._first_time_s > bounds.duration_max_s:
@@ -153,13 +157,17 @@ class SafetyGuard:
 
     def _check_rows(self, command: Command) -> Violation | None:
         """One comparison for all bounds of all rows; the broken one is searched only when it fails."""
-        points, slopes, found = self._points, self._slopes, self._measures
-        points[0, 1:], points[1, 1:] = command.q_rad, command.qd_rad_s
-        guard_kernels.measure_rows(points, slopes, self._middle, 0.5 * self._limits.dt, found)
-        is_within = found[: guard_kernels.JERK] <= self._bounds
-        if np.count_nonzero(is_within) != is_within.size:
-            return self._find_broken_bound(command)
-        jerk = found[guard_kernels.JERK].sum(axis=0)
+        points, slopes, (q, qd) = self._points, self._slopes, (command.q_rad, command.qd_rad_s)
+        points[0, 1:], points[1, 1:] = q, qd
+        with np.errstate(invalid="ignore", over="ignore"):
+            steps = slopes[:, 1:] = np.diff(points, axis=1)
+            bend, sudden = np.abs(np.diff(slopes, axis=1))
+            disagreement = steps[0] - 0.5 * self._limits.dt * (qd + points[1, :-1])
+            found = np.abs((q - self._middle, qd, disagreement, *steps, bend))
+        is_within = found <= self._bounds
+        if not is_within.all():
+            return self._find_broken_bound(command, found)
+        jerk = sudden.sum(axis=0)
         if not (jerk <= self._limits.jerk_sum_max).all():
             joint = int((jerk / self._limits.jerk_sum_max).argmax())
             scale = 1.0 / (self._limits.dt**2 * self._limits.shape[0])
@@ -167,27 +175,27 @@ class SafetyGuard:
             return Violation(ViolationCode.JOINT_JERK, f"joint {joint + 1}", most, limit, "rad/s^3")
         return None
 
-    def _find_broken_bound(self, command: Command) -> Violation | None:
+    def _find_broken_bound(self, command: Command, measured: Array) -> Violation | None:
         for name, array in (("q_rad", command.q_rad), ("qd_rad_s", command.qd_rad_s)):
             if not np.isfinite(array).all():
                 row, joint = np.argwhere(~np.isfinite(array))[0].tolist()
                 return Violation(ViolationCode.NOT_FINITE, name, float(array[row, joint]), np.inf, "", row)
         dt, bounds = self._limits.dt, self._limits
         kinds = (
-            (guard_kernels.POSITION, ViolationCode.JOINT_POSITION, 1.0, "rad"),
-            (guard_kernels.VELOCITY, ViolationCode.JOINT_VELOCITY, 1.0, "rad/s"),
-            (guard_kernels.STEP, ViolationCode.JOINT_VELOCITY, 1.0 / dt, "rad/s"),
-            (guard_kernels.CHANGE, ViolationCode.JOINT_ACCELERATION, 1.0 / dt, "rad/s^2"),
-            (guard_kernels.BEND, ViolationCode.JOINT_ACCELERATION, 1.0 / dt**2, "rad/s^2"),
-            (guard_kernels.DISAGREEMENT, ViolationCode.SET_POINTS_DISAGREE, 1.0 / dt, "rad/s"),
+            (POSITION, ViolationCode.JOINT_POSITION, 1.0, "rad"),
+            (VELOCITY, ViolationCode.JOINT_VELOCITY, 1.0, "rad/s"),
+            (STEP, ViolationCode.JOINT_VELOCITY, 1.0 / dt, "rad/s"),
+            (CHANGE, ViolationCode.JOINT_ACCELERATION, 1.0 / dt, "rad/s^2"),
+            (BEND, ViolationCode.JOINT_ACCELERATION, 1.0 / dt**2, "rad/s^2"),
+            (DISAGREEMENT, ViolationCode.SET_POINTS_DISAGREE, 1.0 / dt, "rad/s"),
         )
         for kind, code, scale, unit in kinds:
-            excess = self._measures[kind] - self._bounds[kind]
+            excess = measured[kind] - self._bounds[kind]
             if excess.max() <= 0.0:
                 continue
             row, joint = (int(index) for index in np.unravel_index(int(excess.argmax()), excess.shape))
-            found, limit = self._measures[kind, row, joint] * scale, self._bounds[kind, 0, joint] * scale
-            if kind == guard_kernels.POSITION:
+            found, limit = measured[kind, row, joint] * scale, self._bounds[kind, 0, joint] * scale
+            if kind == POSITION:
                 found = command.q_rad[row, joint]
                 limit = bounds.q_min[joint] if found < self._middle[joint] else bounds.q_max[joint]
             return Violation(code, f"joint {joint + 1}", float(found), float(limit), unit, row)
@@ -196,8 +204,13 @@ class SafetyGuard:
     def _check_gripper(self, width_m: Array) -> Violation | None:
         bounds = self._limits
         if not self._force_n <= bounds.force_max_n:  # also when it is NaN
-            where = "gripper, whose force the target does not declare" if np.isnan(self._force_n) else "gripper"
-            return Violation(ViolationCode.GRIPPER_FORCE, where, self._force_n, bounds.force_max_n, "N")
+            return Violation(
+                ViolationCode.GRIPPER_FORCE,
+                where="gripper, whose force the target does not declare" if np.isnan(self._force_n) else "gripper",
+                found=self._force_n,
+                limit=bounds.force_max_n,
+                unit="N",
+            )
         if all(-ROUNDING <= value <= bounds.width_max_m for value in width_m.tolist()):  # never true of NaN
             return None
         if not np.isfinite(width_m).all():
@@ -205,8 +218,14 @@ class SafetyGuard:
             return Violation(ViolationCode.NOT_FINITE, "gripper_width_m", float(width_m[row]), np.inf, "", row)
         is_below = bool(width_m.min() < -ROUNDING)
         row = int(width_m.argmin() if is_below else width_m.argmax())
-        limit_m = 0.0 if is_below else bounds.width_max_m
-        return Violation(ViolationCode.GRIPPER_WIDTH, "gripper", float(width_m[row]), limit_m, "m", row)
+        return Violation(
+            ViolationCode.GRIPPER_WIDTH,
+            "gripper",
+            float(width_m[row]),
+            limit=0.0 if is_below else bounds.width_max_m,
+            unit="m",
+            row=row,
+        )
 
     def _check_place(self, q_rad: Array, now: Step) -> Violation | None:
         if self._tool is None:
@@ -218,8 +237,14 @@ class SafetyGuard:
             for axis, value in enumerate(point):
                 low, high = self._limits.box[0][axis], self._limits.box[1][axis]
                 if not low <= value <= high:
-                    limit = low if value < low else high
-                    return Violation(ViolationCode.WORKSPACE, "xyz"[axis], value, limit, "m", row)
+                    return Violation(
+                        ViolationCode.WORKSPACE,
+                        "xyz"[axis],
+                        value,
+                        limit=low if value < low else high,
+                        unit="m",
+                        row=row,
+                    )
             for name, box in self._limits.keep_out.items():
                 if (depth_m := _measure_depth(point, box)) > 0.0:
                     return Violation(ViolationCode.KEEP_OUT, name, depth_m, 0.0, "m", row)
@@ -241,8 +266,7 @@ class SafetyGuard:
             Intervention(CLAMPED, f"joint {j + 1}", r, float(command.q_rad[r, j]), float(q[r, j]))
             for r, j in np.argwhere(touched).tolist()
         )
-        qd = np.where(touched, 0.0, command.qd_rad_s)
-        return msgspec.structs.replace(command, q_rad=q, qd_rad_s=qd), changed
+        return msgspec.structs.replace(command, q_rad=q, qd_rad_s=np.where(touched, 0.0, command.qd_rad_s)), changed
 
 
 def _measure_depth(point: tuple[float, float, float], box: Box) -> float:

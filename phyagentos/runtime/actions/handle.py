@@ -131,8 +131,12 @@ class TargetSessionHandle:
         self.link.clear()
         observation = self.observe(snapshot=True)
         if self._made is None or self._made[0] is not description:
-            touch = self._collision.find_contact if self._collision is not None else None
-            guard = SafetyGuard(self._limits, description, is_stopped=self._is_stopped, find_contact=touch)
+            guard = SafetyGuard(
+                self._limits,
+                description,
+                is_stopped=self._is_stopped,
+                find_contact=self._collision.find_contact if self._collision is not None else None,
+            )
             self._made = (description, guard)
         self._guard = self._made[1]
         self._guard.begin(np.asarray(observation.target.q_rad, dtype=np.float64))
@@ -231,8 +235,12 @@ class TargetSessionHandle:
         try:
             self._step = self._expect(wire.Command, self.link.collect())
             if self._step.stopped:
-                message = f"the target stopped by itself in the middle of a command: {self._step.stopped}"
-                raise CommandRefused(self._step.stopped, message, "target", reaction="stop_category_2")
+                raise CommandRefused(
+                    self._step.stopped,
+                    message=f"the target stopped by itself in the middle of a command: {self._step.stopped}",
+                    by="target",
+                    reaction="stop_category_2",
+                )
         except CommandRefused:
             while self.link.n_sent:
                 self.link.collect()
@@ -264,8 +272,13 @@ class TargetSessionHandle:
             raise ExecutionError("PROTOCOL_BROKEN", "a command was refused for no reason")
         if ruling.reaction.startswith("stop"):
             self.halt(int(ruling.reaction[-1]))
-        message = f"the guard refused a command: {violation}"
-        raise CommandRefused(violation.code, message, "guard", violation, ruling.reaction)
+        raise CommandRefused(
+            violation.code,
+            message=f"the guard refused a command: {violation}",
+            by="guard",
+            violation=violation,
+            reaction=ruling.reaction,
+        )
 
     def observe(self, *, snapshot: bool = False) -> wire.Observation:
         """The present sensing, with the target's snapshot of the same moment on request; time does not move."""
@@ -295,8 +308,7 @@ class TargetSessionHandle:
 
     def settle(self, duration_s: float) -> wire.Step:
         """Hold still for `duration_s` [s] of the target's time."""
-        request = wire.Settle(session=self._session, epoch=self._epoch, duration_s=duration_s)
-        self._step = self._ask(request)
+        self._step = self._ask(wire.Settle(session=self._session, epoch=self._epoch, duration_s=duration_s))
         if self._guard is not None and not self._sequence:  # the first command begins where the arm stands now
             self._guard.begin_again(np.asarray(self._step.target.q_rad, dtype=np.float64))
         return self._step
@@ -320,8 +332,7 @@ class TargetSessionHandle:
         return {name: file.data for name, file in self._invoke(tool).artefacts.items()}
 
     def _invoke(self, tool: str, **arguments: str | int) -> wire.ToolResult:
-        request = wire.InvokeTool(name=tool, arguments=arguments, session=self._session, epoch=self._epoch)
-        return self._ask(request)
+        return self._ask(wire.InvokeTool(name=tool, arguments=arguments, session=self._session, epoch=self._epoch))
 
     def capture(
         self, cameras: tuple[str, ...] = (), crops: dict[str, wire.Crop] | None = None, every: int = 1
@@ -342,8 +353,9 @@ class TargetSessionHandle:
 
     def _check_permitted(self, operation: str) -> None:
         if operation and operation not in self._permitted:
-            message = f"{operation!r} is not in the manifest of the session"
-            raise CommandRefused("NOT_PERMITTED", message, "handle")
+            raise CommandRefused(
+                "NOT_PERMITTED", message=f"{operation!r} is not in the manifest of the session", by="handle"
+            )
 
     @property
     def _shares_time(self) -> bool:

@@ -59,8 +59,7 @@ class TargetLink:
         if self._local is not None:
             self._local.send_ahead(request)
         else:
-            with wire.closed_means_lost():
-                self.connection.send_bytes(wire.REQUESTS.encode(request))
+            wire.send_request(self.connection, request)
         self._sent.append(request)
 
     def collect(self) -> wire.Reply:

@@ -24,8 +24,7 @@ class ToolPoint:
     def __init__(self, kinematics: Kinematics) -> None:
         axes = np.asarray(kinematics.axes, dtype=np.float64).tolist()
         anchors = np.asarray(kinematics.anchors_m, dtype=np.float64).tolist()
-        slides = kinematics.slides or (False,) * len(axes)
-        self._joints = list(zip(axes, anchors, slides, strict=True))[::-1]
+        self._joints = list(zip(axes, anchors, kinematics.slides or (False,) * len(axes), strict=True))[::-1]
         self._tcp = tuple(map(float, kinematics.tcp_m))
 
     def compute(self, q_rad: Array) -> tuple[float, float, float]:

@@ -68,8 +68,7 @@ class DebugDriver(TargetDriver):
         if request.snapshot:
             state = decode_arrays(request.snapshot).get("state", np.empty(0))
             if state.shape != (1 + q.size,) or not np.isfinite(state).all():
-                message = f"a state of shape {state.shape}; expected a tick and the joints"
-                raise ExecutionError("MALFORMED", message)
+                raise ExecutionError("MALFORMED", f"a state of shape {state.shape}; expected a tick and the joints")
             tick, q = int(state[0]), state[1:]
         spec = read_placed(self._library, request.scene)
         entities = [(_make_entity(name, body), body.fixed) for name, body in spec.bodies.items()]
@@ -103,8 +102,7 @@ class DebugDriver(TargetDriver):
     def _read_target(self) -> TargetState:
         x, y, z = self.profile.mount_position_m
         q = tuple(self._q.tolist())
-        zeros = (0.0,) * len(q)
-        return TargetState(q_rad=q, qd_rad_s=zeros, gripper_width_m=self._width_m, tcp=Pose((x, y, z + q[0])))
+        return TargetState(q_rad=q, qd_rad_s=(0.0,) * len(q), gripper_width_m=self._width_m, tcp=Pose((x, y, z + q[0])))
 
     @override
     def observe(self, *, truth: bool) -> wire.Observation:

@@ -91,5 +91,10 @@ def _read_endpoint(process: "subprocess.Popen[str]", lines: str) -> str:
 
 
 def _explain(path: Path, found: str) -> DefinitionError:
-    hint = "Name an interpreter (`python`), or what `paos bench setup` has made (`environment`): docs/targets.md."
-    return DefinitionError.of("NO_DRIVER", str(path), found, "a process that serves the environment", hint)
+    return DefinitionError.of(
+        "NO_DRIVER",
+        str(path),
+        found,
+        "a process that serves the environment",
+        hint="Name an interpreter (`python`), or what `paos bench setup` has made (`environment`): docs/targets.md.",
+    )

@@ -30,8 +30,12 @@ class CameraRecorder:
     def keep(self, shown_s: float, frames: Frames) -> None:
         """Keep the frames that the cameras show at a moment [s]; a camera without one leaves a gap."""
         for frame in frames.frames:
-            name = f"{frame.camera}-{len(self._data):05d}.png"
-            picture = RecordedPicture(camera=frame.camera, shown_s=shown_s, time_s=frame.time_s, rgb=name)
+            picture = RecordedPicture(
+                camera=frame.camera,
+                shown_s=shown_s,
+                time_s=frame.time_s,
+                rgb=f"{frame.camera}-{len(self._data):05d}.png",
+            )
             self._pictures.append(picture)
             self._data.append(encode_picture(frame.rgb))
 

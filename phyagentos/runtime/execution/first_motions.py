@@ -78,5 +78,8 @@ def make_destination(wired: Mapping[str, Any]) -> Destination | None:
     name, near = wired.get("destination"), wired.get("near")
     if not isinstance(name, str) or (near is not None and find_mismatch(_POINT, near)):
         return None  # what is no point is reported with the arguments
-    point = None if near is None else (float(near[0]), float(near[1]), float(near[2]))
-    return Destination(name, find_relation(str(wired.get("relation") or "")), point)
+    return Destination(
+        name,
+        find_relation(str(wired.get("relation") or "")),
+        near=None if near is None else (float(near[0]), float(near[1]), float(near[2])),
+    )

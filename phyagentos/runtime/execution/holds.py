@@ -98,8 +98,8 @@ class HoldMonitor:
 
     def shows_violation(self, now: Environment) -> bool:
         """Whether a look at no more than it needs shows a condition that is false: a reason to look at everything."""
-        view = replace(self._start, now=now)
-        return not self.need.everything and any(each.evaluate(view).truth is Truth.FALSE for _, each in self._seen)
+        found = [] if self.need.everything else self._evaluate(self._seen, now)
+        return any(evaluation.truth is Truth.FALSE for _, evaluation in found)
 
     def sample(self, now: Environment, look: Look | None = None, *, is_last: bool = False) -> Criterion | None:
         """Evaluate what can be seen; returns the first condition that is false.

@@ -19,13 +19,13 @@ from phyagentos.errors import PhyAgentOSError, find_place
 from phyagentos.geometry import Vector
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.trace import Role
-from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.first_motions import Foreseen, foresee_by_role
 from phyagentos.runtime.execution.ports import Port, find_misfit
-from phyagentos.runtime.perception.world_model import BELIEF
+from phyagentos.runtime.perception.world_model import BELIEF, Need
 
-__all__ = ["FailureCode", "Leaf", "LeafError", "Port", "PortInformation", "Role", "Status"]
+__all__ = ["FailureCode", "Leaf", "LeafError", "LeafFailure", "Port", "PortInformation", "Role", "Status"]
 
 
 class FailureCode(StrEnum):
@@ -65,6 +65,14 @@ class LeafError(PhyAgentOSError):
         self.cause = cause
         self.place = place
         super().__init__(f"leaf {path}: {type(cause).__name__}: {cause} ({place})")
+
+
+class LeafFailure(Exception):
+    """Raised in a leaf instead of returning `fail`: FAILURE with a coded reason, from any depth of its code."""
+
+    def __init__(self, code: str, message: str, **numbers: Any) -> None:
+        self.code, self.message, self.numbers = code, message, numbers
+        super().__init__(message)
 
 
 class Leaf(Behaviour):
@@ -116,6 +124,12 @@ class Leaf(Behaviour):
         """The world as it is believed now: what is held has moved with the hand, nothing is looked at anew."""
         return self.context.world.observe(BELIEF)
 
+    def get_entity(self, name: str, need: Need = BELIEF) -> Entity:
+        """An entity of the world as believed, or as a look shows it; the leaf fails with `OBJECT_GONE` without it."""
+        if (entity := self.context.world.observe(need).entities.get(name)) is None:
+            raise LeafFailure(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
+        return entity
+
     @classmethod
     def foresee(cls, wired: Mapping[str, Any], path: str) -> Foreseen:
         """What it surely does first with these inputs, for a dry run; override it where its role does not say it.
@@ -147,13 +161,18 @@ class Leaf(Behaviour):
         """Dispatch one tick; sealed."""
         try:
             status = self.on_running() if self._active else self.on_start()
+        except LeafFailure as failure:
+            status = self.fail(failure.code, failure.message, **failure.numbers)
         except (Exception, SystemExit) as error:
             self._active = False
             raise LeafError(self.path, error, find_place(error, type(self))) from error
         if status not in (Status.SUCCESS, Status.FAILURE, Status.RUNNING):
             code = (self.on_running if self._active else self.on_start).__code__
-            wrong = TypeError(f"{code.co_name} answered {status!r}; expected SUCCESS, FAILURE or RUNNING")
-            raise LeafError(self.path, wrong, f"{code.co_filename}:{code.co_firstlineno}")
+            raise LeafError(
+                self.path,
+                cause=TypeError(f"{code.co_name} answered {status!r}; expected SUCCESS, FAILURE or RUNNING"),
+                place=f"{code.co_filename}:{code.co_firstlineno}",
+            )
         self._active = status is Status.RUNNING
         return status
 

@@ -36,9 +36,12 @@ class LeafRegistry:
             raise DefinitionError.of("BROKEN_PYTHON", name, repr(leaf), "a subclass of phyagentos.skills.Leaf")
         existing = self._classes.get(name)
         if existing is not None and existing is not leaf:
-            found = f"{name!r}, already {existing.__module__}.{existing.__qualname__}"
-            hint = "Rename one of them."
-            raise DefinitionError.of("DUPLICATE_NAME", f"{leaf.__module__}.{leaf.__qualname__}", found, hint=hint)
+            raise DefinitionError.of(
+                "DUPLICATE_NAME",
+                f"{leaf.__module__}.{leaf.__qualname__}",
+                found=f"{name!r}, already {existing.__module__}.{existing.__qualname__}",
+                hint="Rename one of them.",
+            )
         self._classes[name] = leaf
         self._sound.clear()
 

@@ -20,9 +20,12 @@ FORCE_SHARE = 0.9  # of the motor's force that surely presses
 def measure_payload(entity: Entity, state: TargetState, profile: TargetProfile) -> Payload:
     """A held entity as it sits in the hand, and what it asks of the grip."""
     tcp_T_entity = compute_inverse(compute_matrix(state.tcp)) @ compute_matrix(entity.pose)
-    pose = compute_pose(tcp_T_entity)
-    load = estimate_load(entity, tcp_T_entity, state, profile) if entity.shapes else None
-    return Payload(entity=entity.name, tcp_T_entity=pose, width_m=state.gripper_width_m, load=load)
+    return Payload(
+        entity=entity.name,
+        tcp_T_entity=compute_pose(tcp_T_entity),
+        width_m=state.gripper_width_m,
+        load=estimate_load(entity, tcp_T_entity, state, profile) if entity.shapes else None,
+    )
 
 
 def estimate_load(entity: Entity, tcp_T_entity: np.ndarray, state: TargetState, profile: TargetProfile) -> Load:

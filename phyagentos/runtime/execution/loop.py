@@ -124,8 +124,13 @@ class SessionLoop:
             cause = error.cause
             code = cause.code if isinstance(cause, ExecutionError) else "LEAF_ERROR"
             place = cause.place if isinstance(cause, DefectError) else error.place
-            defect = place if is_defect(cause) else ""
-            return Outcome(ended=_ended_by(code), code=code, leaf=error.path, message=str(error), defect=defect)
+            return Outcome(
+                ended=_ended_by(code),
+                code=code,
+                leaf=error.path,
+                message=str(error),
+                defect=place if is_defect(cause) else "",
+            )
         except ExecutionError as error:
             return Outcome(ended=_ended_by(error.code), code=error.code, message=str(error))
         finally:
@@ -169,8 +174,9 @@ class SessionLoop:
             if self.holds.need.everything:
                 return None
             things = self.holds.need.things
-        at_s = self.context.time_s + period_s * (len(self._unreported) + 1)
-        confirmation = self.context.world.plan_confirmation(things, at_s)
+        confirmation = self.context.world.plan_confirmation(
+            things, time_s=self.context.time_s + period_s * (len(self._unreported) + 1)
+        )
         for capture in confirmation.captures if confirmation is not None else ():
             self.handle.request_frames(capture)
         return confirmation
@@ -204,8 +210,12 @@ class SessionLoop:
         if violated is None:
             return None
         context.note("intervention", "CONSTRAINT_VIOLATED", predicate=violated.text, because=violated.because)
-        message = f"{violated.text} does not hold any more: {violated.because}"
-        return Outcome(ended=Ended.SAFETY_STOP, code="CONSTRAINT_VIOLATED", leaf=sent.leaf, message=message)
+        return Outcome(
+            ended=Ended.SAFETY_STOP,
+            code="CONSTRAINT_VIOLATED",
+            leaf=sent.leaf,
+            message=f"{violated.text} does not hold any more: {violated.because}",
+        )
 
     def _describe_refusal(self, refusal: CommandRefused) -> Outcome:
         violation = refusal.violation

@@ -122,8 +122,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
 
     def _describe(self, neighbour: wire.Neighbour) -> Neighbour:
         postures = np.vstack((neighbour.target.q_rad, neighbour.announced_rad))
-        is_met = neighbour.name == self._beside
-        return Neighbour(neighbour.name, postures, is_met)
+        return Neighbour(neighbour.name, postures, neighbour.name == self._beside)
 
     def find_held(self) -> Payload | None:
         """What the fingers hold as believed, so that a motion that was not composed for it carries it along."""

@@ -38,8 +38,10 @@ class TrajectoryPlayer:
 
     def __init__(self, trajectory: Trajectory, commands: CommandBuffer, lag: Lag) -> None:
         if trajectory.step_s != commands.step_s:
-            message = f"the motion is sampled every {trajectory.step_s} s, a command every {commands.step_s} s"
-            raise ExecutionError(FailureCode.NOT_AT_START, message)
+            raise ExecutionError(
+                FailureCode.NOT_AT_START,
+                message=f"the motion is sampled every {trajectory.step_s} s, a command every {commands.step_s} s",
+            )
         if len(trajectory.q_rad):
             jump = float(np.abs(trajectory.q_rad[0] - commands.q_rad).max())
             if jump > START_TOLERANCE_RAD:

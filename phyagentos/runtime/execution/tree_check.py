@@ -90,9 +90,8 @@ def _iter_tree_problems(
             yield from _iter_tree_problems(subtree, library, registry, (*above, name))
 
 
-def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> list[Problem]:
+def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> Iterator[Problem]:
     """Every problem of one tree itself, without its subtrees."""
-    problems: list[Problem] = []
     written = {name: PORT_TYPES[port.type] for name, port in tree.header.inputs.items()}
     nodes = list(iter_nodes(tree.root))
     declared = [(node, _find_ports(node, library, registry)) for node in nodes]
@@ -105,26 +104,25 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> l
             elif _is_unread(node, registry):
                 written.setdefault(value.key, object)  # perhaps
         if node.kind is NodeKind.FOR_EACH:
-            problems += _iter_list_problems(tree, node, written)
+            yield from _iter_list_problems(tree, node, written)
     for node, ports in declared:
         if node.kind is NodeKind.CONDITION:
-            problems += _iter_condition_problems(tree, node, written)
+            yield from _iter_condition_problems(tree, node, written)
         elif node.kind in REACTIVE:
-            problems += _iter_reactive_problems(tree, node, library, registry)
+            yield from _iter_reactive_problems(tree, node, library, registry)
         elif node.kind in (NodeKind.LEAF, NodeKind.SUBTREE):
             if ports is not None:
-                problems += _iter_wiring_problems(tree, node, ports, written)
+                yield from _iter_wiring_problems(tree, node, ports, written)
             elif not _is_unread(node, registry):
-                problems.append(_problem_unknown(tree, node, library, registry))
+                yield _problem_unknown(tree, node, library, registry)
             if node.kind is NodeKind.SUBTREE and (way := _find_way(node.type, tree.header.tree, library)):
                 cycle = " -> ".join((tree.header.tree, *way))
                 expected, hint = "another tree, without a way back", "For what is done again use 'repeat' or 'retry'."
-                problems.append(tree.located.problem("CYCLE", node.address, cycle, expected, hint))
-    problems += _iter_default_problems(tree, library, registry)
+                yield tree.located.problem("CYCLE", node.address, cycle, expected, hint)
+    yield from _iter_default_problems(tree, library, registry)
     for name in tree.header.outputs:
         if name not in written:
-            problems.append(tree.located.unknown("written key", ("outputs", name), name, written))
-    return problems
+            yield tree.located.unknown("written key", ("outputs", name), name, written)
 
 
 def _iter_default_problems(tree: Tree, library: Library, registry: LeafRegistry) -> Iterator[Problem]:
@@ -185,11 +183,13 @@ def _iter_reactive_problems(tree: Tree, node: Node, library: Library, registry: 
     """Each tick begins with the first child again: of two that take time, the first would never let the second end."""
     slow = [child for child in node.children if _takes_time(child, library, registry, ())]
     for child in slow[1:]:
-        found = f"{child.name!r} and {slow[0].name!r}, which both take time, in one {node.kind}"
         yield tree.located.problem(
-            "BROKEN_TREE", child.address, found, "one child that takes time, conditions beside it",
-            f"Put them into a '{node.kind.removeprefix('reactive_')}' of their own.",
-        )  # fmt: skip
+            "BROKEN_TREE",
+            child.address,
+            found=f"{child.name!r} and {slow[0].name!r}, which both take time, in one {node.kind}",
+            expected="one child that takes time, conditions beside it",
+            hint=f"Put them into a '{node.kind.removeprefix('reactive_')}' of their own.",
+        )
 
 
 def _takes_time(node: Node, library: Library, registry: LeafRegistry, above: tuple[str, ...]) -> bool:
@@ -209,8 +209,7 @@ def _takes_time(node: Node, library: Library, registry: LeafRegistry, above: tup
 def needs_grasp(node: Node, library: Library, registry: LeafRegistry, above: tuple[str, ...] = ()) -> bool:
     """Whether a node succeeds only where a grasp is planned: by a leaf of that role, below sequences and subtrees."""
     if node.kind is NodeKind.SUBTREE and node.type not in above:
-        root = read_tree(library.get_tree(node.type)).root
-        return needs_grasp(root, library, registry, (*above, node.type))
+        return needs_grasp(read_tree(library.get_tree(node.type)).root, library, registry, (*above, node.type))
     if node.kind is NodeKind.LEAF:
         leaf = registry.find(node.type)
         return leaf is not None and leaf.ROLE is Role.PLAN_GRASP
@@ -287,9 +286,13 @@ def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[st
             yield from _iter_literal_problems(tree, place, value, inputs[port])
     for port, information in inputs.items():
         if information.required and not information.has_default and port not in node.wiring:
-            found = f"{node.type} without {port!r}"
-            hint = f"Add {port}: VALUE{' below `with`' if node.kind is NodeKind.SUBTREE else ''}."
-            yield tree.located.problem("MISSING_VALUE", node.address, found, f"a value for {port!r}", hint)
+            yield tree.located.problem(
+                "MISSING_VALUE",
+                node.address,
+                found=f"{node.type} without {port!r}",
+                expected=f"a value for {port!r}",
+                hint=f"Add {port}: VALUE{' below `with`' if node.kind is NodeKind.SUBTREE else ''}.",
+            )
 
 
 def _iter_reference_problems(
@@ -297,8 +300,13 @@ def _iter_reference_problems(
 ) -> Iterator[Problem]:
     if value.key not in written:
         found = f"'{value}', which nothing writes"
-        expected = format_names(f"${{{key}}}" for key in written)
-        yield tree.located.problem("BROKEN_TREE", place, found, expected, format_hint(value.key, written))
+        yield tree.located.problem(
+            "BROKEN_TREE",
+            place,
+            found,
+            expected=format_names(f"${{{key}}}" for key in written),
+            hint=format_hint(value.key, written),
+        )
     elif object not in (port.data_type, written[value.key]) and port.data_type is not written[value.key]:
         found = f"'{value}' of type {_name_of(written[value.key])}"
         yield tree.located.problem("INVALID_VALUE", place, found, f"type {_name_of(port.data_type)}")
@@ -327,9 +335,13 @@ def _iter_condition_problems(tree: Tree, node: Node, written: dict[str, type]) -
         yield from error.problems
     for key in find_references(node.text):
         if key not in written:
-            found = f"'${{{key}}}', which nothing writes"
-            expected = format_names(f"${{{name}}}" for name in written)
-            yield tree.located.problem("BROKEN_TREE", node.address, found, expected, format_hint(key, written))
+            yield tree.located.problem(
+                "BROKEN_TREE",
+                node.address,
+                found=f"'${{{key}}}', which nothing writes",
+                expected=format_names(f"${{{name}}}" for name in written),
+                hint=format_hint(key, written),
+            )
 
 
 def convert_literal(value: Any, kind: type) -> Any:

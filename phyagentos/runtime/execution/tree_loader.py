@@ -28,16 +28,19 @@ from phyagentos.runtime.execution.tree_check import REACTIVE, convert_literal, f
 from phyagentos.runtime.perception.world_model import BELIEF
 
 
-class SimulatedTimeout(Decorator):
-    """Fails when the child runs longer than so many seconds of simulated time; planning costs none."""
+class _Timed(Decorator):
+    """A decorator that fails by itself, with a coded reason, by so many seconds of simulated time."""
 
     def __init__(self, name: str, child: Behaviour, seconds: float, context: SkillContext) -> None:
         super().__init__(name=name, child=child)
-        self._seconds = seconds
-        self._context = context
-        self._began_s = 0.0
-        self.code = ""
-        self.message = ""
+        self._seconds, self._context = seconds, context
+        self.code = self.message = ""
+
+
+class SimulatedTimeout(_Timed):
+    """Fails when the child runs longer than so many seconds of simulated time; planning costs none."""
+
+    _began_s = 0.0
 
     def initialise(self) -> None:
         """Store the start time."""
@@ -54,16 +57,10 @@ class SimulatedTimeout(Decorator):
         return self.decorated.status
 
 
-class Cooldown(Decorator):
+class Cooldown(_Timed):
     """Ticks the child; for so many seconds of simulated time after it ended, FAILURE without it."""
 
-    def __init__(self, name: str, child: Behaviour, seconds: float, context: SkillContext) -> None:
-        super().__init__(name=name, child=child)
-        self._seconds = seconds
-        self._context = context
-        self._ended_s: float | None = None
-        self.code = ""
-        self.message = ""
+    _ended_s: float | None = None
 
     def tick(self) -> Iterator[Behaviour]:
         """One tick of the child, or none."""
@@ -227,12 +224,20 @@ class _Builder:
         """Build a node and everything below it."""
         if node.kind is NodeKind.SUBTREE:
             tree = self._trees[node.type]
-            inner = self.open_scope(tree, node.wiring, scope, f"scope{next(self._literals)}")
-            return self.build(tree.root, inner, path, recurs)
+            return self.build(
+                tree.root,
+                scope=self.open_scope(tree, node.wiring, scope, f"scope{next(self._literals)}"),
+                path=path,
+                recurs=recurs,
+            )
         position = len(self.nodes)  # parents before children
         below = recurs or node.kind in REACTIVE
-        children = [self.build(child, scope, f"{path}/{child.name}", below) for child in node.children]
-        behaviour = self._build_one(node, children, scope, path)
+        behaviour = self._build_one(
+            node,
+            children=[self.build(child, scope, f"{path}/{child.name}", below) for child in node.children],
+            scope=scope,
+            path=path,
+        )
         self.nodes.insert(position, BuiltNode(behaviour, path, node.type, recurs))
         return behaviour
 
@@ -257,8 +262,13 @@ class _Builder:
             case NodeKind.FOR_EACH:
                 values, each = node.wiring["in"], scope[node.wiring["each"].key]
                 is_key = isinstance(values, Reference)
-                source = scope[values.key] if is_key else self._write_literal(values, find_list_type(values))
-                return ForEach(node.name, children[0], self.values, source, each)
+                return ForEach(
+                    node.name,
+                    children[0],
+                    self.values,
+                    source=scope[values.key] if is_key else self._write_literal(values, find_list_type(values)),
+                    target=each,
+                )
             case NodeKind.TIMEOUT:
                 return SimulatedTimeout(node.name, children[0], node.amount, context)
             case NodeKind.COOLDOWN:

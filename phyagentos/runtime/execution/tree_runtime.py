@@ -58,8 +58,13 @@ class TreeSkillRuntime:
         if self._idle > IDLE_TICKS_MAX:
             self._stuck = True
             return TickResult(SkillStatus.FAILED, None, self._find_active())
-        goes_on = context.commands.goes_on and not any(each.status is Status.RUNNING for each in self._watching)
-        return TickResult(status, points, self._find_active(), thinking, goes_on)
+        return TickResult(
+            status,
+            points,
+            self._find_active(),
+            thinking,
+            goes_on=context.commands.goes_on and not any(each.status is Status.RUNNING for each in self._watching),
+        )
 
     def wait(self, timeout_s: float) -> None:
         """Sleep until the planner answers."""

@@ -55,6 +55,9 @@ def open_forecaster(name: str, site: ForecasterSite) -> Forecaster:
     except PhyAgentOSError:
         raise
     except Exception as error:  # foreign code
-        found = f"forecaster {name!r}, which does not open: {type(error).__name__}: {error}"
-        raise DefinitionError.of("BROKEN_PYTHON", "lookahead.forecasters", found) from error
+        raise DefinitionError.of(
+            "BROKEN_PYTHON",
+            "lookahead.forecasters",
+            found=f"forecaster {name!r}, which does not open: {type(error).__name__}: {error}",
+        ) from error
     return forecaster

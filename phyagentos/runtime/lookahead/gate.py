@@ -37,8 +37,9 @@ class LookaheadGate:
         address = f"{session.id}: look-ahead"
         try:
             self._world.enter(session.scene)
-            estimate = self._world.observe(WORLD)
-            question = Case(session=session, request=session.lookahead, tree=tree, environment=estimate)
+            question = Case(
+                session=session, request=session.lookahead, tree=tree, environment=self._world.observe(WORLD)
+            )
             result = self._forecasts.ask(question, should_stop)
         except ExecutionError as error:
             return (Problem(error.code, address, str(error)),)
@@ -68,6 +69,10 @@ def _explain(result: LookaheadResult, address: str) -> Problem:
     causes = ", ".join(f"{cause} {count:.4g}" for cause, count in sorted(result.causes.items(), key=lambda c: -c[1]))
     best = max(result.alternatives, key=lambda each: each.share, default=None)
     better = best is not None and best.share > result.share
-    found = f"{result.succeeded:.4g} of {result.samples} {result.cases} succeed ({causes})"
-    hint = f"{best.succeeded:.4g} of {best.samples} succeed {best.strategy}." if best is not None and better else ""
-    return Problem(LOOKAHEAD_LOW, address, found, f"at least {result.threshold:g} of them", hint)
+    return Problem(
+        LOOKAHEAD_LOW,
+        address,
+        found=f"{result.succeeded:.4g} of {result.samples} {result.cases} succeed ({causes})",
+        expected=f"at least {result.threshold:g} of them",
+        hint=f"{best.succeeded:.4g} of {best.samples} succeed {best.strategy}." if best is not None and better else "",
+    )

@@ -68,9 +68,13 @@ def put_on_plane(spec: mujoco.MjSpec, profile: TargetProfile, base: Base, path: 
     R = compute_rotation(body.quat)
     for index, name in enumerate(BASE_JOINTS):
         turns = index == 2
-        kind = mujoco.mjtJoint.mjJNT_HINGE if turns else mujoco.mjtJoint.mjJNT_SLIDE
-        span = (base.pose_min[index], base.pose_max[index])
-        body.add_joint(name=name, type=kind, axis=R[2 if turns else index], range=span, limited=True)
+        body.add_joint(
+            name=name,
+            type=mujoco.mjtJoint.mjJNT_HINGE if turns else mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=R[2 if turns else index],
+            range=(base.pose_min[index], base.pose_max[index]),
+            limited=True,
+        )
 
 
 def find_gear(spec: mujoco.MjSpec, base: Base) -> frozenset[str]:
@@ -166,7 +170,9 @@ def _add_rollers(joint: "mujoco.MjsJoint", wheels: OmniWheels) -> None:
         along = np.cos(angle) * up - np.sin(angle) * side
         roller = joint.parent.add_body(name=f"{joint.name}/roller{index}", pos=middle + rim_m * way)
         roller.add_joint(name=f"{joint.name}/roller{index}", axis=along, **_RUN)
-        ends = np.concatenate((-half_m * along, half_m * along))
         roller.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=ends, size=(wheels.roller_radius_m, 0.0, 0.0), **_ROLLER
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            fromto=np.concatenate((-half_m * along, half_m * along)),
+            size=(wheels.roller_radius_m, 0.0, 0.0),
+            **_ROLLER,
         )

@@ -126,8 +126,7 @@ def find_mounting(model: mujoco.MjModel, settings: CameraSettings, prefix: str =
             return None
         rotation = compute_rotation(model.cam_quat[camera])
         place = Viewpoint(np.array(model.cam_pos[camera]), rotation @ _MUJOCO_T_OPENCV)
-        lens = compute_lens(settings, float(model.cam_fovy[camera]))
-        return Mounting(lens, int(model.cam_bodyid[camera]), place)
+        return Mounting(compute_lens(settings, float(model.cam_fovy[camera])), int(model.cam_bodyid[camera]), place)
     body = _find(model, mujoco.mjtObj.mjOBJ_BODY, prefix, settings.mount)
     if body < 0 or settings.position_m is None or settings.target_m is None:
         return None

@@ -14,10 +14,18 @@ from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.models.compiling import compile_model
-from phyagentos.runtime.models.hand_drafting import PAD_M, HandDraft, Placed, draft_hand, find_flange
+from phyagentos.runtime.models.hand_drafting import (
+    HINGE,
+    PAD_M,
+    SLIDE,
+    HandDraft,
+    Placed,
+    draft_hand,
+    find_flange,
+    is_below,
+)
 from phyagentos.runtime.models.robot import read_model, read_profile
 
-HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 _JAW = re.compile("jaw|finger|grip|camera", re.IGNORECASE)
 _PLAIN = re.compile(r"(?!(?:y|n|yes|no|on|off|true|false|null)$)[A-Za-z_][\w.-]*(?:/[\w.-]+)*", re.IGNORECASE)
 _PATH = re.compile(r"[\w:./+@-]+")
@@ -212,11 +220,16 @@ def draft_profile(
         raise DefinitionError([Problem.unknown("joint", str(path), joint, names)])
     chain, others = _find_chain(compiled, names.index(joint) if joint else -1)
     if not chain or (others and len(chain) < LEG):
-        found = f"{len(others) + 1} run(s) of {len(chain)} hinge(s), of the joints {format_names(names)}"
-        hint = "A gripper alone is the `hand` of an arm's profile; docs/robots.md says more of hands and bases."
-        raise DefinitionError.of("MODEL_INVALID", str(path), found, "an arm: hinges, one after another", hint)
+        raise DefinitionError.of(
+            "MODEL_INVALID",
+            str(path),
+            found=f"{len(others) + 1} run(s) of {len(chain)} hinge(s), of the joints {format_names(names)}",
+            expected="an arm: hinges, one after another",
+            hint="A gripper alone is the `hand` of an arm's profile; docs/robots.md says more of hands and bases.",
+        )
     last = int(compiled.jnt_bodyid[chain[-1]])
-    below = [index for index in range(compiled.njnt) if index not in chain and _is_below(compiled, index, last)]
+    bodies = compiled.jnt_bodyid.tolist()
+    below = [index for index, body in enumerate(bodies) if index not in chain and is_below(compiled, body, last)]
     moving = [index for index in range(compiled.njnt) if int(compiled.jnt_type[index]) in {HINGE, SLIDE}]
     gripper = draft_hand(compiled, last, below) if hand is None else None
     parked = {names[index]: _find_middle(compiled, index, 0.0) for index in sorted(set(moving) - {*chain, *below})}
@@ -265,18 +278,11 @@ def _find_chain(model: mujoco.MjModel, wanted: int) -> tuple[list[int], list[lis
 
 def _drop_jaws(model: mujoco.MjModel, run: list[int]) -> list[int]:
     end = int(model.jnt_bodyid[run[-1]]) if run else 0
-    if any(_is_below(model, joint, end) for joint in range(model.njnt) if joint not in run):
+    if any(is_below(model, body, end) for joint, body in enumerate(model.jnt_bodyid.tolist()) if joint not in run):
         return run  # what carries fingers is none
     while run and _JAW.search(model.joint(run[-1]).name):
         run = run[:-1]
     return run
-
-
-def _is_below(model: mujoco.MjModel, joint: int, body: int) -> bool:
-    at = int(model.jnt_bodyid[joint])
-    while at not in {0, body}:
-        at = int(model.body_parentid[at])
-    return at == body and body != 0
 
 
 def _quote(name: str) -> str:

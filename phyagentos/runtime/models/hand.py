@@ -70,12 +70,20 @@ def measure_hand(profile: TargetProfile, folder: Path) -> HandMotion:
     gripper = profile.gripper
     if not gripper.travel:
         widths_m, share = np.array([0.0, gripper.max_width_m]), max(len(gripper.joints), 1)
-        postures = np.outer(widths_m / share, np.ones(len(gripper.joints)))
-        return HandMotion(gripper.joints, widths_m, widths_m, postures, np.zeros(2))
+        return HandMotion(
+            gripper.joints,
+            widths_m,
+            widths_m,
+            postures=np.outer(widths_m / share, np.ones(len(gripper.joints))),
+            middles_m=np.zeros(2),
+        )
     if len(gripper.pads) != 2 or len(gripper.travel) != len(gripper.joints):
-        found = f"{len(gripper.pads)} pads, {len(gripper.joints)} joints and {len(gripper.travel)} values of travel"
-        expected = "two pads that face each other, and a value for each joint"
-        raise DefinitionError.of("INVALID_VALUE", f"{profile.target}/target.yaml: gripper", found, expected)
+        raise DefinitionError.of(
+            "INVALID_VALUE",
+            f"{profile.target}/target.yaml: gripper",
+            found=f"{len(gripper.pads)} pads, {len(gripper.joints)} joints and {len(gripper.travel)} values of travel",
+            expected="two pads that face each other, and a value for each joint",
+        )
     return _measure(profile, folder, find_model(profile.model, folder).stat().st_mtime_ns)
 
 
@@ -105,7 +113,10 @@ def _measure(profile: TargetProfile, folder: Path, _changed_ns: int) -> HandMoti
     kept = np.r_[np.diff(found[:, 0]) > 0.0, True]  # of all that are closed, the last one
     found = found[kept]
     if found[-1, 0] < gripper.max_width_m - 1e-3 or len(found) < 3:
-        address_of = f"{profile.target}/target.yaml: gripper.max_width_m"
-        expected = f"at most {found[-1, 0]:.4f} m, between {' and '.join(gripper.pads)} in the model"
-        raise DefinitionError.of("MODEL_INVALID", address_of, f"{gripper.max_width_m} m", expected)
+        raise DefinitionError.of(
+            "MODEL_INVALID",
+            address=f"{profile.target}/target.yaml: gripper.max_width_m",
+            found=f"{gripper.max_width_m} m",
+            expected=f"at most {found[-1, 0]:.4f} m, between {' and '.join(gripper.pads)} in the model",
+        )
     return HandMotion(tuple(joint.name for joint in joints), found[:, 0], found[:, 1], found[:, 3:], found[:, 2])

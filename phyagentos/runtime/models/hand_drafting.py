@@ -61,7 +61,7 @@ def draft_hand(model: mujoco.MjModel, last: int, fingers: Sequence[int]) -> Hand
     mujoco.mj_kinematics(model, data)
     found = []
     for top in sorted(tops):
-        bodies = [body for body in range(model.nbody) if _is_below(model, body, top)]
+        bodies = [body for body in range(model.nbody) if is_below(model, body, top)]
         held = np.flatnonzero(solid & np.isin(model.geom_bodyid, bodies))
         if len(held):
             clouds = [_list_corners(model, data, int(geom)) - data.xpos[last] for geom in held]
@@ -89,8 +89,15 @@ def draft_hand(model: mujoco.MjModel, last: int, fingers: Sequence[int]) -> Hand
     closing = (middles[1] - middles[0]) / np.linalg.norm(middles[1] - middles[0])
     approach = (middles[0] + middles[1]) / 2 - data.xpos[last]
     approach -= closing * (approach @ closing)
-    R = _build_frame(_find_approach(model, data, last, approach / np.linalg.norm(approach)), closing)
-    return _place_pads(model, data, last, drives, list(zip(geoms, clouds, strict=True)), R, travel)
+    return _place_pads(
+        model,
+        data,
+        last,
+        drives,
+        list(zip(geoms, clouds, strict=True)),
+        R=_build_frame(_find_approach(model, data, last, approach / np.linalg.norm(approach)), closing),
+        travel=travel,
+    )
 
 
 def find_flange(model: mujoco.MjModel, chain: Sequence[int]) -> Placed:
@@ -167,7 +174,7 @@ def _draft_jaw(
     model: mujoco.MjModel, data: mujoco.MjData, last: int, joint: int, solid: NDArray[np.bool_]
 ) -> HandDraft | None:
     """A jaw that turns against the solids of `last`: they meet where its tip comes nearest to them."""
-    moved = [body for body in range(model.nbody) if _is_below(model, body, int(model.jnt_bodyid[joint]))]
+    moved = [body for body in range(model.nbody) if is_below(model, body, int(model.jnt_bodyid[joint]))]
     turning = np.flatnonzero(solid & np.isin(model.geom_bodyid, moved))
     standing = np.flatnonzero(solid & (model.body_weldid[model.geom_bodyid] == model.body_weldid[last]))
     if not len(turning):
@@ -237,8 +244,14 @@ def _place_pads(
     ]
     if palm is None:
         palm = max((float((_list_corners(model, data, geom) @ approach).max()) for geom in held), default=depth - TIP_M)
-    names = tuple(model.joint(joint).name for joint in drives)
-    return HandDraft(names, travel, tuple(pads), _express(data, last, tool, R), depth - palm, end - depth)
+    return HandDraft(
+        joints=tuple(model.joint(joint).name for joint in drives),
+        travel=travel,
+        pads=tuple(pads),
+        tool=_express(data, last, tool, R),
+        palm_m=depth - palm,
+        tip_m=end - depth,
+    )
 
 
 def _build_frame(approach: Array, closing: Array) -> Array:
@@ -262,7 +275,8 @@ def _find_top(model: mujoco.MjModel, body: int, last: int) -> int:
     return found
 
 
-def _is_below(model: mujoco.MjModel, body: int, top: int) -> bool:
+def is_below(model: mujoco.MjModel, body: int, top: int) -> bool:
+    """Whether a body is another one, or hangs on it."""
     while body > top:
         body = int(model.body_parentid[body])
     return body == top

@@ -38,8 +38,13 @@ def find_mesh(name: str, address: str, folders: list[Path], kinds: frozenset[str
             hint = (
                 f"Convert it, with Blender or `assimp export {Path(rest).name} {stem}.stl`, or use a box or cylinder."
             )
-            expected = f"a mesh of the kind {', '.join(sorted(kinds))}"
-            return Problem("MODEL_INVALID", address, f"{name!r}, which is not read as a solid", expected, hint)
+            return Problem(
+                "MODEL_INVALID",
+                address,
+                f"{name!r}, which is not read as a solid",
+                expected=f"a mesh of the kind {', '.join(sorted(kinds))}",
+                hint=hint,
+            )
     near = next((like for base, rest in places if (like := _find_like(base, rest))), "")
     hint = f"Did you mean {name[: len(name) - len(near)] + near!r}?" if near else ""
     return Problem("UNREADABLE_FILE", address, f"no file {name!r}", "a mesh at that path from the model", hint)

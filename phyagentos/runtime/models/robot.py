@@ -70,13 +70,22 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     ]
     needs_file = is_beside(profile.model) and (profile.model != "" or profile.kind == "simulation")
     if needs_file and not (path.parent / profile.model).is_file():
-        expected = f"a MJCF file in {path.parent}"
-        problems.append(located.problem("UNREADABLE_FILE", ("model",), repr(profile.model), expected))
+        problems.append(
+            located.problem(
+                "UNREADABLE_FILE", ("model",), repr(profile.model), expected=f"a MJCF file in {path.parent}"
+            )
+        )
     steps = profile.control_period_s / profile.physics_step_s
     if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
         address = ("control_period_s",)
-        found = str(profile.control_period_s)
-        problems.append(located.problem("INVALID_VALUE", address, found, "a whole number of physics steps"))
+        problems.append(
+            located.problem(
+                "INVALID_VALUE",
+                address,
+                found=str(profile.control_period_s),
+                expected="a whole number of physics steps",
+            )
+        )
     if problems:
         raise DefinitionError(problems)
     return profile, path.parent
@@ -188,11 +197,10 @@ def _park_others(spec: mujoco.MjSpec, profile: TargetProfile) -> None:
 
 def _add_column(base: "mujoco.MjsBody", height_m: float) -> None:
     """A column under a base that is mounted above the level of the table's top."""
-    down = compute_rotation(base.quat).T @ (0.0, 0.0, -height_m / 2)
     base.add_geom(
         name=COLUMN,
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        pos=down,
+        pos=compute_rotation(base.quat).T @ (0.0, 0.0, -height_m / 2),
         quat=base.quat * (1.0, -1.0, -1.0, -1.0),
         size=[COLUMN_RADIUS_M, height_m / 2, 0.0],
         rgba=COLUMN_RGBA,
@@ -224,8 +232,7 @@ def read_model(path: Path, arguments: Mapping[str, str] = {}, replaced: Collecti
         except ValueError as error:
             raise DefinitionError(explain(str(error), path)) from error
     spec = source.spec
-    folders = list(dict.fromkeys(file.parent for file in iter_files(path)))
-    left_out = settle_meshes(spec, path, folders, replaced)
+    left_out = settle_meshes(spec, path, list(dict.fromkeys(file.parent for file in iter_files(path))), replaced)
     for body in spec.bodies:
         body.mocap = False  # a mark that others move
     for element in [*spec.actuators, *spec.sensors, *spec.keys, *spec.cameras, *spec.lights]:

@@ -17,6 +17,7 @@ from phyagentos.protocol.world.entity_geometry import compute_volume
 from phyagentos.protocol.world.environment import UNNAMED, Entity, Interior, Mechanism, Pose, Region, Shape, ShapeKind
 from phyagentos.protocol.world.scenes import Body, Joint, Material, SceneSpec
 from phyagentos.protocol.world.seeds import compute_seed
+from phyagentos.runtime.models.camera_model import look_at
 from phyagentos.runtime.models.surfaces import find_surface
 
 DRAWS = 2000  # tries for one position of an area before its layout is given up
@@ -265,10 +266,7 @@ def aim(
     position_m: Sequence[float] | NDArray[np.float64], target_m: Sequence[float] | NDArray[np.float64]
 ) -> list[float]:
     """Axes x and y of a camera, right and up, that looks from a point at another, upright."""
-    forward = np.array(target_m) - np.array(position_m)
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, (0.0, 0.0, 1.0))
-    right /= np.linalg.norm(right)
+    right, _, forward = look_at(np.array(position_m), np.array(target_m), np.array((0.0, 0.0, 1.0))).rotation.T
     return [float(value) for value in (*right, *np.cross(right, forward))]
 
 
@@ -287,8 +285,11 @@ def _add_body(
     if item.body.part_of is None:
         body = robot.worldbody.add_body(name=item.name, pos=item.position_m, quat=item.quaternion_wxyz)
     else:
-        turn = multiply(convert_euler((0.0, 0.0, place.yaw_rad[0])), convert_euler(place.euler_rad))
-        body = robot.body(item.body.part_of).add_body(name=item.name, pos=place.position_m, quat=turn)
+        body = robot.body(item.body.part_of).add_body(
+            name=item.name,
+            pos=place.position_m,
+            quat=multiply(convert_euler((0.0, 0.0, place.yaw_rad[0])), convert_euler(place.euler_rad)),
+        )
     if item.body.joint is not None and item.opening is not None:
         _add_joint(body, item.name, item.body.joint, item.opening)
     elif not item.body.fixed and item.body.part_of is None:
@@ -315,10 +316,9 @@ def _add_body(
 
 def _add_joint(body: mujoco.MjsBody, name: str, joint: Joint, opening: float) -> None:
     """A slide or hinge whose position is zero when it is closed, and which begins open by a fraction."""
-    kind = mujoco.mjtJoint.mjJNT_SLIDE if joint.kind == "slide" else mujoco.mjtJoint.mjJNT_HINGE
     body.add_joint(
         name=f"{name}_joint",
-        type=kind,
+        type=mujoco.mjtJoint.mjJNT_SLIDE if joint.kind == "slide" else mujoco.mjtJoint.mjJNT_HINGE,
         axis=joint.axis,
         pos=joint.anchor_m,
         ref=joint.travel * opening,

@@ -66,11 +66,15 @@ def _iter_overlaps(spec: SceneSpec, located: Located, model: mujoco.MjModel, dat
         deepest[pair] = max(deepest.get(pair, (0.0, 0.0)), (-contact.dist, abs(contact.frame[2])))
     for (body, other), (depth_m, upright) in deepest.items():
         is_robot = other.partition(".")[0] not in spec.bodies  # a ball of its contents is `cup.1`
-        found = f"{body!r}, {depth_m:.3f} m inside of {other!r}" + (", which is the robot's" if is_robot else "")
         lies = upright > LEVEL and other in spec.bodies and spec.bodies[other].fixed
-        hint = f"Raise it by {depth_m:.3f} m." if lies else "Move one of them."
-        at = located.address_of(("bodies", body, "place"))
-        yield Problem("SCENE_INVALID", at, found, "bodies that touch at most", hint, kind=OVERLAP)
+        yield Problem(
+            "SCENE_INVALID",
+            located.address_of(("bodies", body, "place")),
+            found=f"{body!r}, {depth_m:.3f} m inside of {other!r}" + (", which is the robot's" if is_robot else ""),
+            expected="bodies that touch at most",
+            hint=f"Raise it by {depth_m:.3f} m." if lies else "Move one of them.",
+            kind=OVERLAP,
+        )
 
 
 def _iter_unsupported(
@@ -91,9 +95,13 @@ def _iter_unsupported(
             gaps += [(gap_m, model.body(model.geom_bodyid[geom[0]]).name)] if geom[0] >= 0 else []
         gap_m, below = min(gaps, default=(np.inf, ""))
         if gap_m > DROP_M:
-            found = f"{name!r}, {f'{gap_m:.3f} m above {below!r}' if gaps else 'with nothing below it'}"
-            hint = f"Lower it by {gap_m:.3f} m, or move it to where something bears it." if gaps else "Move it."
-            yield located.problem("SCENE_INVALID", ("bodies", name, "place"), found, "something to stand on", hint)
+            yield located.problem(
+                "SCENE_INVALID",
+                ("bodies", name, "place"),
+                found=f"{name!r}, {f'{gap_m:.3f} m above {below!r}' if gaps else 'with nothing below it'}",
+                expected="something to stand on",
+                hint=f"Lower it by {gap_m:.3f} m, or move it to where something bears it." if gaps else "Move it.",
+            )
 
 
 def _compute_bounds(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> tuple[np.ndarray, np.ndarray]:
@@ -128,12 +136,11 @@ def explain_unseen(spec: SceneSpec, name: str, seed: int, robot: Robot, sensors:
     return f"The scene starts {name} at ({x:.3f}, {y:.3f}, {z:.3f}) m: {told}. Move it, or a camera of sensors.yaml"
 
 
-def find_remote(path: Path, seed: int, robot: Robot, sensors: Sensors) -> list[Problem]:
+def find_remote(path: Path, seed: int, robot: Robot, sensors: Sensors) -> Iterator[Problem]:
     """Objects of a scene that start beyond the reach of a fixed robot at home, or in view of none of its cameras."""
     spec, located, profile = place_scene(read_scene(path), robot[0].placement), read_yaml(path), robot[0]
     model = compile_scene([robot], spec, seed).model
     data, cameras = pose_start(model, [robot]), [each.camera for each in sensors.cameras.values() if each.camera]
-    problems = []
     for name, body in spec.bodies.items():
         if body.fixed or body.joint or body.part_of or not body.listed:
             continue
@@ -141,12 +148,11 @@ def find_remote(path: Path, seed: int, robot: Robot, sensors: Sensors) -> list[P
         away_m = math.dist(data.body(name).xpos[:2], profile.mount_position_m[:2])
         if profile.base is None and away_m > far_m:
             found, expected = f"{name!r}, {away_m:.2f} m from {profile.target}", f"at most {far_m:.2f} m"
-            problems.append(located.problem("OUT_OF_REACH", at, found, expected, "Move it nearer."))
+            yield located.problem("OUT_OF_REACH", at, found, expected, "Move it nearer.")
         reasons = dict.fromkeys(_find_reason(model, data, name, each) for each in cameras)
         if reasons and not any(each.startswith(IN_VIEW) for each in reasons):
             found = f"{name!r}: {'; '.join(reasons)}"
-            problems.append(located.problem("OBJECT_HIDDEN", at, found, "in view of a camera", "Move it, or a camera."))
-    return problems
+            yield located.problem("OBJECT_HIDDEN", at, found, "in view of a camera", "Move it, or a camera.")
 
 
 def _find_reason(model: mujoco.MjModel, data: mujoco.MjData, name: str, camera: CameraSettings) -> str:

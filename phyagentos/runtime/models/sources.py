@@ -36,9 +36,13 @@ def find_model(model: str, folder: Path, environ: Mapping[str, str] = os.environ
     if place is not None and place.is_file():
         return place
     near = sorted(each.name for each in place.parent.glob("*.xml")) if place is not None else []
-    found = f"no file {place}" if place is not None else "no such source here"
-    expected = format_names(near) if near else f"a MJCF or URDF file of {source}"
-    raise DefinitionError.of("UNREADABLE_FILE", f"model {model!r}", found, expected, hint)
+    raise DefinitionError.of(
+        "UNREADABLE_FILE",
+        f"model {model!r}",
+        found=f"no file {place}" if place is not None else "no such source here",
+        expected=format_names(near) if near else f"a MJCF or URDF file of {source}",
+        hint=hint,
+    )
 
 
 def name_in_models(path: Path, environ: Mapping[str, str] = os.environ) -> tuple[str, Path | None]:

@@ -59,8 +59,9 @@ def read_urdf(path: Path, arguments: Mapping[str, str] = {}, replaced: Collectio
             "UNREADABLE_FILE", str(path), str(error.strerror), "a file that can be read"
         ) from error
     except expat.ExpatError as error:
-        address = f"{path}:{error.lineno}"
-        raise DefinitionError.of("MODEL_INVALID", address, "no whole XML", "every tag closed") from error
+        raise DefinitionError.of(
+            "MODEL_INVALID", address=f"{path}:{error.lineno}", found="no whole XML", expected="every tag closed"
+        ) from error
     if problems := list(document.iter_problems()):
         raise DefinitionError(problems)
     folder = next((each.get("meshdir", "") for each in document.robot.findall("mujoco/compiler")), "")
@@ -74,8 +75,11 @@ def read_urdf(path: Path, arguments: Mapping[str, str] = {}, replaced: Collectio
     except ValueError as error:
         raise DefinitionError(explain(str(error), path)) from error
     limits = {name: joint.find("limit") for name, joint in document.joints().items()}
-    speeds = {name: float(each.get("velocity", 0.0)) for name, each in limits.items() if each is not None}
-    return ModelSource(spec, tuple(remarks), speeds)
+    return ModelSource(
+        spec,
+        tuple(remarks),
+        speeds={name: float(each.get("velocity", 0.0)) for name, each in limits.items() if each is not None},
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +115,12 @@ class _Document:
     def iter_problems(self) -> Iterator[Problem]:
         """All that no compiler could make a robot of."""
         if self.robot.tag != "robot":
-            found = f"a file that begins with <{self.robot.tag}>"
-            yield Problem("MODEL_INVALID", self.locate(self.robot), found, "<robot>, a URDF, or <mujoco> in an .xml")
+            yield Problem(
+                "MODEL_INVALID",
+                self.locate(self.robot),
+                found=f"a file that begins with <{self.robot.tag}>",
+                expected="<robot>, a URDF, or <mujoco> in an .xml",
+            )
             return
         numbers = list(self._iter_numbers())
         yield from numbers or [*self._iter_names(), *self._iter_joints()]
@@ -126,8 +134,11 @@ class _Document:
             for name in counts.keys() & element.keys():
                 values, expected = element.attrib[name].split(), counts[name]
                 if len(values) != expected or not all(map(_is_finite, values)):
-                    found = f'<{element.tag} {name}="{element.attrib[name]}">'
-                    yield self._problem(element, found, "a number" if expected == 1 else f"{expected} numbers")
+                    yield self._problem(
+                        element,
+                        found=f'<{element.tag} {name}="{element.attrib[name]}">',
+                        expected="a number" if expected == 1 else f"{expected} numbers",
+                    )
 
     def _iter_names(self) -> Iterator[Problem]:
         for tag in ("link", "joint"):
@@ -151,8 +162,9 @@ class _Document:
         for name, joint in joints.items():
             for tag in ("parent", "child"):
                 if (link := _get(joint, tag, "link")) not in links:
-                    found = f"{link!r}, the {tag} of joint {name!r}"
-                    yield Problem.unknown("link", self.locate(joint), link, links, found)
+                    yield Problem.unknown(
+                        "link", self.locate(joint), link, links, found=f"{link!r}, the {tag} of joint {name!r}"
+                    )
             child, kind = _get(joint, "child", "link"), joint.get("type", "")
             if child in children:
                 yield self._problem(joint, f"joint {name!r} holds link {child!r}, which another holds", "one parent")
@@ -240,8 +252,7 @@ class _Document:
     @staticmethod
     def _has_false_products(inertia: ElementTree.Element) -> bool:
         xx, yy, zz, xy, xz, yz = (float(inertia.get(f"i{axes}", 0.0)) for axes in _AXES)
-        least = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0]
-        return bool(least <= 0.0 < min(xx, yy, zz))
+        return bool(np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])[0] <= 0.0 < min(xx, yy, zz))
 
     def _has_matter(self, name: str) -> bool:
         fixed = [each for each in self.joints().values() if each.get("type") == "fixed"]

@@ -128,9 +128,12 @@ def _join(robots: Sequence[Robot]) -> mujoco.MjSpec:
         return specs[0]
     periods = {profile.target: (profile.control_period_s, profile.physics_step_s) for profile, _ in robots}
     if len(set(periods.values())) > 1:
-        address = "control_period_s and physics_step_s of the targets of one world"
-        found = ", ".join(f"{target}: {period_s} s, {step_s} s" for target, (period_s, step_s) in periods.items())
-        raise DefinitionError.of("WORLD_CONFLICT", address, found, "the same control period and physics step for all")
+        raise DefinitionError.of(
+            "WORLD_CONFLICT",
+            address="control_period_s and physics_step_s of the targets of one world",
+            found=", ".join(f"{target}: {period_s} s, {step_s} s" for target, (period_s, step_s) in periods.items()),
+            expected="the same control period and physics step for all",
+        )
     world = mujoco.MjSpec()
     for (profile, _), robot in zip(robots, specs, strict=True):
         world.attach(robot, prefix=name_prefix(profile.target, len(robots)), frame=world.worldbody.add_frame())

@@ -192,8 +192,7 @@ def _find_line(
         return None
     line = found.q_rad
     with job.stage("check"):
-        left_m = np.linspace(way.hover_m, 0.0, len(line))
-        for q, distance_m in zip(line, left_m, strict=True):
+        for q, distance_m in zip(line, np.linspace(way.hover_m, 0.0, len(line)), strict=True):
             blocked = way.find_blocked(q, distance_m, scene)
             if blocked:
                 job.rejected[Contact(*blocked[0])] += 1
@@ -224,9 +223,14 @@ def find_touch(request: FindTouch, kinematics: Kinematics, scene: PlanningScene,
         )
         for degrees in TURNS_DEG
     ]
-    screen = Screen(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
     found = find_approaches(
-        ways, q_rad=request.q_rad, screen=screen, kinematics=kinematics, scene=scene, job=job, count=request.count
+        ways,
+        q_rad=request.q_rad,
+        screen=Screen(kinematics, request.q_rad, scene.robot.home_rad, request.seed),
+        kinematics=kinematics,
+        scene=scene,
+        job=job,
+        count=request.count,
     )
     if found:
         return Approaches(approaches=tuple(found), timing=job.timing, stages=job.stages)

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from phyagentos.geometry import compute_inverse
+from phyagentos.geometry import compute_inverse, make_matrix
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.robot_model import RobotModel
 
@@ -98,10 +98,12 @@ def build_chain(robot: RobotModel) -> Chain:
     mujoco.mj_kinematics(model, data)
     zero, link_of_body = [np.eye(4)], {0: 0}
     for joint in range(model.njnt):
-        T = np.eye(4)
-        T[:3, :3] = data.xmat[model.jnt_bodyid[joint]].reshape(3, 3) @ _align_z_with(model.jnt_axis[joint])
-        T[:3, 3] = data.xanchor[joint]
-        zero.append(T)
+        zero.append(
+            make_matrix(
+                rotation=data.xmat[model.jnt_bodyid[joint]].reshape(3, 3) @ _align_z_with(model.jnt_axis[joint]),
+                position_m=data.xanchor[joint],
+            )
+        )
         link_of_body[int(model.body_weldid[model.jnt_bodyid[joint]])] = joint + 1
     bodies = model.jnt_bodyid.tolist()
     parents = [  # a body's further joints follow its first one
@@ -109,10 +111,9 @@ def build_chain(robot: RobotModel) -> Chain:
         for joint, body in enumerate(bodies)
     ]
     frames = [zero[0], *(compute_inverse(zero[a]) @ b for a, b in zip(parents, zero[1:], strict=True))]
-    world_T_tcp, site = np.eye(4), model.site(robot.profile.tcp).id
+    site = model.site(robot.profile.tcp).id
     tool = link_of_body[int(model.body_weldid[model.site_bodyid[site]])]
-    world_T_tcp[:3, :3] = data.site_xmat[site].reshape(3, 3)
-    world_T_tcp[:3, 3] = data.site_xpos[site]
+    world_T_tcp = make_matrix(data.site_xmat[site].reshape(3, 3), data.site_xpos[site])
     return Chain(
         frames=np.ascontiguousarray(np.array(frames)[:, :3]),
         parents=np.array([0, *parents], dtype=np.int64),

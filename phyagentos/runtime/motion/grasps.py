@@ -15,7 +15,7 @@ from itertools import chain, product
 
 import numpy as np
 
-from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, rotate
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, make_matrix, rotate
 from phyagentos.protocol.capabilities.targets import Gripper
 from phyagentos.protocol.world.entity_geometry import compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity, ShapeKind
@@ -67,8 +67,12 @@ def find_grasps(
     """Approaches to grasps of `entity`, the nearest first; if any, those from which `place` finds a way on."""
     gripper = scene.robot.profile.gripper
     entity = settle(entity, request.world.entities)
-    touching = frozenset((jaw, entity.name) for jaw in scene.robot.jaws)
-    make_way = partial(ApproachCandidate, hover_m=request.hover_m, tolerate=touching, tolerate_m=STRADDLE_M)
+    make_way = partial(
+        ApproachCandidate,
+        hover_m=request.hover_m,
+        tolerate=frozenset((jaw, entity.name) for jaw in scene.robot.jaws),
+        tolerate_m=STRADDLE_M,
+    )
     turns = request.then is not None and request.then.up is not None
     is_whole = turns or len(entity.shapes) == 1  # what is turned is held across its middle
     ways, poor = _compute_ways(entity, gripper, make_way, whole=is_whole)
@@ -88,8 +92,9 @@ def find_grasps(
         if found:
             leading, leads_on = _drop_dead_ends(found, place)
             if leading or (len(dead_ends) == DEAD_ENDS_MAX and not turns):
-                best = tuple(leading or dead_ends[0])
-                return Approaches(approaches=best, timing=job.timing, stages=job.stages, leads_on=leads_on)
+                return Approaches(
+                    approaches=tuple(leading or dead_ends[0]), timing=job.timing, stages=job.stages, leads_on=leads_on
+                )
             dead_ends.append(found)
             dead.update(approach.label for approach in found)
     if dead_ends and not turns:
@@ -127,8 +132,11 @@ def foresee_payload(entity: Entity, approach: Approach) -> Payload:
     """The entity as it will sit in the hand at the end of an approach."""
     in_hand = compute_inverse(compute_matrix(approach.tcp_end)) @ compute_matrix(entity.pose)
     low_m, high_m = compute_extent(entity, tuple(in_hand[1, :3].tolist()))
-    width_m = high_m - low_m if approach.release_m is None else min(high_m - low_m, approach.release_m)
-    return Payload(entity.name, compute_pose(in_hand), width_m)
+    return Payload(
+        entity.name,
+        compute_pose(in_hand),
+        width_m=high_m - low_m if approach.release_m is None else min(high_m - low_m, approach.release_m),
+    )
 
 
 def _iter_batches(
@@ -213,10 +221,14 @@ def _iter_front_ways(
                 end = _make_pose(turned * y, z, at_m)
                 width_m = 2.0 * float(np.abs(end[:3, 1] @ box.pose[:3, :3]) @ box.half_m)
                 if width_m <= gripper.max_width_m - WIDTH_CLEARANCE_M:
-                    label = f"front{pitch_deg}.solid{index}.{'xyz'[closing]}{turned:+.0f}"
                     opening_m = min(width_m + NARROW_M[0], gripper.max_width_m)
                     ways.append(
-                        make_way(label=label, end=end, openings_m=(width_m, opening_m), back=tuple((-z).tolist()))
+                        make_way(
+                            label=f"front{pitch_deg}.solid{index}.{'xyz'[closing]}{turned:+.0f}",
+                            end=end,
+                            openings_m=(width_m, opening_m),
+                            back=tuple((-z).tolist()),
+                        )
                     )
         yield ways
 
@@ -262,8 +274,12 @@ def _compute_ways(
     most_m = min((each.lever_m for each in contacts.values()), default=0.0) + LEVER_M
     ways: tuple[list[ApproachCandidate], list[ApproachCandidate]] = ([], [])
     for label, each in contacts.items():
-        is_clear = not whole and np.isfinite(each.lever_m)
-        way = make_way(label=label, end=each.end, openings_m=(each.width_m, widest_m), is_clear=is_clear)
+        way = make_way(
+            label=label,
+            end=each.end,
+            openings_m=(each.width_m, widest_m),
+            is_clear=not whole and np.isfinite(each.lever_m),
+        )
         ways[each.lever_m > most_m].append(way)
     return ways
 
@@ -324,8 +340,7 @@ def _iter_solid_ways(
 
 def _make_pose(y: Array, z: Array, position_m: Array) -> Array:
     """(4, 4) of a closing axis as near to `y` (3,) as the approach direction `z` (3,) allows, and a position (3,)."""
-    T, z = np.eye(4), z / np.linalg.norm(z)
+    z = z / np.linalg.norm(z)
     y = y - (y @ z) * z
     y = y / np.linalg.norm(y)
-    T[:3, :3], T[:3, 3] = np.column_stack((np.cross(y, z), y, z)), position_m
-    return T
+    return make_matrix(np.column_stack((np.cross(y, z), y, z)), position_m)

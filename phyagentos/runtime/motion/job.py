@@ -61,5 +61,10 @@ class Job:
         if self.rejected:
             reasons = ", ".join(f"{reason} {count}" for reason, count in self.rejected.most_common(4))
             message = f"{message} Rejected: {reasons}."
-        rejected = {str(reason): count for reason, count in self.rejected.items()}
-        return NoPlan(code=code, message=message, timing=self.timing, rejected=rejected, stages=self.stages)
+        return NoPlan(
+            code=code,
+            message=message,
+            timing=self.timing,
+            rejected={str(reason): count for reason, count in self.rejected.items()},
+            stages=self.stages,
+        )

@@ -89,8 +89,9 @@ def plan_move(
             return job.fail("NO_PLAN", f"No path to any of {len(prepared.goals)} goals was found in the budget.")
         timed = _time_and_check(path, prepared, scene, time_rows, job)
         if timed is None and attempt == 0 and isinstance(prepared.checker, SphereChecker):
-            larger = _fit(prepared.checker.arrays.grow(LARGER_M), prepared.query)
-            prepared = replace(prepared, checker=larger, name="larger spheres")
+            prepared = replace(
+                prepared, checker=_fit(prepared.checker.arrays.grow(LARGER_M), prepared.query), name="larger spheres"
+            )
         elif timed is None:
             scene.finest_rad = FINE_RAD
             prepared = replace(prepared, checker=scene, name="exact, fine")
@@ -158,10 +159,8 @@ def _search(
     path = find_path(query, checker, seed, should_cancel)
     if path is not None or not isinstance(checker, SphereChecker):
         return search, path
-    if scene.crowd:
-        alone = SphereChecker(checker.arrays.leave_alone())
-        if find_path(query, alone, seed, should_cancel) is not None:
-            return search, None
+    if scene.crowd and find_path(query, SphereChecker(checker.arrays.leave_alone()), seed, should_cancel) is not None:
+        return search, None
     return replace(search, checker=scene, name="exact"), find_path(query, scene, seed, should_cancel)
 
 
@@ -267,9 +266,8 @@ def follow_waypoints(
                 job.rejected[Contact(*blocked[0])] += 1
                 return job.fail("IN_COLLISION", f"The straight line runs into {Contact(*blocked[0])}.")
             tolerated &= contacts
-    line = np.array(rows)
     return Approaches(
-        approaches=(Approach(label=label, tcp_end=waypoints[-1], line_rad=line),),
+        approaches=(Approach(label=label, tcp_end=waypoints[-1], line_rad=np.array(rows)),),
         timing=job.timing,
         stages=Stages(goals=(GoalPosture(label, solved),)),
     )

@@ -26,8 +26,7 @@ class NeighbourModel:
     """Covers one robot, whose profile is `robots/<name>/target.yaml`."""
 
     def __init__(self, profile_file: Path) -> None:
-        profile = validate(TargetProfile, read_yaml(profile_file))
-        robot = build_robot_model(profile, profile_file.parent)
+        robot = build_robot_model(validate(TargetProfile, read_yaml(profile_file)), profile_file.parent)
         self._chain = build_chain(robot)
         self._clusters = [(link, cover) for link, _, cover in iter_clusters(robot, self._chain)]
 

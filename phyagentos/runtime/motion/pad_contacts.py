@@ -43,8 +43,7 @@ def find_pad_contact(boxes: Sequence[Box], tool: Array) -> PadContact | None:
     top_m = max(box.top_m for box in boxes) - float(tool[2, 3])
     found: list[tuple[int, float, float, int, PadContact]] = []
     for raise_m in np.arange(0.0, max(top_m, RAISE_M), RAISE_M).tolist():
-        depths_m = np.linspace(-HIGH_M, HIGH_M, DEPTHS) - raise_m
-        outer = _measure(aside_m, depths_m, middles, turns, halves)
+        outer = _measure(aside_m, np.linspace(-HIGH_M, HIGH_M, DEPTHS) - raise_m, middles, turns, halves)
         first = outer.min(axis=1)  # (2, asides): what each pad meets first
         meets = (outer < first[:, None] + ALIKE_M).sum(axis=1).min(axis=0)
         under = np.lib.stride_tricks.sliding_window_view(first, 2 * pad + 1, axis=1)

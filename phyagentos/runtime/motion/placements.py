@@ -18,7 +18,7 @@ from itertools import chain, islice, product, zip_longest
 import msgspec
 import numpy as np
 
-from phyagentos.geometry import compute_matrix, turn
+from phyagentos.geometry import compute_matrix, make_matrix, turn
 from phyagentos.protocol.sessions.strategy import SiteLabel
 from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.entity_geometry import compute_extent
@@ -137,9 +137,13 @@ class _Search:
     def run(self, groups: list[Sites], attitudes: Mapping[int, Array]) -> list[Approach]:
         """Approaches to the first sites that have any: without a fall, of an earlier group, with the fingers wide."""
         placing, request, job = self.placing, self.placing.request, self.job
-        screen = Screen(self.kinematics, request.q_rad, self.scene.robot.home_rad, request.seed)
         search = partial(
-            find_approaches, q_rad=request.q_rad, screen=screen, kinematics=self.kinematics, scene=self.scene, job=job
+            find_approaches,
+            q_rad=request.q_rad,
+            screen=Screen(self.kinematics, request.q_rad, self.scene.robot.home_rad, request.seed),
+            kinematics=self.kinematics,
+            scene=self.scene,
+            job=job,
         )
         turned = {degrees: cache(partial(_turn, degrees, placing, self.tilt)) for degrees in attitudes}
         found, avoided = list[Approach](), set(request.avoid)
@@ -282,6 +286,4 @@ def _has_room(space: Space, taken: list[Box], rest: Sequence[Array], gap_m: floa
 
 def _make_box(space: Space, site: FreePlacement, half_m: Array, gap_m: float) -> Box:
     """What stands at a site, from above, with what its gap is wider than that to the walls."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = space.rotation, site.point_m
-    return Box(pose, np.append(half_m + gap_m - GAP_M, 0.0))
+    return Box(make_matrix(space.rotation, site.point_m), np.append(half_m + gap_m - GAP_M, 0.0))

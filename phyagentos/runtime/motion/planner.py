@@ -115,8 +115,9 @@ class MotionPlanner:
 
     def warm_up(self) -> None:
         """Load or compile every kernel and library, so that the first request is as fast as later ones."""
-        shapes = (Shape(ShapeKind.BOX, (0.02, 0.02, 0.02)),)
-        cube = Entity(name="cube", kind="cube", pose=Pose((0.5, 0.0, 0.02)), shapes=shapes)
+        cube = Entity(
+            name="cube", kind="cube", pose=Pose((0.5, 0.0, 0.02)), shapes=(Shape(ShapeKind.BOX, (0.02, 0.02, 0.02)),)
+        )
         home = self.robot.home_rad
         world = World((cube,))
         self.answer(FindGrasps(world=world, object="cube", q_rad=home, seed=0, count=1))
@@ -128,19 +129,37 @@ class MotionPlanner:
             case FindGrasps():
                 return self._find_grasps(request, job)
             case FindPlacements():
-                held = _get_entity(request.world, request.payload.entity)
-                return find_placements(request, held, self._kinematics, self._get_scene(request, job), job)
+                return find_placements(
+                    request,
+                    held=_get_entity(request.world, request.payload.entity),
+                    kinematics=self._kinematics,
+                    scene=self._get_scene(request, job),
+                    job=job,
+                )
             case FindPush():
-                pushed = _get_entity(request.world, request.object)
-                return find_push(request, pushed, self._kinematics, self._get_scene(request, job), job)
+                return find_push(
+                    request,
+                    entity=_get_entity(request.world, request.object),
+                    kinematics=self._kinematics,
+                    scene=self._get_scene(request, job),
+                    job=job,
+                )
             case FindTouch():
                 return find_touch(request, self._kinematics, self._get_scene(request, job), job)
             case FindLine():
-                scene = self._get_scene(request, job)
-                return follow_waypoints(request.q_rad, request.waypoints, "line", self._kinematics, scene, job)
+                return follow_waypoints(
+                    request.q_rad,
+                    request.waypoints,
+                    "line",
+                    self._kinematics,
+                    scene=self._get_scene(request, job),
+                    job=job,
+                )
             case PlanMove():
-                load = None if request.payload is None else request.payload.load
-                time_rows = self._get_timer(self._limits.scale(request.speed, request.speed**2), load)
+                time_rows = self._get_timer(
+                    self._limits.scale(request.speed, request.speed**2),
+                    load=None if request.payload is None else request.payload.load,
+                )
                 return plan_move(request, self._get_scene(request, job), self._spheres, time_rows, job)
             case CheckPosture():
                 return self._check_posture(request, job)
@@ -149,8 +168,9 @@ class MotionPlanner:
                 with job.stage("timing"):
                     rows = np.asarray(request.waypoints_rad, dtype=float)
                     timed = self._get_timer(limits, request.load, keeps_toppra=True)(rows)
-                stages = Stages(scaling=timed.scaling)
-                return Motion(trajectory=timed.trajectory, goal=0, timing=job.timing, stages=stages)
+                return Motion(
+                    trajectory=timed.trajectory, goal=0, timing=job.timing, stages=Stages(scaling=timed.scaling)
+                )
             case ShapeTransport():
                 from phyagentos.runtime.motion.transport import shape_transport  # casadi: only where it is used
 
@@ -167,14 +187,21 @@ class MotionPlanner:
         """Grasps, and the first removable entities without which the object has a place."""
         entity = _get_entity(request.world, request.object)
         then = None if request.removable else request.then  # one grasp shows what has to go
-        place = partial(self._place, replace(request, then=then), entity, job)
-        found = find_grasps(request, entity, self._kinematics, self._get_scene(request, job), job, place)
+        found = find_grasps(
+            request,
+            entity,
+            self._kinematics,
+            self._get_scene(request, job),
+            job,
+            place=partial(self._place, replace(request, then=then), entity, job),
+        )
         if isinstance(found, NoPlan) or not request.removable:
             return found
         for gone in self._iter_removals(request, job):
             left = tuple(each for each in request.world.entities if each.name not in gone)
-            world = replace(request.world, entities=left)
-            placed = self._place(replace(request, world=world), entity, job, found.approaches[0])
+            placed = self._place(
+                replace(request, world=replace(request.world, entities=left)), entity, job, found.approaches[0]
+            )
             if not isinstance(placed, NoPlan):
                 return replace(found, gone=gone)
             if placed.code == "NO_SPACE":

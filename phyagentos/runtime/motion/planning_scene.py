@@ -17,7 +17,7 @@ from math import ceil
 import mujoco
 import numpy as np
 
-from phyagentos.geometry import compute_matrix, compute_quaternion, compute_rotation
+from phyagentos.geometry import compute_matrix, compute_quaternion, compute_rotation, make_matrix
 from phyagentos.protocol.world.environment import Entity, ShapeKind
 from phyagentos.runtime.models.base import GROUND
 from phyagentos.runtime.motion.requests import Array, Payload, World
@@ -90,8 +90,10 @@ class PlanningScene:
         for each in (each for each in self.obstacles if each.shapes):
             body = free[tuple(shape.kind for shape in each.shapes)].pop()
             is_base = self.robot.profile.base is None or each.kind == GROUND
-            rows = measure_solids(each.shapes, MOVABLE_MARGIN_M if each.movable else FIXED_MARGIN_M)
-            body.fill(rows, BASE_BIT if is_base and not each.movable else WORLD_BIT)
+            body.fill(
+                rows=measure_solids(each.shapes, MOVABLE_MARGIN_M if each.movable else FIXED_MARGIN_M),
+                contype=BASE_BIT if is_base and not each.movable else WORLD_BIT,
+            )
             self._owner[body.id] = each.name
             place = self._model.body_mocapid[body.id]
             self._data.mocap_pos[place], self._data.mocap_quat[place] = each.pose.position_m, each.pose.quaternion_wxyz
@@ -100,10 +102,7 @@ class PlanningScene:
             self._held.fill(measure_solids(self.payload_shapes, 0.0, PAYLOAD_SCALE), ROBOT_BIT)
             self.tcp_T_payload = compute_matrix(payload.tcp_T_entity)
             site = self._model.site(self.robot.profile.tcp)
-            tool_T_tcp = np.eye(4)
-            tool_T_tcp[:3, :3] = compute_rotation(site.quat)
-            tool_T_tcp[:3, 3] = site.pos
-            tool_T_payload = tool_T_tcp @ self.tcp_T_payload
+            tool_T_payload = make_matrix(compute_rotation(site.quat), site.pos) @ self.tcp_T_payload
             self._model.body_pos[self._held.id] = tool_T_payload[:3, 3]
             self._model.body_quat[self._held.id] = compute_quaternion(tool_T_payload[:3, :3])
         most_m = self.robot.profile.gripper.max_width_m

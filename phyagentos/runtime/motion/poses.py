@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from phyagentos.geometry import compute_rotation_vector, turn
+from phyagentos.geometry import compute_rotation_vector, make_matrix, turn
 from phyagentos.runtime.motion.requests import Array
 
 SLIGHT_RAD = 0.05  # less is the error of a posture
@@ -19,19 +19,12 @@ def point_tool_down(yaw_rad: float, position_m: Array) -> Array:
     `yaw_rad` is the angle of its x axis about the world's z axis; the closing axis y is 90 degrees to the right.
     """
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-    T = np.eye(4)
-    T[:3, 0] = (c, s, 0.0)
-    T[:3, 1] = (s, -c, 0.0)
-    T[:3, 2] = (0.0, 0.0, -1.0)
-    T[:3, 3] = position_m
-    return T
+    return make_matrix(((c, s, 0.0), (s, -c, 0.0), (0.0, 0.0, -1.0)), position_m)
 
 
 def tilt_tool(T: Array, tilt_rad: float) -> Array:
     """(4, 4) tool pose turned about its own closing axis (y), its centre point kept."""
-    out = T.copy()
-    out[:3, :3] = T[:3, :3] @ turn((0.0, tilt_rad, 0.0))
-    return out
+    return make_matrix(T[:3, :3] @ turn((0.0, tilt_rad, 0.0)), T[:3, 3])
 
 
 def measure_tilt(T: Array) -> Array:

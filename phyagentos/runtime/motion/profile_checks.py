@@ -42,8 +42,13 @@ def find_model_problems(robot: RobotModel, located: Located) -> Iterator[Problem
 
 def _describe_no_limits(profile: TargetProfile, path: Path) -> Problem:
     place = path.with_name("safety.yaml")
-    hint = f"Write {place} with a source for each limit: what has no limits never moves."
-    return Problem("MISSING_VALUE", str(path), f"no limits of {profile.target}", f"targets.{profile.target}", hint)
+    return Problem(
+        "MISSING_VALUE",
+        str(path),
+        f"no limits of {profile.target}",
+        f"targets.{profile.target}",
+        hint=f"Write {place} with a source for each limit: what has no limits never moves.",
+    )
 
 
 def _iter_posture_problems(robot: RobotModel, located: Located) -> Iterator[Problem]:

@@ -103,8 +103,7 @@ class _Strokes:
 
     def find(self, entity: Entity, to_m: Array) -> list[Approach]:
         """Ways of the tool that push an entity until its middle is at a point (2,)."""
-        ways = product(LEANS_DEG, self.heights_m, STAND_OFFS_M, TURNS_DEG)
-        for lean_deg, height_m, stand_off_m, degrees in ways:
+        for lean_deg, height_m, stand_off_m, degrees in product(LEANS_DEG, self.heights_m, STAND_OFFS_M, TURNS_DEG):
             if lean_deg and degrees % 180:
                 continue
             poses = self._compute(entity, to_m, height_m, stand_off_m, degrees, lean_deg)
@@ -247,8 +246,7 @@ def _find_middle(entity: Entity) -> Array:
 def _shift(entity: Entity, to_m: Array) -> Entity:
     """The entity with its middle over another point (2,)."""
     x, y = (entity.pose.position_m[:2] + to_m - _find_middle(entity)).tolist()
-    pose = Pose((x, y, entity.pose.position_m[2]), entity.pose.quaternion_wxyz)
-    return replace(entity, pose=pose)
+    return replace(entity, pose=Pose((x, y, entity.pose.position_m[2]), entity.pose.quaternion_wxyz))
 
 
 def _find_ways(

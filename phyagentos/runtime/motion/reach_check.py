@@ -24,7 +24,11 @@ def find_out_of_reach(
         answer = planner.answer(FindGrasps(world=world, object=entity.name, q_rad=home, seed=seed, count=1))
         if not isinstance(answer, NoPlan) or answer.code != "NO_IK" or set(answer.rejected) != {"ik"}:
             return []
-    hint = f"See where it reaches: paos robot try {profile.target}. Then change `tool` or `placement`, or the scene."
-    found = f"no posture for any grasp of {format_names(each.name for each in entities)}"
-    expected = "a tool whose z axis approaches, and objects within reach"
-    return [Problem("OUT_OF_REACH", str(file), found, expected, hint)] if entities else []
+    problem = Problem(
+        "OUT_OF_REACH",
+        str(file),
+        found=f"no posture for any grasp of {format_names(each.name for each in entities)}",
+        expected="a tool whose z axis approaches, and objects within reach",
+        hint=f"See where it reaches: paos robot try {profile.target}. Then change `tool` or `placement`, or the scene.",
+    )
+    return [problem] if entities else []

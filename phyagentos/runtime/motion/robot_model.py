@@ -125,9 +125,12 @@ def build_robot_model(profile: TargetProfile, folder: Path, bounds: ToolBounds =
     model = compile_model(spec, *find_models(profile, folder))
     joints = [model.joint(name) for name in profile.arm.joints]
     if [int(joint.qposadr[0]) for joint in joints] != list(range(model.nq)):
-        found = f"joints {format_names(joint.name for joint in spec.joints)}"
-        expected = "the arm's joints in chain order, the gripper's joints, and no others"
-        raise DefinitionError.of("MODEL_INVALID", str(path), found, expected)
+        raise DefinitionError.of(
+            "MODEL_INVALID",
+            str(path),
+            found=f"joints {format_names(joint.name for joint in spec.joints)}",
+            expected="the arm's joints in chain order, the gripper's joints, and no others",
+        )
     limits = np.array([joint.range for joint in joints])
     exclude_pairs(spec, sample_collision_matrix(model, mujoco.MjData(model), list(range(model.nq))).idle)
     tool = int(model.site_bodyid[model.site(profile.tcp).id])
@@ -160,8 +163,12 @@ def _check_types(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> Non
     types |= {} if profile.gripper.travel else dict.fromkeys(profile.gripper.joints, slide)
     wrong = [name for name, type in types.items() if int(spec.joint(name).type) != type]
     if wrong:
-        expected = "hinges as joints of the arm, slides as joints of a gripper without `travel`"
-        raise DefinitionError.of("MODEL_INVALID", str(path), format_names(wrong), expected)
+        raise DefinitionError.of(
+            "MODEL_INVALID",
+            str(path),
+            format_names(wrong),
+            expected="hinges as joints of the arm, slides as joints of a gripper without `travel`",
+        )
 
 
 def _strip(spec: mujoco.MjSpec) -> None:
@@ -209,9 +216,13 @@ def _track_fingers(profile: TargetProfile, folder: Path) -> dict[str, Track]:
     widths_m, tracks = hand.widths_m, {}
     for body, rows in poses.items():
         places = np.array(rows)
-        ways = np.diff(places[:, :3], axis=0) / np.diff(widths_m)[:, None]
         same = np.cumprod(np.sign(np.r_[1.0, (places[1:, 3:] * places[:-1, 3:]).sum(axis=1)]))  # q and -q are one turn
-        tracks[model.body(body).name] = Track(widths_m[1:], places[1:, :3], ways, places[:, 3:] * same[:, None])
+        tracks[model.body(body).name] = Track(
+            widths_m[1:],
+            places[1:, :3],
+            ways=np.diff(places[:, :3], axis=0) / np.diff(widths_m)[:, None],
+            turns=places[:, 3:] * same[:, None],
+        )
     return tracks
 
 

@@ -8,7 +8,7 @@ from math import sqrt
 import numpy as np
 from msgspec.structs import replace
 
-from phyagentos.geometry import compute_matrix, turn
+from phyagentos.geometry import compute_matrix, make_matrix, turn
 from phyagentos.protocol.world.entity_geometry import compute_half_box
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.requests import Array
@@ -60,9 +60,7 @@ def _level(pose: Array) -> Array:
     x, y = pose[2, :2]
     if np.hypot(x, y) < LYING_SINE:
         return pose
-    leveled = pose.copy()
-    leveled[:3, :3] = pose[:3, :3] @ turn((0.0, 0.0, -np.arctan(x / y) if y else np.pi / 2))
-    return leveled
+    return make_matrix(pose[:3, :3] @ turn((0.0, 0.0, -np.arctan(x / y) if y else np.pi / 2)), pose[:3, 3])
 
 
 @lru_cache(maxsize=256)

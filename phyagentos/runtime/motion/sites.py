@@ -11,11 +11,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from phyagentos.geometry import compute_matrix, turn
+from phyagentos.geometry import compute_matrix, make_matrix, turn
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.world.entity_geometry import compute_centroid, compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.motion.job import Job
+from phyagentos.runtime.motion.poses import move_pose
 from phyagentos.runtime.motion.requests import Array, FindPlacements
 from phyagentos.runtime.motion.shapes import Box, compute_bounds, compute_entity_box, compute_shape_boxes
 
@@ -137,14 +138,19 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
     if entity is not None and entity.interior is not None:
         box = _place_box(compute_matrix(entity.pose), entity.interior.center_m, entity.interior.half_m)
         space = _level_space(box, box.bottom_m, [entity, *_carriers(others, box)], walled=True)
-        floor = _list_level(entity, space.center_m[2])
-        return replace(space, depth_m=_measure_depth(space, box, [entity]), floor=floor)
+        return replace(
+            space, depth_m=_measure_depth(space, box, [entity]), floor=_list_level(entity, space.center_m[2])
+        )
     if region is not None:
         box = _place_box(compute_matrix(region.pose), (0.0, 0.0, 0.0), region.half_m)
         carriers = _carriers(others, box)
         tops = [b.top_m for e in carriers for b in compute_shape_boxes(e)]
-        floor_m = max([t for t in tops if abs(t - box.bottom_m) <= SUPPORT_BAND_M], default=box.bottom_m)
-        space = _level_space(box, floor_m, carriers, walled=True)
+        space = _level_space(
+            box,
+            floor_m=max([t for t in tops if abs(t - box.bottom_m) <= SUPPORT_BAND_M], default=box.bottom_m),
+            supports=carriers,
+            walled=True,
+        )
         return replace(space, depth_m=_measure_depth(space, box, carriers))
     return None
 
@@ -168,9 +174,7 @@ def _choose_top(entity: Entity, reach_m: float) -> Box:
     at = np.array([R.T @ box.pose[:3, 3] for box in level])
     reach = np.array([np.abs(R.T @ box.pose[:3, :3]) @ box.half_m for box in level])
     low, high = (at - reach).min(axis=0), (at + reach).max(axis=0)
-    pose = best.pose.copy()
-    pose[:3, 3] = R @ (low + high) / 2.0
-    return Box(pose, (high - low) / 2.0)
+    return Box(make_matrix(R, R @ (low + high) / 2.0), (high - low) / 2.0)
 
 
 def _rank_top(box: Box) -> tuple[float, float]:
@@ -240,8 +244,12 @@ def find_space_above(placing: Placing) -> Space | None:
     if not tops_m:
         return None
     center_m = np.append(space.center_m[:2], max(tops_m.values()))
-    depth_m = space.depth_m + float(space.center_m[2] - center_m[2])
-    return replace(space, center_m=center_m, supports=space.supports | tops_m.keys(), depth_m=depth_m)
+    return replace(
+        space,
+        center_m=center_m,
+        supports=space.supports | tops_m.keys(),
+        depth_m=space.depth_m + float(space.center_m[2] - center_m[2]),
+    )
 
 
 def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> list[Sites]:
@@ -381,9 +389,7 @@ def _lattice(room: Array, interest: Array) -> list[tuple[str, Array]]:
 
 
 def _place_box(world_T_frame: Array, center_m: tuple[float, ...], half_m: tuple[float, ...]) -> Box:
-    pose = world_T_frame.copy()
-    pose[:3, 3] += pose[:3, :3] @ np.array(center_m)
-    return Box(pose, np.array(half_m))
+    return Box(move_pose(world_T_frame, world_T_frame[:3, :3] @ np.array(center_m)), np.array(half_m))
 
 
 def _level_space(box: Box, floor_m: float, supports: list[Entity], *, walled: bool) -> Space:

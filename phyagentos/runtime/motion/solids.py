@@ -49,8 +49,7 @@ def measure_solids(shapes: Shapes, margin_m: float, scale: float = 1.0) -> Array
         grown = replace(shape, size_m=tuple(part * scale + margin_m for part in shape.size_m))
         half_m = compute_half_box(grown)
         reach_m = np.abs(compute_rotation(shape.pose.quaternion_wxyz)) @ half_m
-        turned = np.array(shape.pose.quaternion_wxyz) / hypot(*shape.pose.quaternion_wxyz)
-        place = *shape.pose.position_m, *turned
+        place = *shape.pose.position_m, *(np.array(shape.pose.quaternion_wxyz) / hypot(*shape.pose.quaternion_wxyz))
         rows.append((*place, *(*grown.size_m, 0.0, 0.0)[:3], *half_m, hypot(*half_m), *reach_m))
     return np.array(rows)
 

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from phyagentos.geometry import compute_inverse, compute_matrix
+from phyagentos.geometry import compute_inverse, compute_matrix, make_matrix
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.world.entity_geometry import compute_half_box
 from phyagentos.protocol.world.environment import Entity, Shape
@@ -282,17 +282,13 @@ def move_spheres(spheres: Array, T: Array) -> Array:
 
 
 def _geom_pose(data: mujoco.MjData, geom: int) -> Array:
-    T = np.eye(4)
-    T[:3, :3] = data.geom_xmat[geom].reshape(3, 3)
-    T[:3, 3] = data.geom_xpos[geom]
-    return T
+    return make_matrix(data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom])
 
 
 def bound_spheres(spheres: Array) -> Array:
     """(4,) a sphere that contains all of these (k, 4)."""
     center = (spheres[:, :3].min(axis=0) + spheres[:, :3].max(axis=0)) / 2.0
-    radius = (np.linalg.norm(spheres[:, :3] - center, axis=1) + spheres[:, 3]).max()
-    return np.append(center, radius)
+    return np.append(center, (np.linalg.norm(spheres[:, :3] - center, axis=1) + spheres[:, 3]).max())
 
 
 def _box_obstacles(scene: PlanningScene) -> tuple[Array, Integers]:

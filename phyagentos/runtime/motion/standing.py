@@ -58,8 +58,11 @@ def find_standing_sites(placing: Placing, attitudes: Mapping[int, Array], job: J
             ranked = sorted((_rank(point, room, from_m, space), *point) for point in points)
             job.checkpoint()
             for rank, x, y in _spread(ranked, checker, start, space.rotation, job):
-                name = f"stand{round(1e3 * x):+04d}{round(1e3 * y):+04d}"
-                site = FreePlacement(name, space.center_m + space.rotation @ (x, y, 0.0), (degrees,))
+                site = FreePlacement(
+                    name=f"stand{round(1e3 * x):+04d}{round(1e3 * y):+04d}",
+                    point_m=space.center_m + space.rotation @ (x, y, 0.0),
+                    yaws=(degrees,),
+                )
                 if is_borne(placing, site):
                     sites.append((rank, site))
         if sites:

@@ -142,8 +142,7 @@ def sample_within_limits(
     `evaluate` gives positions and velocities (k, n_joints) at times (k,) in 0..duration [s]; the last posture
     `end_rad` (n_joints,) is reached exactly.
     """
-    period_s = limits.step_s * limits.steps_per_command
-    commands = int(np.ceil(duration_s / period_s - 1e-9))
+    commands = int(np.ceil(duration_s / (limits.step_s * limits.steps_per_command) - 1e-9))
     while True:
         n = commands * limits.steps_per_command
         slowdown = max(1.0, n * limits.step_s / duration_s)
@@ -185,8 +184,9 @@ def _run_toppra(rows: Array, limits: JointLimits) -> tuple[toppra.SplineInterpol
     limited = list(_constrain(tuple(limits.velocity_rad_s.tolist()), tuple(limits.acceleration_rad_s2.tolist())))
     points = np.clip(GRID_SHARE * len(rows), GRID_MIN, GRID_MAX)
     for refinement in REFINEMENTS:
-        grid = np.linspace(0.0, 1.0, int(refinement * points))
-        solver = algorithm.TOPPRA(limited, path, gridpoints=grid, solver_wrapper="seidel")
+        solver = algorithm.TOPPRA(
+            limited, path, gridpoints=np.linspace(0.0, 1.0, int(refinement * points)), solver_wrapper="seidel"
+        )
         count_call(Solver.TOPPRA)
         solver.compute_parameterization(0.0, 0.0)
         speeds = solver.problem_data.sd_vec

@@ -75,8 +75,10 @@ def shape_transport(request: ShapeTransport, chain: Chain, limits: JointLimits, 
         timed = time_carry(rows, limits, chain, care, is_shaped=request.method != "toppra")
         tilt_rad = timed.scaling.worst_tilt_rad
         if timed.scaling.solver == "casadi" and tilt_rad is not None and tilt_rad > request.tilt_max_rad:
-            message = f"The carry tilts the vessel by {tilt_rad:.3f} rad of {request.tilt_max_rad} at its slowest."
-            return job.fail("NO_PLAN", message)
+            return job.fail(
+                "NO_PLAN",
+                message=f"The carry tilts the vessel by {tilt_rad:.3f} rad of {request.tilt_max_rad} at its slowest.",
+            )
     return Motion(trajectory=timed.trajectory, goal=0, timing=job.timing, stages=Stages(scaling=timed.scaling))
 
 
@@ -107,8 +109,9 @@ def time_carry(
     if not is_shaped or len(rows) < 2 or (care.tilt_max_rad is None and share <= enough):
         return unshaped_motion
     path = _Path.describe(rows, chain, care)
-    ramp_s = RAMP_S if care.tilt_max_rad is None else LEVEL_RAMP_S
-    evaluate, duration_s, status, iterations = _optimise(path, limits, plain.duration_s, ramp_s)
+    evaluate, duration_s, status, iterations = _optimise(
+        path, limits, plain.duration_s, ramp_s=RAMP_S if care.tilt_max_rad is None else LEVEL_RAMP_S
+    )
     tilt_max_rad = np.inf if care.tilt_max_rad is None else care.tilt_max_rad
     enough_s = LONGER * plain.duration_s if tilt_rad <= tilt_max_rad and share <= path.budget else np.inf
     for slowdowns in range(SLOWEST):
@@ -148,8 +151,7 @@ def measure_felt(trajectory: Trajectory, start_rad: Array, chain: Chain, care: C
     share = 0.0 if care.load is None else float(np.sqrt((_grip(f.T, spin, care.load) ** 2).sum(axis=0)).max())
     n = rotations[0].T @ np.array((0.0, 0.0, 1.0))  # the vessel's axis in the tool frame
     along = f @ n
-    tilt = np.arctan2(np.linalg.norm(f - along[:, None] * n, axis=1), along)
-    return share, float(tilt.max())
+    return share, float(np.arctan2(np.linalg.norm(f - along[:, None] * n, axis=1), along).max())
 
 
 def _grip(f: Array, spin: Array, load: Load) -> Array:
@@ -204,8 +206,7 @@ def _build(n_joints: int) -> tuple[ca.Function, Array, Array]:
     """The solver for paths of so many joints, and its bounds; (b, a) of each knot in turn, then the last b."""
     h = np.diff(KNOTS)
     b, a = ca.SX.sym("b", INTERVALS + 1), ca.SX.sym("a", INTERVALS)
-    size = 2 * n_joints + _COUNT
-    given = ca.SX.sym("given", size, 2 * INTERVALS)
+    given = ca.SX.sym("given", 2 * n_joints + _COUNT, 2 * INTERVALS)
     constraints, low, high, equality = [], [], [], []
 
     def require(expression: ca.SX, least: float, most: float) -> None:

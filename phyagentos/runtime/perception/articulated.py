@@ -58,9 +58,12 @@ def find_articulated(name: str, body: Body, template: Entity, spec: SceneSpec) -
     unsure = any(place.jitter_m) or place.area or place.frame or place.yaw_rad[0] != place.yaw_rad[1]
     if body.joint is None or part is None or unsure:
         return None
-    mechanism = body.joint.place(template.pose)
-    part_m = np.array(spec.bodies[part].place.position_m)
-    return Articulated(template=template, mechanism=mechanism, part=part, part_m=part_m)
+    return Articulated(
+        template=template,
+        mechanism=body.joint.place(template.pose),
+        part=part,
+        part_m=np.array(spec.bodies[part].place.position_m),
+    )
 
 
 def place_articulated(articulated: Mapping[str, Articulated], entities: Mapping[str, Entity]) -> dict[str, Entity]:

@@ -101,9 +101,14 @@ def associate(
     if map_solids is None:
         return matches
     fits = {name: match.fit for name, match in matches.items()}
-    seen = {name: cloud.take(match.points) for name, match in matches.items()}
-    priors = {name: prior for name in fits if (prior := _get_prior(believed.get(name))) is not None}
-    apart = separate_overlaps(things, fits, seen, views, map_solids, priors)
+    apart = separate_overlaps(
+        things,
+        fits,
+        seen={name: cloud.take(match.points) for name, match in matches.items()},
+        views=views,
+        map_solids=map_solids,
+        priors={name: prior for name in fits if (prior := _get_prior(believed.get(name))) is not None},
+    )
     possible = {name: found for name, found in apart.items() if found.cost_m < GATE_M}  # not deep in another solid
     return {name: replace(matches[name], fit=found) for name, found in possible.items()}
 
@@ -116,8 +121,11 @@ def exchange_uncertainties(entities: Mapping[str, Entity], seen: Collection[str]
         kept = {other for other in entity.alternatives if name in seen or other not in seen}
         alternatives = tuple(sorted(told | kept))
         if alternatives != entity.alternatives:
-            named_at_s = max([entity.named_at_s, *(entities[other].named_at_s for other in told)])
-            after[name] = msgspec.structs.replace(entity, alternatives=alternatives, named_at_s=named_at_s)
+            after[name] = msgspec.structs.replace(
+                entity,
+                alternatives=alternatives,
+                named_at_s=max([entity.named_at_s, *(entities[other].named_at_s for other in told)]),
+            )
     return after
 
 
@@ -267,8 +275,7 @@ def _weigh_pairs(
                 outside_m = math.dist(at_m, np.clip(at_m, *thing.area_m))
                 travelled[row, column] = TRAVEL_COST * min(outside_m, TRAVEL_MAX_M)
             if prior is not None and entity is not None and entity.status is Status.SEEN:
-                away_m = math.dist(found.position_m, prior[1])
-                travelled[row, column] = TRAVEL_COST * min(away_m, TRAVEL_MAX_M)
+                travelled[row, column] = TRAVEL_COST * min(math.dist(found.position_m, prior[1]), TRAVEL_MAX_M)
     return shown, travelled, fits
 
 

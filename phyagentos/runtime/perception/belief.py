@@ -133,8 +133,9 @@ def read_regions(inventory: Inventory, entities: Mapping[str, Entity]) -> dict[s
         if body is not None:
             rotation = compute_rotation(body.pose.quaternion_wxyz)
             pose = as_pose(rotation, rotation @ np.array(prior.center_m) + np.array(body.pose.position_m))
-        alternatives = (prior.turned,) if prior.turned else ()
-        regions[prior.name] = Region(name=prior.name, pose=pose, half_m=prior.half_m, alternatives=alternatives)
+        regions[prior.name] = Region(
+            name=prior.name, pose=pose, half_m=prior.half_m, alternatives=(prior.turned,) if prior.turned else ()
+        )
     return regions
 
 
@@ -274,8 +275,12 @@ def _point_at(view: CameraView, seen: Cloud, index: int) -> str:
 
 
 def _miss(thing: ObjectModel, entity: Entity, views: Views) -> Entity:
-    rotation = compute_rotation(entity.pose.quaternion_wxyz)
-    visibility = compute_visibility(thing, rotation, np.array(entity.pose.position_m), views)
+    visibility = compute_visibility(
+        thing,
+        rotation=compute_rotation(entity.pose.quaternion_wxyz),
+        position_m=np.array(entity.pose.position_m),
+        views=views,
+    )
     shown = visibility.confirmed + visibility.contradicted
     if shown > SEEN_FRACTION * (shown + visibility.hidden) and visibility.contradicted_fraction > GONE_FRACTION:
         return msgspec.structs.replace(entity, status=Status.GONE, visible=False, confidence=0.1, looks=0)
@@ -365,8 +370,10 @@ def _carry_contents(inventory: Inventory, before: Mapping[str, Entity], after: d
                 continue
             local = old.T @ (np.array(earlier.pose.position_m) - np.array(was.pose.position_m))
             if np.all(np.abs(local - inside.center_m) <= inside.half_m):
-                turned = new @ old.T @ compute_rotation(earlier.pose.quaternion_wxyz)
-                moved = as_pose(turned, new @ local + np.array(vessel.pose.position_m))
+                moved = as_pose(
+                    rotation=new @ old.T @ compute_rotation(earlier.pose.quaternion_wxyz),
+                    position_m=new @ local + np.array(vessel.pose.position_m),
+                )
                 after[other] = msgspec.structs.replace(entity, pose=moved)
     return after
 

@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.cluster.vq import ClusterError, kmeans2
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from phyagentos.runtime.perception.solids import Array
@@ -52,25 +53,10 @@ def _connect(points: Array, link_m: float) -> NDArray[np.intp]:
     return found
 
 
-@njit(cache=True)
-def _label(count, pairs):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _label(count: int, pairs: NDArray[np.intp]) -> NDArray[np.intp]:
     """(count,) connected component of each node, from (k, 2) linked pairs; counted by their first nodes."""
-    root = np.arange(count)
-    for k in range(len(pairs)):
-        a, b = pairs[k, 0], pairs[k, 1]
-        while root[a] != a:
-            a = root[a]
-        while root[b] != b:
-            b = root[b]
-        first = min(a, b)
-        root[a] = root[b] = root[pairs[k, 0]] = root[pairs[k, 1]] = first
-    labels, found = np.empty_like(root), 0
-    for node in range(count):  # a root is not after its nodes
-        if root[node] == node:
-            labels[node], found = found, found + 1
-        else:
-            labels[node] = labels[root[node]]
-    return labels
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return connected_components(links, directed=False)[1].astype(np.intp)
 
 
 def split(points: Array, diameter_m: float, most: int, seeds: Sequence[Array]) -> list[NDArray[np.intp]]:

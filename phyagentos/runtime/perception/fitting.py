@@ -178,8 +178,14 @@ def fit(
     few = patch.thin(COARSE_POINTS)
     ranked: list[tuple[float, Array, Array]] = []
     for rotation, position in iter_starts(thing, patch.points_m):
-        free = thing.path or (UPRIGHT if _is_standing(rotation) else FREE)
-        pose = refine(thing.solids, few, rotation, position, free, 3)
+        pose = refine(
+            thing.solids,
+            few,
+            rotation,
+            position,
+            free=thing.path or (UPRIGHT if _is_standing(rotation) else FREE),
+            iterations=3,
+        )
         ranked.append((_weigh(thing, few, views, *pose, obstacle)[0], *pose))
     ranked.sort(key=lambda each: each[0])
     for _, turned, moved in ranked[:2]:
@@ -250,8 +256,7 @@ def compare_lookalikes(
     best, tilts, alike_m = found, [_tilt(thing, found.rotation)], _compute_alike(found.rms_m, found.count)
     for turned, shift in thing.lookalikes if thing.path is None else ():
         rotation = found.rotation @ turned
-        position = found.position_m + rotation @ (turned.T @ shift)
-        other = _finish(thing, patch, views, rotation, position, obstacle)
+        other = _finish(thing, patch, views, rotation, found.position_m + rotation @ (turned.T @ shift), obstacle)
         is_better = other.cost_m < best.cost_m - (_compute_turned(best) if keep and best is found else ALIKE_M)
         if is_better or other.cost_m < best.cost_m + alike_m:
             tilts = [_tilt(thing, other.rotation)] if is_better else [*tilts, _tilt(thing, other.rotation)]
@@ -305,8 +310,9 @@ def _finish(
     standing = thing.form is not Form.BALL and thing.path is None and _is_standing(rotation)
     if standing:
         rotation = stand_up(rotation)
-    free = thing.path or (UPRIGHT if standing else FREE)
-    rotation, position_m = refine(thing.solids, patch, rotation, position_m, free, 8)
+    rotation, position_m = refine(
+        thing.solids, patch, rotation, position_m, free=thing.path or (UPRIGHT if standing else FREE), iterations=8
+    )
     freely, moved = refine(thing.solids, patch, rotation, position_m, FREE, 8) if standing else (rotation, position_m)
     uncertainty = measure_uncertainty(thing, thing.solids, patch, freely, moved)
     if standing and not is_upright(freely, float(uncertainty.total[1])):

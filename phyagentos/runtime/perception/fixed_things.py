@@ -92,8 +92,7 @@ def _find_points(thing: ObjectModel, nominal: Start, cloud: Cloud, is_searched: 
     rotation, position = nominal
     reach = np.array(thing.reach_m)
     if is_searched:
-        axes = _get_axes(thing, nominal)
-        beyond = np.maximum(np.abs((own.points_m - position) @ axes) - reach, 0.0)
+        beyond = np.maximum(np.abs((own.points_m - position) @ _get_axes(thing, nominal)) - reach, 0.0)
         radius_m = thing.solids.radius_m + float(np.linalg.norm(thing.solids.center_m))
         return own.take(np.linalg.norm(beyond, axis=1) < radius_m + NEAR_M)
     margin_m = float(reach.max()) + NEAR_M + (STRETCH_M if thing.stretch else 0.0)
@@ -109,8 +108,7 @@ def _iter_starts(thing: ObjectModel, nominal: Start, points: Array) -> Iterator[
         for offset in offsets if thing.yaw_span_rad > 0.0 else (0.0,):
             rotation = turn(np.array([0.0, 0.0, float(offset)])) @ nominal[0]
             middle = [sum(thing.solids.measure_extent(rotation.T @ axis)) / 2 for axis in np.eye(3)]
-            position = np.array([*((low + high) / 2 - middle)[:2], nominal[1][2]])
-            yield rotation, position
+            yield rotation, np.array([*((low + high) / 2 - middle)[:2], nominal[1][2]])
 
 
 def _iter_heights(start: Start, reach_m: float) -> Iterator[Start]:
@@ -168,6 +166,8 @@ def _lift(thing: ObjectModel, stretch: float) -> float:
 
 def stretch_solids(solids: Solids, factor: float) -> Solids:
     """Solids with their heights scaled."""
-    positions = solids.positions_m * np.array([1.0, 1.0, factor])
-    sizes = tuple((*size[:-1], size[-1] * factor) for size in solids.sizes_m)
-    return replace(solids, sizes_m=sizes, positions_m=positions)
+    return replace(
+        solids,
+        sizes_m=tuple((*size[:-1], size[-1] * factor) for size in solids.sizes_m),
+        positions_m=solids.positions_m * np.array([1.0, 1.0, factor]),
+    )

@@ -66,8 +66,7 @@ def _measure(entity: Entity, thing: ObjectModel, state: TargetState, hand: Hand)
     reach = np.array([thing.solids.measure_extent(rotation.T @ tcp[:, axis]) for axis in range(3)])  # (3, 2)
     low, high = away + reach[:, 0], away + reach[:, 1]
     beyond = float(np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0)))  # 0 when the hand's middle is in its box
-    width = float(high[1] - low[1])
-    if beyond > hand.reach_m or width < state.gripper_width_m - WIDTH_M:
+    if beyond > hand.reach_m or float(high[1] - low[1]) < state.gripper_width_m - WIDTH_M:
         return None
     return beyond + 0.2 * float(np.linalg.norm((low + high) / 2))
 
@@ -109,9 +108,12 @@ def carry(entity: Entity, state: TargetState, hand: Hand) -> Entity:
     if entity.in_hand is None:
         return entity
     tcp = compute_rotation(state.tcp.quaternion_wxyz)
-    rotation = tcp @ compute_rotation(entity.in_hand.quaternion_wxyz)
     position = tcp @ np.array(entity.in_hand.position_m) + np.array(state.tcp.position_m)
-    return msgspec.structs.replace(entity, pose=as_pose(rotation, position), held_by=hand.target)
+    return msgspec.structs.replace(
+        entity,
+        pose=as_pose(rotation=tcp @ compute_rotation(entity.in_hand.quaternion_wxyz), position_m=position),
+        held_by=hand.target,
+    )
 
 
 def let_go(entity: Entity) -> Entity:

@@ -171,10 +171,13 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
         else:
             thing = _make_thing(name, body, tuple(dict.fromkeys(indices)), spec)
             whole = articulated.get(body.part_of or "")
-            path = None if whole is None else Path(whole.mechanism, compute_matrix(thing.template.pose))
             measured = {key: getattr(given[name], key) for key in MEASURED} if name in given else {}
-            template = msgspec.structs.replace(thing.template, **measured)
-            things[name] = replace(thing, path=path, template=template, look=thing.look if prior is Prior.FULL else ())
+            things[name] = replace(
+                thing,
+                path=None if whole is None else Path(whole.mechanism, compute_matrix(thing.template.pose)),
+                template=msgspec.structs.replace(thing.template, **measured),
+                look=thing.look if prior is Prior.FULL else (),
+            )
     balls: dict[int, tuple[float, int]] = {}
     for ball in spec.list_balls().values() if prior is Prior.FULL else ():
         radius_m, count = balls.get(color := surfaces.register(ball.shapes[0], ball), (0.0, 0))
@@ -239,8 +242,7 @@ def _find_lookalikes(palette: Array, colors: set[int]) -> frozenset[int]:
 def _is_known(body: Body) -> bool:
     place = body.place
     moves = any(place.jitter_m) or place.area is not None or place.frame is not None
-    turns = place.yaw_rad[0] != place.yaw_rad[1]
-    return body.fixed and not moves and not turns and body.stretch_z is None
+    return body.fixed and not moves and place.yaw_rad[0] == place.yaw_rad[1] and body.stretch_z is None
 
 
 def _make_template(name: str, body: Body, source: str) -> Entity:

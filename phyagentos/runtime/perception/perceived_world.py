@@ -180,8 +180,7 @@ class PerceivedWorld(WorldModel):
         carried = pipeline.recall(before, now[1], now[0])
         loose, regions = self._find_regions(carried, things)
         if not regions:
-            articulated = pipeline.inventory.articulated
-            unseen = place_articulated(articulated, lose_sight(carried.entities, loose))
+            unseen = place_articulated(pipeline.inventory.articulated, lose_sight(carried.entities, loose))
             return msgspec.structs.replace(carried, entities=unseen)
         if (window := self._plan_window(carried, loose, regions)) is not None:
             frames = self._capture(window)
@@ -213,9 +212,13 @@ class PerceivedWorld(WorldModel):
             for camera, health in carried.sensors.items()
             if camera not in self._moving and health.status not in {"frozen", DISPLACED} and health.pose is not None
         }
-        most = len(cameras) if hidden else GLANCE_CAMERAS
-        inventory = self._get_pipeline().inventory
-        return loose, find_regions_of_interest(loose, carried.entities, inventory, cameras, most)
+        return loose, find_regions_of_interest(
+            loose,
+            carried.entities,
+            inventory=self._get_pipeline().inventory,
+            cameras=cameras,
+            most=len(cameras) if hidden else GLANCE_CAMERAS,
+        )
 
     def _plan_window(self, carried: Environment, loose: Collection[str], regions: dict[str, Crop]) -> Capture | None:
         """The frames that may confirm that these objects did not move; None where they have to be fitted."""

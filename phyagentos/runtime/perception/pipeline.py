@@ -85,8 +85,9 @@ class Pipeline:
         believed = tuple(map(drop_stray, believed))
         if not focus:
             believed, health = find_displaced(believed, earlier, health, self.inventory.place_map(entities).map, time_s)
-        look = _Look(scene, state, time_s, entities, known, focus, find_state)
-        after, health = self._update(look, believed, health)
+        after, health = self._update(
+            look=_Look(scene, state, time_s, entities, known, focus, find_state), believed=believed, health=health
+        )
         sensors = health if not focus else (known.sensors if known is not None else {})
         looked_at_s = time_s if not focus else (known.looked_at_s if known is not None else 0.0)
         return Environment(
@@ -128,9 +129,15 @@ class Pipeline:
         inventory = inventory.place_map(look.entities | supports)
         cloud = find_cloud(believed, views, labels, inventory, robots)
         views = tuple(_place_crop(view, look.known) for view in views) if look.focus else views
-        newest_s = max(frame.time_s for frame in believed)
         after = update_belief(
-            inventory, look.entities, views, cloud, look.state, hand=self._hand, time_s=newest_s, focus=look.focus
+            inventory,
+            look.entities,
+            views,
+            cloud,
+            look.state,
+            hand=self._hand,
+            time_s=max(frame.time_s for frame in believed),
+            focus=look.focus,
         )
         if look.focus:
             return after, health
@@ -192,8 +199,9 @@ class Pipeline:
     def recall(self, before: Environment, state: TargetState, time_s: float) -> Environment:
         """The belief without a look: a held object has moved with the hand."""
         after = follow_hand(self.inventory, before.entities, state, self._hand, time_s)
-        targets = {self._target: self.own_state(state, after)}
-        return msgspec.structs.replace(before, time_s=time_s, entities=after, targets=targets)
+        return msgspec.structs.replace(
+            before, time_s=time_s, entities=after, targets={self._target: self.own_state(state, after)}
+        )
 
     def own_state(self, state: TargetState, entities: dict[str, Entity]) -> TargetState:
         """The target's state with the perceived held objects: touch does not identify them."""

@@ -43,8 +43,13 @@ class RobotMask:
         data.qpos[self._fingers] = self._hand.pose(state.gripper_width_m)
         mujoco.mj_kinematics(self._model, data)
         rotations = np.array(data.geom_xmat).reshape(-1, 3, 3)
-        positions = np.array(data.geom_xpos) + np.einsum("kij,kj->ki", rotations, self._offsets)
-        return Solids(self._kinds, self._sizes, rotations, positions, self._grown)
+        return Solids(
+            self._kinds,
+            self._sizes,
+            rotations,
+            positions_m=np.array(data.geom_xpos) + np.einsum("kij,kj->ki", rotations, self._offsets),
+            inflate_m=self._grown,
+        )
 
 
 def _read_geoms(model: mujoco.MjModel) -> tuple[tuple[ShapeKind, ...], tuple[tuple[float, ...], ...], Array]:

@@ -169,8 +169,12 @@ def _judge(
 
 def _turn(was: SensorHealth | None, status: str, now_s: float, detail: str) -> SensorHealth:
     """A camera that enters a status, or is still in it."""
-    since_s = was.since_s if was is not None and was.status == status else now_s
-    return msgspec.structs.replace(was or SensorHealth(), status=status, since_s=since_s, detail=detail)
+    return msgspec.structs.replace(
+        was or SensorHealth(),
+        status=status,
+        since_s=was.since_s if was is not None and was.status == status else now_s,
+        detail=detail,
+    )
 
 
 def find_displaced(

@@ -48,13 +48,17 @@ class Solids:
     @classmethod
     def place(cls, entity: Entity, own: "Solids | None" = None) -> "Solids":
         """The solids of an entity, or its visible `own` ones, in the world."""
-        rotation = compute_rotation(entity.pose.quaternion_wxyz)
-        return (own or cls.of(entity.shapes)).at(rotation, np.array(entity.pose.position_m))
+        return (own or cls.of(entity.shapes)).at(
+            rotation=compute_rotation(entity.pose.quaternion_wxyz), position_m=np.array(entity.pose.position_m)
+        )
 
     def at(self, rotation: Array, position_m: Array) -> "Solids":
         """The same solids in the parent of their frame."""
-        turned = np.einsum("ij,kjl->kil", rotation, self.rotations)
-        return replace(self, rotations=turned, positions_m=self.positions_m @ rotation.T + position_m)
+        return replace(
+            self,
+            rotations=np.einsum("ij,kjl->kil", rotation, self.rotations),
+            positions_m=self.positions_m @ rotation.T + position_m,
+        )
 
     def join(self, other: "Solids") -> "Solids":
         """All solids of both."""

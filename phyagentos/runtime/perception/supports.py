@@ -113,8 +113,9 @@ def _fit_planes(nominal: Entity, own: Iterable[Array], views: Sequence[CameraVie
 def _state_map(was: Entity) -> Entity:
     """The body as it is believed, at least as uncertain as the map is."""
     place_m, turn_rad = np.maximum(MAP_STDS, (was.position_std_m, was.turn_std_rad)).tolist()
-    tilt_rad = max(turn_rad, was.tilt_std_rad)
-    return msgspec.structs.replace(was, position_std_m=place_m, turn_std_rad=turn_rad, tilt_std_rad=tilt_rad)
+    return msgspec.structs.replace(
+        was, position_std_m=place_m, turn_std_rad=turn_rad, tilt_std_rad=max(turn_rad, was.tilt_std_rad)
+    )
 
 
 def _fit_plane(nominal: Entity, points: Array, eye_m: Array) -> Plane | None:
@@ -227,6 +228,13 @@ def _place(nominal: Entity, was: Entity, plane: Plane, cameras: int) -> Entity:
     if not is_contradicted:
         return msgspec.structs.replace(nominal, **stated)
     height_m, along_x, along_y = plane.values.tolist()
-    rotation = turn(np.array([along_y, -along_x, 0.0])) @ compute_rotation(nominal.pose.quaternion_wxyz)
     position = np.array(nominal.pose.position_m) + np.array([0.0, 0.0, height_m])
-    return msgspec.structs.replace(nominal, pose=as_pose(rotation, position), source=SOURCE, **stated)
+    return msgspec.structs.replace(
+        nominal,
+        pose=as_pose(
+            rotation=turn(np.array([along_y, -along_x, 0.0])) @ compute_rotation(nominal.pose.quaternion_wxyz),
+            position_m=position,
+        ),
+        source=SOURCE,
+        **stated,
+    )

@@ -203,6 +203,11 @@ def _miss(entity: Entity, views: Views) -> Entity | None:
 def _is_empty(entity: Entity, views: Views) -> bool:
     """Whether cameras see through its place."""
     samples, normals = sample_surface(Solids.of(entity.shapes))
-    rotation = compute_rotation(entity.pose.quaternion_wxyz)
-    visibility = measure_visibility(samples, normals, rotation, np.array(entity.pose.position_m), views)
+    visibility = measure_visibility(
+        samples,
+        normals,
+        rotation=compute_rotation(entity.pose.quaternion_wxyz),
+        position_m=np.array(entity.pose.position_m),
+        views=views,
+    )
     return visibility.contradicted_fraction > GONE_FRACTION

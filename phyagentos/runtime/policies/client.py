@@ -141,8 +141,9 @@ class PolicyClient:
         except ExecutionError as error:
             raise self._name_stall(error, silence_s) from error
         if chunk.sequence != request.sequence:
-            message = f"chunk {chunk.sequence} came where {request.sequence} was asked for"
-            raise ExecutionError("POLICY_FAILED", message)
+            raise ExecutionError(
+                "POLICY_FAILED", message=f"chunk {chunk.sequence} came where {request.sequence} was asked for"
+            )
         return chunk
 
     def _watch(self, service: PolicyService, silence_s: float) -> None:
@@ -155,8 +156,10 @@ class PolicyClient:
         """A silence within the heartbeat's limit is that of a server that stalls."""
         if error.code != "POLICY_LOST" or not isinstance(error.__cause__, TimeoutError) or silence_s > self._timeout_s:
             return error
-        message = f"{self._endpoint}: {str(error).removeprefix('POLICY_LOST: ')}; heartbeat_s: {self._heartbeat_s:g}"
-        return ExecutionError("POLICY_LOST", message)
+        return ExecutionError(
+            "POLICY_LOST",
+            message=f"{self._endpoint}: {str(error).removeprefix('POLICY_LOST: ')}; heartbeat_s: {self._heartbeat_s:g}",
+        )
 
 
 def _exchange(
@@ -211,8 +214,9 @@ class OwnWire(PolicyService):
             try:
                 left_s = deadline.compute_left_s()
             except TimeoutError:
-                message = f"the policy server is at work for longer than {timeout_s:g} s"
-                raise ExecutionError("POLICY_LOST", message) from None
+                raise ExecutionError(
+                    "POLICY_LOST", message=f"the policy server is at work for longer than {timeout_s:g} s"
+                ) from None
             data = self._transport.exchange(None, min(left_s, silence_s))
         return reply
 

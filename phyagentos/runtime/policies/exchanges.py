@@ -4,6 +4,7 @@
 its bytes, `policy-<hash>.zip`: pictures as PNG, other arrays as `.npy`. numpy and any zip reader suffice to read it.
 """
 
+import contextlib
 import hashlib
 import io
 import time
@@ -69,8 +70,7 @@ class ExchangeLog:
         """It was answered."""
         if self._asked is not None:
             request, began_s = self._asked
-            wall_s = time.perf_counter() - began_s
-            self._written.append(self._thread.submit(self._write, request, chunk, wall_s))
+            self._written.append(self._thread.submit(self._write, request, chunk, time.perf_counter() - began_s))
 
     def close(self) -> None:
         """Wait for what is being written; raises OSError where something could not be."""
@@ -175,14 +175,12 @@ def replay_exchanges(root: Path, session: str, endpoint: str = "", timeout_s: fl
         raise DefinitionError.of("POLICY_MISMATCH", contract["skill"], "no policy", "the skill of the session")
     exchanges = read_exchanges(folder)
     start = wire.Start(session, contract["objective"], contract.get("parameters", {}), contract["seed"])
-    client = PolicyClient(endpoint or skill.policy.endpoint, timeout_s, skill.policy.observations)
-    try:
-        answers = []
-        for index, exchange in enumerate(exchanges):
-            answers.append(_ask_again(client, folder, exchange, None if index else start))
-        return tuple(answers)
-    finally:
-        client.close()
+    with contextlib.closing(
+        PolicyClient(endpoint or skill.policy.endpoint, timeout_s, skill.policy.observations)
+    ) as client:
+        return tuple(
+            _ask_again(client, folder, exchange, None if index else start) for index, exchange in enumerate(exchanges)
+        )
 
 
 def _ask_again(client: PolicyClient, folder: Path, exchange: Exchange, start: wire.Start | None) -> Answer:

@@ -56,8 +56,11 @@ def _fit(picture: Array, stream: Stream) -> Array:
     height, width = stream.resize
     ratio = max(picture.shape[0] / height, picture.shape[1] / width)
     inner = max(1, int(picture.shape[1] / ratio)), max(1, int(picture.shape[0] / ratio))
-    how = cv2.INTER_NEAREST if stream.modality == "depth" else cv2.INTER_LINEAR
-    small = cv2.resize(np.ascontiguousarray(picture), inner, interpolation=how)
+    small = cv2.resize(
+        np.ascontiguousarray(picture),
+        inner,
+        interpolation=cv2.INTER_NEAREST if stream.modality == "depth" else cv2.INTER_LINEAR,
+    )
     top, left = (height - inner[1]) // 2, (width - inner[0]) // 2
     black = top, height - inner[1] - top, left, width - inner[0] - left
     return cv2.copyMakeBorder(small, *black, cv2.BORDER_CONSTANT, value=0)

@@ -29,8 +29,9 @@ class OnnxPolicy:
         try:
             import onnxruntime
         except ImportError as error:
-            message = f"{path}: no onnxruntime here. {format_install('onnx')}"
-            raise ExecutionError("POLICY_UNREACHABLE", message) from error
+            raise ExecutionError(
+                "POLICY_UNREACHABLE", message=f"{path}: no onnxruntime here. {format_install('onnx')}"
+            ) from error
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         try:

@@ -87,8 +87,9 @@ class OpenpiService(PolicyService):
         except ConnectionClosed as error:
             raise _explain_end(error) from error
         if not answered:
-            message = f"the policy server has answered no ping for {silence_s:g} s"
-            raise ExecutionError("POLICY_LOST", message) from TimeoutError()
+            raise ExecutionError(
+                "POLICY_LOST", message=f"the policy server has answered no ping for {silence_s:g} s"
+            ) from TimeoutError()
 
     @override
     def close(self) -> None:
@@ -120,8 +121,9 @@ class OpenpiService(PolicyService):
             while True:
                 now_s = time.perf_counter()
                 if heard_s + silence_s <= now_s:
-                    message = f"the policy server has sent nothing for {silence_s:g} s"
-                    raise ExecutionError("POLICY_LOST", message) from TimeoutError()
+                    raise ExecutionError(
+                        "POLICY_LOST", message=f"the policy server has sent nothing for {silence_s:g} s"
+                    ) from TimeoutError()
                 if end_s <= now_s:
                     raise ExecutionError("POLICY_LOST", f"the policy server has sent nothing for {timeout_s:g} s")
                 try:

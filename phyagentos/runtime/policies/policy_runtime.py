@@ -126,8 +126,7 @@ class PolicySkillRuntime:
             return TickResult(SkillStatus.RUNNING, points, LEAF)
         if self._is_last:
             why = "the acceptance was seen to hold" if self._is_met else "the policy reported done"
-            message = f"{why} after {self._commands} control periods"
-            self._note(Status.SUCCESS.value, message=message)
+            self._note(Status.SUCCESS.value, message=f"{why} after {self._commands} control periods")
             return TickResult(SkillStatus.SUCCEEDED, None, LEAF)
         return TickResult(SkillStatus.RUNNING, None, LEAF, thinking=True)
 
@@ -291,8 +290,7 @@ class PolicySkillRuntime:
         if self._how.expiry_s is None and self._periods:
             return False  # there was something to do meanwhile
         waited_s = self._parts.observer.read_time() - self._asked_at_s
-        limit_s = self._how.expiry_s or max(n_rows * self._period_s, self._parts.descriptor.inference_s)
-        return waited_s > limit_s
+        return waited_s > (self._how.expiry_s or max(n_rows * self._period_s, self._parts.descriptor.inference_s))
 
     def _convert(self, rows: Array) -> Array | None:
         """Rows of the target, from the set-point at their request; None when they are refused."""

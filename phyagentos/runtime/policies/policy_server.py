@@ -53,8 +53,10 @@ def answer(request: wire.Request, policy: Policy, descriptor: PolicyDescriptor |
         rows, done = policy.infer(request)
         return wire.Chunk(sequence=request.sequence, rows=np.asarray(rows, dtype=np.float64), done=bool(done))
     except Exception as error:  # whatever a model raises must reach the session as an attributed fault
-        place = find_place(error, type(policy)) if is_defect(error) else ""
-        return wire.Fault(message=f"{type(error).__name__}: {error}", place=place)
+        return wire.Fault(
+            message=f"{type(error).__name__}: {error}",
+            place=find_place(error, type(policy)) if is_defect(error) else "",
+        )
 
 
 def _converse(connection: Connection, policy: Policy, descriptor: PolicyDescriptor, model: ThreadPoolExecutor) -> None:

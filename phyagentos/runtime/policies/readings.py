@@ -32,8 +32,15 @@ def read_rows(chain: BridgeChain, rows: Array, before: Array, velocity: Array) -
     if beyond.max() <= STRANGE:
         return bridged
     row, limit = int(beyond.argmax()), max(gripper.closed, gripper.open)
-    words = f"found {column[row]:g}; closed is {gripper.closed:g}, open {gripper.open:g}"
-    return Violation(ViolationCode.GRIPPER_WIDTH, "gripper", float(column[row]), limit, "", row, words)
+    return Violation(
+        ViolationCode.GRIPPER_WIDTH,
+        "gripper",
+        float(column[row]),
+        limit,
+        "",
+        row,
+        words=f"found {column[row]:g}; closed is {gripper.closed:g}, open {gripper.open:g}",
+    )
 
 
 def suggest_lines(space: ActionSpace, compile_from: Compile, rows: Array, before: Array, velocity: Array) -> str:

@@ -184,12 +184,13 @@ def _make_apply(profile: TargetProfile, live: Description) -> Fields:
         for name, low, high in zip(profile.arm.joints, live.q_min_rad, live.q_max_rad, strict=False)
     ]
     speeds = [{"type": "number", "minimum": -each, "maximum": each} for each in profile.arm.velocity_rad_s]
-    opening = {"type": "number", "minimum": 0, "maximum": profile.gripper.max_width_m}
     return _make_object(
         {
             "q_rad": _make_rows(rows, _make_tuple(joints)),
             "qd_rad_s": _make_rows(rows, _make_tuple(speeds)),
-            "gripper_width_m": _make_rows(rows, opening),
+            "gripper_width_m": _make_rows(
+                rows, each={"type": "number", "minimum": 0, "maximum": profile.gripper.max_width_m}
+            ),
         }
     )
 

@@ -43,8 +43,9 @@ def iter_parameter_problems(session: Session, skill: SkillRuntime) -> Iterator[P
         value, address = session.parameters.get(name), f"parameters.{name}"
         if value is None:
             if parameter.is_needed:
-                fix = f"Give {name!r} under 'with'."
-                yield make_problem("MISSING_VALUE", address, "nothing", parameter.type, by, fix)
+                yield make_problem(
+                    "MISSING_VALUE", address, "nothing", parameter.type, by, fix=f"Give {name!r} under 'with'."
+                )
         elif reason := find_mismatch(parameter, value):
             yield make_problem("INVALID_VALUE", address, repr(str(value)), reason, by)
 
@@ -57,10 +58,14 @@ def iter_limit_problems(session: Session, limits: TargetLimits) -> Iterator[Prob
             yield make_problem("INVALID_VALUE", f"limits.{name}", value, "a number of seconds above 0")
     allowed_s = limits.session_duration_max.value
     if isinstance(allowed_s, float | int) and session.limits.timeout_s > allowed_s:
-        expected = f"at most {allowed_s:g} s"
-        by = "safety.yaml: session_duration_max"
-        fix = "Shorten 'timeout_s', or split the session."
-        yield make_problem("SESSION_TOO_LONG", "limits.timeout_s", session.limits.timeout_s, expected, by, fix)
+        yield make_problem(
+            "SESSION_TOO_LONG",
+            "limits.timeout_s",
+            session.limits.timeout_s,
+            expected=f"at most {allowed_s:g} s",
+            triggered_by="safety.yaml: session_duration_max",
+            fix="Shorten 'timeout_s', or split the session.",
+        )
 
 
 def iter_predicate_problems(session: Session) -> Iterator[Problem]:
@@ -95,18 +100,21 @@ def iter_name_problems(
                 entity = now.entities.get(value)
                 kind, moves = (entity.kind, entity.mechanism) if entity is not None else ("", None)
                 if parameter.mechanism not in (None, moves and moves.kind):
-                    found = f"{value}, which has {f'a {moves.kind}' if moves else 'no joint'}"
-                    expected = f"an object with a {parameter.mechanism}"
-                    fix = "Choose another object, or another skill."
-                    yield make_problem("INVALID_VALUE", f"parameters.{name}", found, expected, by, fix)
+                    yield make_problem(
+                        "INVALID_VALUE",
+                        f"parameters.{name}",
+                        found=f"{value}, which has {f'a {moves.kind}' if moves else 'no joint'}",
+                        expected=f"an object with a {parameter.mechanism}",
+                        triggered_by=by,
+                        fix="Choose another object, or another skill.",
+                    )
                 if parameter.kinds and kind not in parameter.kinds:
                     yield make_problem(
                         "INVALID_VALUE", f"parameters.{name}", f"{value}: {kind}", " or ".join(parameter.kinds), by
                     )
                 continue
             reported.add(value)
-            names = sorted(known[parameter.type])
-            yield _make_missing(session, now, f"parameters.{name}", value, names, by)
+            yield _make_missing(session, now, f"parameters.{name}", value, sorted(known[parameter.type]), by)
     for kind in ("hold", "accept") if is_fresh else ():
         for index, text in enumerate(getattr(session, kind)):
             for name in _find_names(text):
@@ -126,8 +134,9 @@ def iter_posture_problems(session: Session, skill: SkillRuntime | None, profile:
             named |= {f"{kind}[{index}]": posture for posture in asked}
     for address, posture in named.items():
         if isinstance(posture, str) and posture not in profile.postures:
-            by = f"target {profile.target}: postures"
-            yield Problem.unknown("posture", address, posture, profile.postures, by=by)
+            yield Problem.unknown(
+                "posture", address, posture, profile.postures, by=f"target {profile.target}: postures"
+            )
 
 
 def _make_missing(
@@ -140,9 +149,14 @@ def _make_missing(
     several = len(fitting) > 1 and Truth.TRUE in fitting.values()
     shown = [each for each in now.entities.values() if (each.name in fitting if fitting else each.kind == UNNAMED)]
     things = "; ".join(f"{each.name}: {each.color} {each.form or 'thing'}" for each in shown) or "nothing unnamed"
-    found = f"{name!r}, described as {text!r}, and {'perhaps ' if fitting and not several else ''}{things}"
-    fix = "Write `any` where each of them will do." if several else ""
-    return make_problem("AMBIGUOUS" if several else "NOT_OBSERVED", address, found, "one that surely fits", by, fix)
+    return make_problem(
+        "AMBIGUOUS" if several else "NOT_OBSERVED",
+        address,
+        found=f"{name!r}, described as {text!r}, and {'perhaps ' if fitting and not several else ''}{things}",
+        expected="one that surely fits",
+        triggered_by=by,
+        fix="Write `any` where each of them will do." if several else "",
+    )
 
 
 def iter_precondition_problems(session: Session, now: Environment) -> Iterator[Problem]:
@@ -183,11 +197,14 @@ def iter_ambiguity_problems(session: Session, skill: SkillRuntime | None, now: E
                 other for other in others if named and not _is_met_by(other, acted, predicate, session, now)
             )
         if doubtful:
-            found = f"{text}, and nothing tells {' and '.join(sorted({*doubtful, acted or doubtful[0]}))} apart"
-            fix = "Mark one of them, ask for a number of them, or write them into 'interchangeable' of the goal."
-            address = f"accept[{index}]"
             yield make_problem(
-                "AMBIGUOUS", address, found, "objects that can be told apart", f"accept: {text}", fix, text
+                "AMBIGUOUS",
+                address=f"accept[{index}]",
+                found=f"{text}, and nothing tells {' and '.join(sorted({*doubtful, acted or doubtful[0]}))} apart",
+                expected="objects that can be told apart",
+                triggered_by=f"accept: {text}",
+                fix="Mark one of them, ask for a number of them, or write them into 'interchangeable' of the goal.",
+                subject=text,
             )
 
 
@@ -220,9 +237,14 @@ def iter_contradictions(session: Session, now: Environment) -> Iterator[Problem]
             gap_m = float(np.maximum(room[0] - further[1], further[0] - room[1]).max())
             if gap_m > 0.0:
                 both = " and ".join(state(Meaning.INSIDE, thing, place) for place in (one, other))
-                found = f"{both}, which are {gap_m:.3f} m apart"
-                fix = "Ask for one of them, or for two nodes one after the other."
-                yield make_problem("CRITERIA_CONTRADICT", "accept", found, "places that overlap", "accept", fix)
+                yield make_problem(
+                    "CRITERIA_CONTRADICT",
+                    "accept",
+                    found=f"{both}, which are {gap_m:.3f} m apart",
+                    expected="places that overlap",
+                    triggered_by="accept",
+                    fix="Ask for one of them, or for two nodes one after the other.",
+                )
 
 
 def _compute_room(now: Environment, place: str) -> tuple[np.ndarray, np.ndarray] | None:

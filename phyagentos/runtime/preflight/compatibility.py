@@ -1,7 +1,8 @@
 """Whether a session fits a target: the checks in order, and the grant. Paper sections 3.4 and 4.5."""
 
 import itertools
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import msgspec
 
@@ -57,7 +58,7 @@ RUNNABLE = ("builtin", "policy", "agent_loop")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preflight:
-    """The documents against which sessions on one target are checked; lasting results are kept for each skill.
+    """The documents against which sessions on one target are checked.
 
     This runtime can run skills of these `kinds`. `ask_policy` asks a policy server for its descriptor; None where no
     client is installed.
@@ -68,57 +69,48 @@ class Preflight:
     settings: Settings
     kinds: tuple[str, ...] = RUNNABLE
     ask_policy: AskPolicy | None = None
-    _chains: dict[str, BridgeChain | tuple[Problem, ...]] = field(default_factory=dict, init=False, repr=False)
-    _granted: dict[tuple[str, str], tuple[Description, AdapterPlan, TargetToolManifest]] = field(
-        default_factory=dict, init=False, repr=False
-    )
-    _known: dict[str, tuple[Problem, ...]] = field(default_factory=dict, init=False, repr=False)
-    _met: list[tuple[Description, tuple[Problem, ...]]] = field(default_factory=list, init=False, repr=False)
-    _seen: dict[str, tuple[Description, tuple[Problem, ...]]] = field(default_factory=dict, init=False, repr=False)
 
     def find_contract_problems(self, session: Session) -> list[Problem]:
         """Problems on paper, without the live target."""
+        settings, profile = self.settings, self.profile
         problems: list[Problem] = []
-        if session.target != self.profile.target:
-            problems.append(Problem.unknown("target", "target", session.target, [self.profile.target]))
-        problems += iter_limit_problems(session, self.settings.limits)
+        if session.target != profile.target:
+            problems.append(Problem.unknown("target", "target", session.target, [profile.target]))
+        problems += iter_limit_problems(session, settings.limits)
         problems += iter_predicate_problems(session)
-        problems += iter_resource_problems(session, self.settings.contract)
+        problems += iter_resource_problems(session, settings.contract)
         skill = self.skills.get(session.skill)
-        problems += iter_posture_problems(session, skill, self.profile)
+        problems += iter_posture_problems(session, skill, profile)
         if skill is None:
             problems.append(Problem.unknown("skill", "skill", session.skill, self.skills))
         else:
             problems += iter_parameter_problems(session, skill)
-        problems += self._find_lasting_problems(skill)
-        if skill is not None and skill.policy is not None and self.ask_policy is not None:
-            problems += iter_served_problems(skill, self.ask_policy)
+        problems += iter_safety_problems(settings.limits, profile)
+        problems += iter_timing_problems(profile, settings.contract)
+        if skill is not None:
+            problems += self._iter_skill_problems(skill)
+            if skill.policy is not None and self.ask_policy is not None:
+                problems += iter_served_problems(skill, self.ask_policy)
         return locate(session, problems)
 
     def find_target_problems(self, session: Session, live: Description) -> list[Problem]:
-        """Differences between the live target and the documents; kept until it describes itself anew."""
-        settings = self.settings
-        if not self._met or self._met[0][0] is not live:
-            problems = (
-                *iter_handshake_problems(self.profile, settings.contract, live),
-                *iter_live_safety_problems(settings.limits, self.profile, live),
-            )
-            self._met[:] = [(live, problems)]
-        return locate(session, self._met[0][1])
+        """Differences between the live target and the documents."""
+        problems = (
+            *iter_handshake_problems(self.profile, self.settings.contract, live),
+            *iter_live_safety_problems(self.settings.limits, self.profile, live),
+        )
+        return locate(session, problems)
 
     def find_scene_problems(self, session: Session, live: Description) -> list[Problem]:
-        """Frames and cameras that a skill needs of the loaded scene; kept until the target describes itself anew."""
+        """Frames and cameras that a skill needs of the loaded scene."""
         skill = self.skills.get(session.skill)
         if skill is None:
             return []
-        known = self._seen.get(skill.skill)
-        if known is None or known[0] is not live:
-            problems = (
-                *iter_frame_problems(skill, self.settings.sensors, self.settings.perception, live.cameras),
-                *iter_live_ability_problems(skill, self.profile, live),
-            )
-            self._seen[skill.skill] = known = live, problems
-        return locate(session, known[1])
+        problems = (
+            *iter_frame_problems(skill, self.settings.sensors, self.settings.perception, live.cameras),
+            *iter_live_ability_problems(skill, self.profile, live),
+        )
+        return locate(session, problems)
 
     def find_world_problems(
         self, session: Session, live: Description, now: Environment, *, is_fresh: bool = True
@@ -139,10 +131,7 @@ class Preflight:
         return locate(session, problems)
 
     def plan(self, session: Session, live: Description) -> tuple[AdapterPlan, TargetToolManifest]:
-        """The execution path that is granted to a session without problems; computed once a skill and a target."""
-        known = self._granted.get((session.skill, session.target))
-        if known is not None and known[0] is live:
-            return known[1], known[2]
+        """The execution path that is granted to a session without problems."""
         skill = self.skills[session.skill]
         chain = self._compile_bridges(skill)
         policy, loop = skill.policy, skill.loop
@@ -161,60 +150,40 @@ class Preflight:
         exposed = (find_exposed(each, self.profile, self.settings.contract) for each in (skill, *tools_of_agent))
         granted = tuple(dict.fromkeys(itertools.chain(*exposed)))
         of_agent = map(describe_skill_tool, tools_of_agent)
-        tools = TargetToolManifest(expose=granted, tools=(*make_tools(granted, self.profile, live), *of_agent))
-        self._granted[session.skill, session.target] = live, plan, tools
-        return plan, tools
+        return plan, TargetToolManifest(expose=granted, tools=(*make_tools(granted, self.profile, live), *of_agent))
 
-    def _find_lasting_problems(self, skill: SkillRuntime | None) -> tuple[Problem, ...]:
-        """Problems of the documents, whatever the session requires."""
-        name = skill.skill if skill is not None else ""
-        if name not in self._known:
-            settings, profile = self.settings, self.profile
-            problems = [
-                *iter_safety_problems(settings.limits, profile),
-                *iter_timing_problems(profile, settings.contract),
-            ]
-            if skill is not None:
-                problems += self._find_skill_problems(skill)
-            self._known[name] = tuple(problems)
-        return self._known[name]
-
-    def _find_skill_problems(self, skill: SkillRuntime) -> list[Problem]:
+    def _iter_skill_problems(self, skill: SkillRuntime) -> Iterator[Problem]:
         settings, profile = self.settings, self.profile
-        problems: list[Problem] = []
         if skill.kind not in self.kinds:
-            expected = format_names(self.kinds)
-            problems.append(make_problem("NOT_OFFERED", "skill.kind", repr(skill.kind), expected))
-        problems += iter_version_problems(skill)
-        problems += iter_ability_problems(skill, profile)
-        problems += iter_operation_problems(skill, profile, settings.contract)
-        problems += iter_sensing_problems(skill, profile, settings.sensors, settings.perception, settings.contract)
+            yield make_problem("NOT_OFFERED", "skill.kind", repr(skill.kind), expected=format_names(self.kinds))
+        yield from iter_version_problems(skill)
+        yield from iter_ability_problems(skill, profile)
+        yield from iter_operation_problems(skill, profile, settings.contract)
+        yield from iter_sensing_problems(skill, profile, settings.sensors, settings.perception, settings.contract)
         for name in skill.loop.tools if skill.loop is not None else ():
             tool = self.skills.get(name)
             if tool is None or tool.kind != "builtin":
-                known = (each.skill for each in self.skills.values() if each.kind == "builtin")
-                problems.append(Problem.unknown("skill", "skill.loop.tools", name, known))
+                possible = (each.skill for each in self.skills.values() if each.kind == "builtin")
+                yield Problem.unknown("skill", "skill.loop.tools", name, possible)
             else:
-                problems += self._find_skill_problems(tool)
+                yield from self._iter_skill_problems(tool)
         if skill.kind == "policy":
-            problems += iter_policy_problems(skill, profile, settings.sensors, settings.perception.embedded.max_age_s)
+            yield from iter_policy_problems(skill, profile, settings.sensors, settings.perception.embedded.max_age_s)
         chain = self._compile_bridges(skill)
         if not isinstance(chain, BridgeChain):
             own = (each for each in chain if skill.action_space or each.address.startswith("target."))
-            problems += (_locate_space(skill, each) for each in own)
-        return problems
+            yield from (_locate_space(skill, each) for each in own)
 
     def _compile_bridges(self, skill: SkillRuntime) -> BridgeChain | tuple[Problem, ...]:
-        """From the skill's action space to the target's; compiled once, since neither changes."""
-        if skill.skill not in self._chains:
-            target, frames = describe_target_space(self.profile), describe_frames(self.profile)
-            self._chains[skill.skill] = compile_chain(skill.action_space or target, target, frames)
-        return self._chains[skill.skill]
+        """From the skill's action space to the target's; or why there is no way."""
+        target = describe_target_space(self.profile)
+        return compile_chain(skill.action_space or target, target, describe_frames(self.profile))
 
 
 def _locate_space(skill: SkillRuntime, problem: Problem) -> Problem:
     """A problem of an action space, with the address of the skill or target."""
     side, _, field = problem.address.rpartition(".")
     whose = "target" if side == "target" else "skill"
-    by = f"skill {skill.skill}: action_space"
-    return msgspec.structs.replace(problem, address=f"{whose}.action_space.{field}", triggered_by=by)
+    return msgspec.structs.replace(
+        problem, address=f"{whose}.action_space.{field}", triggered_by=f"skill {skill.skill}: action_space"
+    )

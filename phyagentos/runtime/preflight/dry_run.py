@@ -206,8 +206,10 @@ class DryRun:
         if removable := list_removable(course.session, course.now, motion.object, to):
             _, room = self._try_grasp(course, replace(motion, removable=removable), entity)
             gone = room.gone if isinstance(room, Approaches) else ()
-            left = tuple(each for each in course.world.entities if each.name not in gone)
-            course.world = World(left, course.world.regions)
+            course.world = World(
+                entities=tuple(each for each in course.world.entities if each.name not in gone),
+                regions=course.world.regions,
+            )
 
     def _put_down(self, course: _Course, to: Destination, payload: Payload) -> None:
         name = f"place {payload.entity} {to.relation} {to.name}"
@@ -232,8 +234,14 @@ class DryRun:
 
         A contact at the start is left if there is a short way out; the tree never leads into one.
         """
-        movable = tuple(each.name for each in course.world.entities if each.movable)
-        answer, ms = self._ask(CheckPosture(course.world, q_rad, course.session.seed, ignore=movable))
+        answer, ms = self._ask(
+            CheckPosture(
+                course.world,
+                q_rad,
+                course.session.seed,
+                ignore=tuple(each.name for each in course.world.entities if each.movable),
+            )
+        )
         if not isinstance(answer, PostureCheck):
             return _judge(f"{name} posture", answer, ms, proves=False)
         if not answer.contacts:
@@ -247,8 +255,12 @@ class DryRun:
         name, session = f"grasp {motion.object}", course.session
         excess_m = self._compute_excess(entity)
         if excess_m > 0.0:
-            message = f"{motion.object} lies {excess_m:.3f} m beyond the longest reach of {session.target}"
-            return Trial(motion=name, outcome="impossible", code="OUT_OF_REACH", message=message), None
+            return Trial(
+                motion=name,
+                outcome="impossible",
+                code="OUT_OF_REACH",
+                message=f"{motion.object} lies {excess_m:.3f} m beyond the longest reach of {session.target}",
+            ), None
         request = FindGrasps(
             world=course.world,
             object=motion.object,
@@ -267,8 +279,12 @@ class DryRun:
         if place is None:
             return Trial(motion=name, outcome="undecided", message="the destination is not in the world as observed")
         if to.relation == Meaning.ON and isinstance(place, Entity) and not _has_face(place):
-            message = f"{to.name} has no level face on which anything could stand"
-            return Trial(motion=name, outcome="impossible", code="NO_SPACE", message=message)
+            return Trial(
+                motion=name,
+                outcome="impossible",
+                code="NO_SPACE",
+                message=f"{to.name} has no level face on which anything could stand",
+            )
         request = FindPlacements(
             world=course.world,
             payload=payload,
@@ -330,8 +346,7 @@ def find_motions(
         authored = read_tree(library.get_tree(tree))
     except DefinitionError:
         return False  # reported by the check of trees
-    inputs = authored.header.inputs
-    known = {name: port.default for name, port in inputs.items() if port.default is not None}
+    known = {name: port.default for name, port in authored.header.inputs.items() if port.default is not None}
     known |= {name: value for name, value in arguments.items() if value is not None}
     return (yield from _find_in(authored.root, known, library, registry, (*within, tree), path or tree))
 
@@ -364,10 +379,14 @@ def _find_in(
 
 def make_trial_problem(trial: Trial, session: Session) -> Problem:
     """Why a session is rejected whose first motion cannot exist."""
-    expected = "a motion that exists"
-    by = f"skill {session.skill}: its first motion"
-    fix = "Choose another object, destination or target."
-    return make_problem(trial.code, f"dry run: {trial.motion}", trial.message, expected, by, fix)
+    return make_problem(
+        trial.code,
+        f"dry run: {trial.motion}",
+        trial.message,
+        expected="a motion that exists",
+        triggered_by=f"skill {session.skill}: its first motion",
+        fix="Choose another object, destination or target.",
+    )
 
 
 def _judge(name: str, answer: MotionAnswer | None, ms: float, *, proves: bool = True) -> Trial:

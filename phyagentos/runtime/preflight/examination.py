@@ -4,7 +4,7 @@ Nothing moves. The world is observed unless the target is another than its profi
 its problems.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import msgspec
@@ -77,7 +77,7 @@ class Examiner:
         loading_s = 0.0
         trials: tuple[Trial, ...] = ()
         held_back: tuple[Problem, ...] = ()
-        problems = [*self.preflight.find_contract_problems(session), *self._find_tree_problems(session)]
+        problems = [*self.preflight.find_contract_problems(session), *self._iter_tree_problems(session)]
         try:
             live = self.handle.describe()
             problems += (mismatches := self.preflight.find_target_problems(session, live))
@@ -94,8 +94,7 @@ class Examiner:
         except DefinitionError as error:
             problems += locate(session, error.problems)
         except ExecutionError as error:
-            address = f"{session.id}: target {session.target}"
-            problems.append(Problem(error.code, address, str(error)))
+            problems.append(Problem(error.code, address=f"{session.id}: target {session.target}", found=str(error)))
         ms = 1e3 * (self.clock.now_s() - began_s - loading_s)
         if problems:
             return Finding(plan=None, tools=None, problems=tuple(dict.fromkeys(problems)), trials=trials, ms=ms)
@@ -114,8 +113,9 @@ class Examiner:
         found = self.preflight.find_world_problems(session, live, now, is_fresh=is_first)
         problems = [self._tell_unseen(session, now, problem) for problem in found]
         if is_first and self.preflight.profile.model:  # what is sunk is thrown about: a flaw for every session
-            path = self.library.get_scene(name_plain(session.scene.name))
-            flaws = find_start_problems(path, session.scene.seed, self._robot)
+            flaws = find_start_problems(
+                path=self.library.get_scene(name_plain(session.scene.name)), seed=session.scene.seed, robot=self._robot
+            )
             self._flaws = tuple(each for each in flaws if each.kind == OVERLAP)
         problems += locate(session, self._flaws)
         met = weigh_before(session, now)
@@ -150,17 +150,15 @@ class Examiner:
         found, expected = f"{name!r}, which is in the scene and in no picture", "an object that was seen"
         return msgspec.structs.replace(problem, found=found, expected=expected, hint=f"{why}.")
 
-    def _find_tree_problems(self, session: Session) -> list[Problem]:
+    def _iter_tree_problems(self, session: Session) -> Iterator[Problem]:
         skill = self.preflight.skills.get(session.skill)
         known = self.preflight.skills
         named = skill.loop.tools if skill is not None and skill.loop is not None else (session.skill,)
-        problems: list[Problem] = []
         for each in (known[name] for name in named if name in known):
             try:
-                problems += check_tree(each.tree, self.library, self.registry) if each.kind == "builtin" else ()
+                yield from check_tree(each.tree, self.library, self.registry) if each.kind == "builtin" else ()
             except DefinitionError as error:
-                problems += error.problems
-        return problems
+                yield from error.problems
 
     def _find_scene_problems(self, session: Session) -> list[Problem]:
         try:
@@ -177,8 +175,12 @@ class Examiner:
         grasped = [motion.object for motion in motions if isinstance(motion, Grasp)]
         if not grasped:
             return []
-        spec = read_placed(self.library, session.scene.name)
-        return locate(session, iter_payload_problems(grasped, skill, spec, self.preflight.profile))
+        return locate(
+            session,
+            iter_payload_problems(
+                grasped, skill, spec=read_placed(self.library, session.scene.name), profile=self.preflight.profile
+            ),
+        )
 
     def _try_out(self, session: Session, now: Environment, live: Description, *, thorough: bool) -> tuple[Trial, ...]:
         skill = self.preflight.skills.get(session.skill)

@@ -33,9 +33,14 @@ def iter_ability_problems(skill: SkillRuntime, profile: TargetProfile) -> Iterat
     for kind, name, needed, offered in offers:
         for need in needed:
             if need not in offered:
-                by = f"skill {skill.skill}: needs.{name}"
-                fix = f"Choose a target that offers it; {profile.target} does not."
-                found = Problem.unknown(kind, f"skill.needs.{name}", need, offered, by=by, fix=fix)
+                found = Problem.unknown(
+                    kind,
+                    f"skill.needs.{name}",
+                    need,
+                    offered,
+                    by=f"skill {skill.skill}: needs.{name}",
+                    fix=f"Choose a target that offers it; {profile.target} does not.",
+                )
                 yield msgspec.structs.replace(found, code="NOT_OFFERED")
 
 
@@ -44,8 +49,14 @@ def iter_resource_problems(session: Session, contract: RuntimeContract) -> Itera
     for index, name in enumerate(session.resources):
         if name not in contract.resources:
             address, by = f"resources[{index}]", "runtime_contract.yaml: resources"
-            fix = "Add it to 'resources' of runtime_contract.yaml."
-            yield Problem.unknown("resource", address, name, contract.resources, by=by, fix=fix)
+            yield Problem.unknown(
+                "resource",
+                address,
+                name,
+                contract.resources,
+                by=by,
+                fix="Add it to 'resources' of runtime_contract.yaml.",
+            )
 
 
 def find_operations(skill: SkillRuntime) -> tuple[Operation, ...]:
@@ -165,9 +176,13 @@ def iter_handshake_problems(profile: TargetProfile, contract: RuntimeContract, l
                 found = format_names(offered)
                 yield make_problem("TARGET_MISMATCH", f"target.{name}", found, repr(each), by)
     if live.mode != contract.world_mode:
-        address = "runtime_contract.yaml: world_mode"
-        asked_by = f"target {profile.target}, as it runs"
-        yield make_problem("CONTRACT_MISMATCH", address, contract.world_mode, live.mode, asked_by)
+        yield make_problem(
+            "CONTRACT_MISMATCH",
+            address="runtime_contract.yaml: world_mode",
+            found=contract.world_mode,
+            expected=live.mode,
+            triggered_by=f"target {profile.target}, as it runs",
+        )
     if live.version != WIRE_VERSION:
         found, expected = f"version {live.version}", f"version {WIRE_VERSION}"
         fix = "Start target and worker from the same installation."
@@ -177,16 +192,20 @@ def iter_handshake_problems(profile: TargetProfile, contract: RuntimeContract, l
 def iter_live_ability_problems(skill: SkillRuntime, profile: TargetProfile, live: Description) -> Iterator[Problem]:
     """What the profile promises, the skill needs and the live target does not give."""
     if "render" in skill.needs.operations and not live.cameras:
-        by = f"skill {skill.skill}: needs.operations"
-        fix = f"Give the scene of {profile.target} a camera."
-        yield make_problem("NOT_OFFERED", "target.cameras", "none", "a camera", by, fix)
+        yield make_problem(
+            "NOT_OFFERED",
+            "target.cameras",
+            "none",
+            "a camera",
+            triggered_by=f"skill {skill.skill}: needs.operations",
+            fix=f"Give the scene of {profile.target} a camera.",
+        )
 
 
 def iter_timing_problems(profile: TargetProfile, contract: RuntimeContract) -> Iterator[Problem]:
     """Where periods, steps and rates of the two differ; a target without physics has no step of it."""
     by = f"target {profile.target}"
-    names = ["control_period_s"] + ([] if not profile.model else ["physics_step_s"])
-    for name in names:
+    for name in ["control_period_s"] + ([] if not profile.model else ["physics_step_s"]):
         found, expected = getattr(contract, name), getattr(profile, name)
         if not math.isclose(found, expected, rel_tol=RELATIVE_TOLERANCE):
             address, fix = f"runtime_contract.yaml: {name}", "Both sides of the wire must count on the same."
@@ -200,5 +219,10 @@ def iter_timing_problems(profile: TargetProfile, contract: RuntimeContract) -> I
     steps = profile.control_period_s / profile.physics_step_s
     if not math.isclose(steps, max(round(steps), 1), rel_tol=RELATIVE_TOLERANCE):
         address, asked_by = "target.control_period_s", f"{by}: physics_step_s"
-        whole = f"a whole number of physics steps of {profile.physics_step_s:g} s"
-        yield make_problem("CONTRACT_MISMATCH", address, profile.control_period_s, whole, asked_by)
+        yield make_problem(
+            "CONTRACT_MISMATCH",
+            address,
+            profile.control_period_s,
+            expected=f"a whole number of physics steps of {profile.physics_step_s:g} s",
+            triggered_by=asked_by,
+        )

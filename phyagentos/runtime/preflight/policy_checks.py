@@ -140,16 +140,13 @@ def _iter_lateness_problems(
     sensor, latency_s = found[1], found[1].camera.latency_s
     most_s = late_max_s + 1.0 / stream.rate_hz - 1.0 / sensor.rate_hz
     if latency_s > most_s + TIME_TOLERANCE_S:
-        address = f"sensors.yaml: sensors.{found[0]}.camera.latency_s"
-        expected = f"at most {max(most_s, 0.0):.3g} s"
-        fix = "A picture is older than embedded.max_age_s of perception.yaml and one period of the stream."
         yield make_problem(
             "OBSERVATION_MISMATCH",
-            address,
-            f"{latency_s:g} s",
-            expected,
-            f"{by}: observations.{name}",
-            fix,
+            address=f"sensors.yaml: sensors.{found[0]}.camera.latency_s",
+            found=f"{latency_s:g} s",
+            expected=f"at most {max(most_s, 0.0):.3g} s",
+            triggered_by=f"{by}: observations.{name}",
+            fix="A picture is older than embedded.max_age_s of perception.yaml and one period of the stream.",
             kind="rate",
         )
 
@@ -174,8 +171,14 @@ def _iter_source_problems(address: str, stream: Stream, sensor: Sensor, by: str)
     if stream.frame != sensor.frame:
         yield make_problem("OBSERVATION_MISMATCH", f"{address}.frame", stream.frame, sensor.frame, by, kind="frame")
     if stream.rate_hz > sensor.rate_hz * (1.0 + RATE_TOLERANCE):
-        expected = f"at most {sensor.rate_hz:g} Hz"
-        yield make_problem("OBSERVATION_MISMATCH", f"{address}.rate_hz", stream.rate_hz, expected, by, kind="rate")
+        yield make_problem(
+            "OBSERVATION_MISMATCH",
+            f"{address}.rate_hz",
+            stream.rate_hz,
+            expected=f"at most {sensor.rate_hz:g} Hz",
+            triggered_by=by,
+            kind="rate",
+        )
 
 
 def _describe_picture(stream: Stream, sensor: Sensor) -> Signal | None:

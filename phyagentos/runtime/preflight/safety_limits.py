@@ -41,8 +41,13 @@ def iter_safety_problems(limits: TargetLimits, profile: TargetProfile) -> Iterat
     n = len(profile.arm.joints)
     for name, field in _OWN:
         if _place(profile, name) not in wrong and len(getattr(profile.arm, field)) == n:
-            own = np.asarray(getattr(profile.arm, field)) * (1.0 + RELATIVE_TOLERANCE)
-            yield from _iter_wider(profile, name, _spread(getattr(limits, name), n), own, f"arm.{field}")
+            yield from _iter_wider(
+                profile,
+                name,
+                _spread(getattr(limits, name), n),
+                own=np.asarray(getattr(profile.arm, field)) * (1.0 + RELATIVE_TOLERANCE),
+                whose=f"arm.{field}",
+            )
     if not {_place(profile, "joint_position_min"), _place(profile, "joint_position_max")} & wrong:
         low, high = _spread(limits.joint_position_min, n), _spread(limits.joint_position_max, n)
         yield from _iter_range_problems(profile, low, high)
@@ -68,11 +73,15 @@ def _iter_kinematics_problems(profile: TargetProfile, live: Description) -> Iter
     chain, n = live.kinematics, len(profile.arm.joints)
     if chain is not None and {len(chain.axes), len(chain.anchors_m), len(chain.slides or chain.axes)} == {n}:
         return
-    found = "none described" if chain is None else f"{len(chain.axes)} axes, {len(chain.anchors_m)} anchors"
-    expected = f"where each of {n} joints brings the tool"
-    by = "safety.yaml: workspace_box, keep_out"
-    fix = "Let the target's description declare which way each joint turns or slides, and about which point."
-    yield make_problem("LIMIT_INVALID", "target.kinematics", found, expected, by, fix, kind="unenforceable")
+    yield make_problem(
+        "LIMIT_INVALID",
+        "target.kinematics",
+        found="none described" if chain is None else f"{len(chain.axes)} axes, {len(chain.anchors_m)} anchors",
+        expected=f"where each of {n} joints brings the tool",
+        triggered_by="safety.yaml: workspace_box, keep_out",
+        fix="Let the target's description declare which way each joint turns or slides, and about which point.",
+        kind="unenforceable",
+    )
 
 
 def _iter_force_problems(limits: TargetLimits, profile: TargetProfile, own_n: float) -> Iterator[Problem]:
@@ -100,11 +109,14 @@ def iter_start_problems(limits: TargetLimits, profile: TargetProfile, now: Envir
         is_room = name == "workspace_box"
         if bool(((low <= point) & (point <= high)).all() if is_room else not ((low < point) & (point < high)).all()):
             continue  # never true of NaN in the workspace
-        found = f"the tool stands at {_show(point)}"
-        expected = f"{'inside' if is_room else 'outside'} {_show(low)} to {_show(high)}"
-        by = f"safety.yaml: {name}"
-        fix = "Move the robot by hand, or correct the box."
-        yield make_problem("START_OUTSIDE", _place(profile, name), found, expected, by, fix)
+        yield make_problem(
+            "START_OUTSIDE",
+            _place(profile, name),
+            found=f"the tool stands at {_show(point)}",
+            expected=f"{'inside' if is_room else 'outside'} {_show(low)} to {_show(high)}",
+            triggered_by=f"safety.yaml: {name}",
+            fix="Move the robot by hand, or correct the box.",
+        )
 
 
 def iter_tool_problems(profile: TargetProfile, live: Description, now: Environment) -> Iterator[Problem]:
@@ -119,11 +131,15 @@ def iter_tool_problems(profile: TargetProfile, live: Description, now: Environme
     away_m = math.dist(point, state.tcp.position_m)
     allowed_m = TOOL_TOLERANCE_M if profile.base is None else LEANING_TOLERANCE_M
     if not away_m <= allowed_m:
-        found = f"they bring the tool to {_show(point)} m, {away_m:.3g} m from where it stands"
-        expected = f"{_show(state.tcp.position_m)} m, within {allowed_m} m"
-        by = "safety.yaml: workspace_box, keep_out"
-        fix = "Let the target declare the kinematics of this arm, with this tool, where it is mounted."
-        yield make_problem("LIMIT_INVALID", "target.kinematics", found, expected, by, fix, kind="unenforceable")
+        yield make_problem(
+            "LIMIT_INVALID",
+            "target.kinematics",
+            found=f"they bring the tool to {_show(point)} m, {away_m:.3g} m from where it stands",
+            expected=f"{_show(state.tcp.position_m)} m, within {allowed_m} m",
+            triggered_by="safety.yaml: workspace_box, keep_out",
+            fix="Let the target declare the kinematics of this arm, with this tool, where it is mounted.",
+            kind="unenforceable",
+        )
 
 
 def _iter_length_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
@@ -155,10 +171,14 @@ def _iter_range_problems(profile: TargetProfile, low: Array, high: Array) -> Ite
     ]
     if outside:
         found = f"{', '.join(outside)} stands outside in the home posture"
-        expected = "a range that holds arm.home_rad"
-        by = f"target {profile.target}: arm.home_rad"
         yield make_problem(
-            "LIMIT_INVALID", _place(profile, "joint_position_min"), found, expected, by, _NARROW, kind="too narrow"
+            "LIMIT_INVALID",
+            _place(profile, "joint_position_min"),
+            found,
+            expected="a range that holds arm.home_rad",
+            triggered_by=f"target {profile.target}: arm.home_rad",
+            fix=_NARROW,
+            kind="too narrow",
         )
 
 
@@ -168,11 +188,15 @@ def _iter_box_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator
     low, high = np.asarray(limits.workspace_box.value)
     own_low, own_high = np.asarray(profile.workspace_m)
     if np.any(low < own_low - RELATIVE_TOLERANCE) or np.any(high > own_high + RELATIVE_TOLERANCE):
-        found = f"{_show(low)} to {_show(high)}"
-        expected = f"inside {_show(own_low)} to {_show(own_high)}"
-        by = f"target {profile.target}: workspace_m"
-        fix = "Put it inside the target's own box, at which the target stops by itself."
-        yield make_problem("LIMIT_INVALID", _place(profile, "workspace_box"), found, expected, by, fix, kind="too wide")
+        yield make_problem(
+            "LIMIT_INVALID",
+            _place(profile, "workspace_box"),
+            found=f"{_show(low)} to {_show(high)}",
+            expected=f"inside {_show(own_low)} to {_show(own_high)}",
+            triggered_by=f"target {profile.target}: workspace_m",
+            fix="Put it inside the target's own box, at which the target stops by itself.",
+            kind="too wide",
+        )
 
 
 def _iter_number_problems(limits: TargetLimits, profile: TargetProfile) -> Iterator[Problem]:
@@ -189,8 +213,15 @@ def _iter_number_problems(limits: TargetLimits, profile: TargetProfile) -> Itera
         if value > most * (1.0 + RELATIVE_TOLERANCE):
             yield make_problem("LIMIT_INVALID", place, found, f"at most {most:g} {unit}", by_field, kind="too wide")
         elif value < least * (1.0 - RELATIVE_TOLERANCE):
-            expected = f"at least {least:g} {unit}"
-            yield make_problem("LIMIT_INVALID", place, found, expected, by_field, _NARROW, kind="too narrow")
+            yield make_problem(
+                "LIMIT_INVALID",
+                place,
+                found,
+                expected=f"at least {least:g} {unit}",
+                triggered_by=by_field,
+                fix=_NARROW,
+                kind="too narrow",
+            )
 
 
 def _iter_wider(
@@ -198,12 +229,14 @@ def _iter_wider(
 ) -> Iterator[Problem]:
     for index, joint in enumerate(profile.arm.joints[: len(own)]):
         if not values[index] <= own[index]:  # also when the target declares NaN
-            address = f"{_place(profile, name)}[{index}]"
-            found = f"{joint} {sign * values[index]:g}"
-            expected = f"{'at least' if sign < 0 else 'at most'} {sign * own[index]:g}"
-            fix = "A limit may narrow what the target can do, never widen it."
             yield make_problem(
-                "LIMIT_INVALID", address, found, expected, f"target {profile.target}: {whose}", fix, kind="too wide"
+                "LIMIT_INVALID",
+                address=f"{_place(profile, name)}[{index}]",
+                found=f"{joint} {sign * values[index]:g}",
+                expected=f"{'at least' if sign < 0 else 'at most'} {sign * own[index]:g}",
+                triggered_by=f"target {profile.target}: {whose}",
+                fix="A limit may narrow what the target can do, never widen it.",
+                kind="too wide",
             )
 
 

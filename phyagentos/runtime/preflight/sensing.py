@@ -43,9 +43,15 @@ def iter_sensing_problems(
         used |= found
     for name, sensor in used.items():
         if name not in read:
-            fix = f"Name {name!r} in the pipeline that reads it, or drop what the skill needs of it."
-            address = "perception.yaml: pipelines"
-            yield make_problem("OBSERVATION_MISMATCH", address, repr(name), format_names(read), by, fix, kind="unread")
+            yield make_problem(
+                "OBSERVATION_MISMATCH",
+                address="perception.yaml: pipelines",
+                found=repr(name),
+                expected=format_names(read),
+                triggered_by=by,
+                fix=f"Name {name!r} in the pipeline that reads it, or drop what the skill needs of it.",
+                kind="unread",
+            )
         yield from iter_sensor_problems(name, sensor, profile, contract, by)
 
 
@@ -84,14 +90,17 @@ def _iter_freshness_problems(cameras: dict[str, Sensor], perception: Perception,
         late_s = sensor.camera.latency_s if sensor.camera is not None else 0.0
         left_s = perception.embedded.max_age_s - late_s
         if left_s <= 0.0 or sensor.rate_hz * left_s < 1.0 - RATE_TOLERANCE:
-            expected = (
-                f"at least {1.0 / left_s:.3g} Hz"
+            yield make_problem(
+                "OBSERVATION_MISMATCH",
+                address=f"sensors.yaml: sensors.{name}.rate_hz",
+                found=sensor.rate_hz,
+                expected=f"at least {1.0 / left_s:.3g} Hz"
                 if left_s > 0.0
-                else f"a latency below {perception.embedded.max_age_s:g} s"
+                else f"a latency below {perception.embedded.max_age_s:g} s",
+                triggered_by=by,
+                fix="Raise it, or embedded.max_age_s of perception.yaml: a picture is too old before the next comes.",
+                kind="rate",
             )
-            fix = "Raise it, or embedded.max_age_s of perception.yaml: a picture is too old before the next one comes."
-            address = f"sensors.yaml: sensors.{name}.rate_hz"
-            yield make_problem("OBSERVATION_MISMATCH", address, sensor.rate_hz, expected, by, fix, kind="rate")
 
 
 def iter_sensor_problems(
@@ -103,13 +112,12 @@ def iter_sensor_problems(
         usual = MODALITIES.get(each, sensor.modality)
         both = sensor.modality == "rgbd" and usual in ("rgb", "depth")
         if sensor.modality != usual and not both:
-            address = f"{place}.modality"
             yield make_problem(
                 "OBSERVATION_MISMATCH",
-                address,
-                sensor.modality,
-                f"{usual}, for {each!r}",
-                triggered_by,
+                address=f"{place}.modality",
+                found=sensor.modality,
+                expected=f"{usual}, for {each!r}",
+                triggered_by=triggered_by,
                 kind="modality",
             )
     if sensor.modality == "simulator_state" and profile.kind == "real_robot":
@@ -126,19 +134,24 @@ def iter_sensor_problems(
     fastest_hz = 1.0 / profile.physics_step_s
     if sensor.modality in _SAMPLED and sensor.rate_hz < contract.sampling_hz * (1.0 - RATE_TOLERANCE):
         fix = "Raise it, or lower sampling_hz: conditions are sampled more often than this sensor measures."
-        expected = f"at least {contract.sampling_hz:g} Hz"
-        by = "runtime_contract.yaml: sampling_hz"
-        yield make_problem("OBSERVATION_MISMATCH", f"{place}.rate_hz", sensor.rate_hz, expected, by, fix, kind="rate")
+        yield make_problem(
+            "OBSERVATION_MISMATCH",
+            f"{place}.rate_hz",
+            sensor.rate_hz,
+            expected=f"at least {contract.sampling_hz:g} Hz",
+            triggered_by="runtime_contract.yaml: sampling_hz",
+            fix=fix,
+            kind="rate",
+        )
     elif sensor.rate_hz > fastest_hz * (1.0 + RATE_TOLERANCE):
         fix = "Lower it: nothing changes between two steps of the physics."
-        asked_by = f"target {profile.target}: physics_step_s"
         yield make_problem(
             "OBSERVATION_MISMATCH",
             f"{place}.rate_hz",
             sensor.rate_hz,
             f"at most {fastest_hz:g} Hz",
-            asked_by,
-            fix,
+            triggered_by=f"target {profile.target}: physics_step_s",
+            fix=fix,
             kind="rate",
         )
 
@@ -151,6 +164,10 @@ def iter_frame_problems(
     for need in skill.needs.observations:
         for name, sensor in find_sources(need, sensors, perception).items():
             if sensor.frame not in known:
-                address = f"sensors.yaml: sensors.{name}.frame"
-                by = f"skill {skill.skill}: needs.observations"
-                yield Problem.unknown("frame", address, sensor.frame, known, by=by)
+                yield Problem.unknown(
+                    "frame",
+                    address=f"sensors.yaml: sensors.{name}.frame",
+                    name=sensor.frame,
+                    possible=known,
+                    by=f"skill {skill.skill}: needs.observations",
+                )

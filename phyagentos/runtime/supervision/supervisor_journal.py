@@ -105,8 +105,9 @@ class SupervisorJournal:
 
 def make_rejection(session: SessionId, *problems: Problem, epoch: int | None = None) -> Entry:
     """The record of a rejection: a sentence for people, the problems for programs."""
-    reason = "; ".join(map(str, problems))
-    return make_entry(session, "reject", epoch, reason=reason, problems=msgspec.to_builtins(problems))
+    return make_entry(
+        session, "reject", epoch, reason="; ".join(map(str, problems)), problems=msgspec.to_builtins(problems)
+    )
 
 
 def make_entry(session: SessionId, trigger: str, epoch: int | None = None, **body: object) -> Entry:

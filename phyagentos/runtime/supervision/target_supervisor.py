@@ -91,9 +91,12 @@ class Lost:
 
     def make_unobserved(self) -> Execution:
         """Its execution when no worker starts that could observe the world."""
-        message = f"{self.reason}; and no worker starts that could look at the world"
-        evidence = f"evidence/{self.session.id}"
-        return Execution(ended=Ended.TARGET_LOST, evidence=evidence, code="TARGET_LOST", message=message)
+        return Execution(
+            ended=Ended.TARGET_LOST,
+            evidence=f"evidence/{self.session.id}",
+            code="TARGET_LOST",
+            message=f"{self.reason}; and no worker starts that could look at the world",
+        )
 
 
 class TargetSupervisor:
@@ -247,8 +250,9 @@ class TargetSupervisor:
         execution = answer.execution
         if answer.is_target_lost:
             if self.worker.has_lost_world():
-                message = explain_loss(self._shared.logs, self.target, execution.message)
-                execution = msgspec.structs.replace(execution, message=message)
+                execution = msgspec.structs.replace(
+                    execution, message=explain_loss(self._shared.logs, self.target, execution.message)
+                )
             self.worker.kill(with_world=True)  # before it is recorded: its last command must not be obeyed later
             self._lost_targets += 1
             if self._lost_targets < STARTS:
@@ -282,8 +286,9 @@ class TargetSupervisor:
         self._lost_targets += 1
         self.worker.kill(with_world=True)
         if self._journal.get_state(session.id) is not SessionState.PENDING:
-            reason = f"{TARGET_LOST}: while it was checked"
-            self._journal.record(make_entry(session.id, "release", self.epoch, reason=reason))
+            self._journal.record(
+                make_entry(session.id, "release", self.epoch, reason=f"{TARGET_LOST}: while it was checked")
+            )
         self._queues.put(self._journal.ledger.sessions[session.id])
         self._let_go()
         self._replace()
@@ -320,8 +325,14 @@ class TargetSupervisor:
         if self.phase is Phase.STARTING:
             self.worker.restart()
         elif self.phase is Phase.BROKEN and self.lost is not None:  # the world will not be observed: an end too
-            unseen = msgspec.to_builtins(self.lost.make_unobserved())
-            self._journal.try_commit(make_entry(self.lost.session.id, "reconcile", self.lost.epoch, execution=unseen))
+            self._journal.try_commit(
+                make_entry(
+                    self.lost.session.id,
+                    "reconcile",
+                    self.lost.epoch,
+                    execution=msgspec.to_builtins(self.lost.make_unobserved()),
+                )
+            )
             self._queues.forsake(self.target)
             self.lost = None
 

@@ -203,14 +203,21 @@ class Watchdog:
             worker = self._hire(target)
             if worker is None:
                 return None
-            monitor = HeartbeatMonitor(self._workspace.heartbeats, target, self._clock)
-            self._supervisors[target] = TargetSupervisor(target, worker, monitor, self._supervision)
+            self._supervisors[target] = TargetSupervisor(
+                target,
+                worker,
+                monitor=HeartbeatMonitor(self._workspace.heartbeats, target, self._clock),
+                supervision=self._supervision,
+            )
         return self._supervisors[target]
 
     def _enforce_limits(self) -> None:
         for overdue in self._queues.pop_overdue():
-            limit = f"a free target within {overdue.limits.queue_s} s"
-            late = Problem("TIMED_OUT", f"{overdue.id}: limits.queue_s", expected=limit)
+            late = Problem(
+                "TIMED_OUT",
+                f"{overdue.id}: limits.queue_s",
+                expected=f"a free target within {overdue.limits.queue_s} s",
+            )
             self._journal.try_commit(make_rejection(overdue.id, late))
         for supervisor in self._supervisors.values():
             supervisor.tick()

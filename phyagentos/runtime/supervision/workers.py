@@ -18,6 +18,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from phyagentos.fork_server import close_input
 from phyagentos.protocol.documents.plain_text import clean
 from phyagentos.runtime.supervision.world_process import WorldProcess, read_lines, start_child
 from phyagentos.runtime.targets.handshake import make_key, mint
@@ -89,7 +90,7 @@ class ChildProcess:
 
     def stop(self, grace_s: float = 2.0) -> None:
         """Close its input, so that it ends by itself; kill it when it does not, and its children in any case."""
-        self._close_input()
+        close_input(self._process)
         self.wait(grace_s)
         self.kill()
 
@@ -98,12 +99,7 @@ class ChildProcess:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
-        self._close_input()
-
-    def _close_input(self) -> None:
-        if self._process.stdin is not None:
-            with contextlib.suppress(OSError):
-                self._process.stdin.close()
+        close_input(self._process)
 
 
 class Worker:
@@ -125,8 +121,11 @@ class Worker:
     def _start_worker(self) -> "tuple[ChildProcess, Connection[Any, Any]]":
         ours, theirs = Pipe()
         fd = theirs.fileno()
-        command = (*self._worker_command, "--control", str(fd))
-        child = ChildProcess(command, self._logs / f"worker-{self.target}.log", pass_fds=(fd,))
+        child = ChildProcess(
+            command=(*self._worker_command, "--control", str(fd)),
+            log=self._logs / f"worker-{self.target}.log",
+            pass_fds=(fd,),
+        )
         theirs.close()
         self._key = make_key()
         if self._world is not None:

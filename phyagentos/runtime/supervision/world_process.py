@@ -17,7 +17,7 @@ from pathlib import Path
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
-from phyagentos.fork_server import PythonProcess, start_python
+from phyagentos.fork_server import PythonProcess, close_input, start_python
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, find_sole, is_held
 from phyagentos.runtime.channel import Link, connect
 from phyagentos.runtime.targets.handshake import grant
@@ -108,9 +108,7 @@ class WorldProcess:
             _end(self._pidfd)
         if self._process is not None:
             self._process.wait()
-            if self._process.stdin is not None:
-                with contextlib.suppress(OSError):
-                    self._process.stdin.close()
+            close_input(self._process)
 
     def close(self) -> None:
         """End it and close its descriptor."""

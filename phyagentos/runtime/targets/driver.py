@@ -131,8 +131,9 @@ class TargetDriver(TargetPort):
         shape = (steps, len(self.profile.arm.joints))
         arrays = (command.q_rad, command.qd_rad_s, command.gripper_width_m)
         if tuple(array.shape for array in arrays) != (shape, shape, shape[:1]):
-            message = f"q_rad of shape {command.q_rad.shape}; expected {shape}, and others like it"
-            raise ExecutionError("MALFORMED", message)
+            raise ExecutionError(
+                "MALFORMED", message=f"q_rad of shape {command.q_rad.shape}; expected {shape}, and others like it"
+            )
         if not all(math.isfinite(value) for array in arrays for value in array.ravel().tolist()):
             raise ExecutionError("MALFORMED", "a set-point is not finite")
 
@@ -245,8 +246,7 @@ def _settle(driver: TargetDriver, request: wire.Settle) -> wire.Step:
 
 
 def _end(driver: TargetDriver, _: wire.End) -> wire.Ended:
-    faults = driver.end()
-    return wire.Ended(driver.time_s, faults)
+    return wire.Ended(driver.time_s, driver.end())
 
 
 def _observe(driver: TargetDriver, request: wire.Observe) -> wire.Observation:

@@ -50,7 +50,10 @@ def find_driver(drivers: Plugins[DriverSpec], profile: TargetProfile, address: s
     if name in drivers.names() and profile.kind in drivers.load(name).kinds:
         return drivers.load(name)
     possible = [each for each, known in drivers.load_all().items() if profile.kind in known.kinds]
-    found = f"driver {name!r} for kind {profile.kind!r}" if name else f"kind {profile.kind!r} without a driver"
-    expected = format_names(possible)
-    hint = format_hint(name, possible) or "Name one that moves this kind, or install its package."
-    raise DefinitionError.of("NO_DRIVER", f"{address}: {profile.target}.driver", found, expected, hint)
+    raise DefinitionError.of(
+        "NO_DRIVER",
+        f"{address}: {profile.target}.driver",
+        found=f"driver {name!r} for kind {profile.kind!r}" if name else f"kind {profile.kind!r} without a driver",
+        expected=format_names(possible),
+        hint=format_hint(name, possible) or "Name one that moves this kind, or install its package.",
+    )

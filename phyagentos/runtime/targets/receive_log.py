@@ -57,8 +57,7 @@ class ReceiveLog:
     def note(self, reception: Reception) -> None:
         """Append one line; kept in memory while the disk takes no more."""
         if self._fd >= 0:
-            stamped = msgspec.structs.replace(reception, at=self._arrived_at)
-            self._unwritten += self._encoder.encode(stamped) + b"\n"
+            self._unwritten += self._encoder.encode(msgspec.structs.replace(reception, at=self._arrived_at)) + b"\n"
             self._write()
 
     @property

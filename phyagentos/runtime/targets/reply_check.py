@@ -77,7 +77,8 @@ class ReplyCheck:
 
     def _find_fault(self, request: wire.Request, reply: wire.Reply) -> str:
         if isinstance(reply, wire.Step):  # every control period
-            fault = _find_fault_of_step(reply) or self._find_fault_of_size(reply.target.q_rad, reply.target.qd_rad_s)
+            fault = _find_unsound(reply) or (_find_fault_of_code(reply.stopped, _OF_STOPS) if reply.stopped else "")
+            fault = fault or self._find_fault_of_size(reply.target.q_rad, reply.target.qd_rad_s)
             return fault or self._find_fault_of_time(request, reply.time_s, is_stopped=bool(reply.stopped))
         fault = _find_unsound(reply)
         match reply:
@@ -132,19 +133,6 @@ def _bound(request: wire.Request, period_s: float, *, is_stopped: bool) -> tuple
         case wire.Halt() | wire.End():
             return 0.0, HALT_MAX_S
     return 0.0, 0.0
-
-
-def _find_fault_of_step(step: wire.Step) -> str:
-    """As `_find_unsound`, at the price of a sum where all is sound."""
-    state = step.target
-    total = sum((*state.q_rad, *state.qd_rad_s, *state.tcp.position_m, *state.tcp.quaternion_wxyz))
-    total += step.time_s + step.tracking_error_rad + step.contact_force_error_n + (step.contact_force_n or 0.0)
-    total += state.gripper_width_m + (state.grip_force_n or 0.0) + state.q_std_rad
-    is_more = bool(state.holding or state.postures or step.touched_n or state.base or state.trunk)
-    is_sound = math.isfinite(total) and not is_more and not _is_no_turn(state.tcp)
-    if not is_sound and (fault := _find_unsound(step)):
-        return fault
-    return _find_fault_of_code(step.stopped, _OF_STOPS) if step.stopped else ""
 
 
 def _find_unsound(reply: wire.Reply) -> str:

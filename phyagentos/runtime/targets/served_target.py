@@ -126,8 +126,9 @@ class ServedTarget:
         """Let the driver have a request before its turn, unless it is refused now; `handle`, in this order, answers."""
         may_go = all(taken for _, taken in self._ahead)
         if may_go and isinstance(request, wire.Command):
-            n_before = sum(isinstance(each, wire.Command) for each, _ in self._ahead)
-            refused = self._authority.check_command(request, self.time_s, n_before)
+            refused = self._authority.check_command(
+                request, self.time_s, n_before=sum(isinstance(each, wire.Command) for each, _ in self._ahead)
+            )
             may_go = not (refused or self._log.is_behind or self._is_estopped())
         self._ahead.append((request, may_go and self.driver.send_ahead(request)))
 
@@ -210,8 +211,7 @@ class ServedTarget:
     def _refuse_session(self, request: wire.Begin) -> wire.Refused | None:
         self._refuse_unlogged()
         if not self._permits(request.session, request.epoch, request.token):
-            message = f"the token is not that of epoch {request.epoch} of {request.session}"
-            return wire.Refused("NOT_SECURED", message)
+            return wire.Refused("NOT_SECURED", f"the token is not that of epoch {request.epoch} of {request.session}")
         if self._scene is None:
             return wire.Refused("REQUEST_INVALID", "no scene is loaded; send LoadScene first")
         if self.look_for_stops():
@@ -263,8 +263,7 @@ class ServedTarget:
     def _describe(self) -> wire.Description:
         if self._description is None:
             described = self._carry_out(wire.Describe())
-            offers = described.ground_truth and self._truth
-            self._description = msgspec.structs.replace(described, ground_truth=offers)
+            self._description = msgspec.structs.replace(described, ground_truth=described.ground_truth and self._truth)
         return self._description
 
     def _refuse_unlogged(self) -> None:

@@ -185,5 +185,10 @@ def _check_encrypted(endpoint: str) -> None:
         if host == "localhost" or ipaddress.ip_address(host).is_loopback:
             return
     if parts.scheme == "ws":
-        hint = "Serve it with --certificate and name it wss://, or lead a tunnel to this machine."
-        raise DefinitionError.of("NOT_SECURED", endpoint, f"host {host!r} without TLS", "wss://, or 127.0.0.1", hint)
+        raise DefinitionError.of(
+            "NOT_SECURED",
+            endpoint,
+            f"host {host!r} without TLS",
+            "wss://, or 127.0.0.1",
+            hint="Serve it with --certificate and name it wss://, or lead a tunnel to this machine.",
+        )

@@ -5,8 +5,7 @@ Arrays travel in C order with their shape: float64, pictures as uint8, depth as 
 """
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any, Generic, TypeVar, get_args
 
 import msgspec
@@ -379,19 +378,12 @@ def exchange(connection: Channel, request: Request, timeout_s: float) -> Reply:
     return await_reply(connection, timeout_s)
 
 
-@contextmanager
-def closed_means_lost() -> Iterator[None]:
-    """Around a use of a connection to a target: raises ExecutionError `TARGET_LOST` where the target has closed it."""
-    try:
-        yield
-    except OSError as error:
-        raise ExecutionError("TARGET_LOST", "the target closed the connection") from error
-
-
 def send_request(connection: Channel, request: Request) -> None:
     """Send one request; replies come in the order of requests. Raises ExecutionError `TARGET_LOST`."""
-    with closed_means_lost():
+    try:
         connection.send_bytes(REQUESTS.encode(request))
+    except OSError as error:
+        raise ExecutionError("TARGET_LOST", "the target closed the connection") from error
 
 
 def await_reply(
@@ -442,8 +434,7 @@ def await_reply(
 
 def require(kind: type[RequestFor[ReplyT]], reply: Reply) -> ReplyT:
     """The reply to a request; raises ExecutionError: the code of a refusal, `PROTOCOL_BROKEN` for another reply."""
-    expected = find_expected(kind)
-    if isinstance(reply, expected):
+    if isinstance(reply, find_expected(kind)):
         return reply
     if isinstance(reply, Refused):
         raise ExecutionError(reply.code, reply.message)

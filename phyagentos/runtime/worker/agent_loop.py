@@ -134,8 +134,7 @@ class AgentLoopRuntime:
         """Check a call and begin it; what it says at once, or why it is refused."""
         try:
             call = validate(AgentCall, Located(given, f"turn {self._turn}"))
-            asked = call.model_dump(mode="json", exclude_defaults=True)
-            self._note(Status.RUNNING, call.reason, call=asked)
+            self._note(Status.RUNNING, call.reason, call=call.model_dump(mode="json", exclude_defaults=True))
             return self._begin(call)
         except DefinitionError as error:
             self._note(Status.FAILURE, str(error), code=error.problems[0].code)
@@ -165,9 +164,13 @@ class AgentLoopRuntime:
         skill, session = self.tools[call.tool], self.context.session
         defaults = {name: each.default for name, each in skill.parameters.items() if each.default is not None}
         values = {**defaults, **call.arguments}
-        requires = tuple(substitute(text, {**values, "target": session.target}) for text in skill.requires)
         session = msgspec.structs.replace(
-            session, skill=skill.skill, parameters=values, requires=requires, hold=(), accept=()
+            session,
+            skill=skill.skill,
+            parameters=values,
+            requires=tuple(substitute(text, {**values, "target": session.target}) for text in skill.requires),
+            hold=(),
+            accept=(),
         )
         if not (problems := list(iter_parameter_problems(session, skill))):
             now = self.context.world.observe(WORLD)

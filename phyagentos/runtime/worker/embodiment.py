@@ -77,10 +77,9 @@ class SkillLoader:
         if plan.get("policy_adapter") and self.policies is not None:
             return self.policies.open(session, context)
         if (loop := self.skills[session.skill].loop if plan.get("agent_tools") else None) is not None:
-            tools = {name: self.skills[name] for name in loop.tools}
             return AgentLoopRuntime(
                 loop=loop,
-                tools=tools,
+                tools={name: self.skills[name] for name in loop.tools},
                 context=context,
                 open_tree=self._open_tree,
                 files=CallFiles(self.loops / session.id),
@@ -90,5 +89,6 @@ class SkillLoader:
 
     def _open_tree(self, tree: str, context: SkillContext) -> SkillRuntime:
         """The tree of the context's session."""
-        built = build_tree(tree, context.session.parameters, context, self.library, self.registry)
-        return TreeSkillRuntime(built, context)
+        return TreeSkillRuntime(
+            tree=build_tree(tree, context.session.parameters, context, self.library, self.registry), context=context
+        )

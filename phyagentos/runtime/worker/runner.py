@@ -153,8 +153,12 @@ class SessionRunner:
         self._handle.halt()
         self._handle.settle(SETTLE_S)
         self._world.enter(order.session.scene)
-        outcome = Outcome(ended=order.ended, code=order.code or order.ended.upper(), message=order.reason)
-        return self._close_unmoved(order.session, outcome, recorder, order.evidence)
+        return self._close_unmoved(
+            order.session,
+            outcome=Outcome(ended=order.ended, code=order.code or order.ended.upper(), message=order.reason),
+            recorder=recorder,
+            evidence=order.evidence,
+        )
 
     def _open(
         self,
@@ -216,8 +220,9 @@ class SessionRunner:
         except ExecutionError as error:
             return Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
         if truth is Truth.TRUE:
-            message = "the acceptance was true before, nothing was commanded"
-            return Outcome(ended=Ended.COMPLETED, code=ALREADY_MET, message=message)
+            return Outcome(
+                ended=Ended.COMPLETED, code=ALREADY_MET, message="the acceptance was true before, nothing was commanded"
+            )
         if refused := plan.get("refused"):
             return Outcome(ended=Ended.SKILL_FAILED, code=refused[0]["code"], message=refused[0]["found"])
         return None
@@ -254,10 +259,12 @@ class SessionRunner:
         """Nothing was commanded: the tree is unsound, or there is no target."""
         if isinstance(error, DefinitionError):
             try:
-                defect = next((each.address for each in error.problems if each.code == "BROKEN_PYTHON"), "")
-                message = str(error)
                 outcome = Outcome(
-                    ended=Ended.SKILL_FAILED, code="BROKEN_TREE", message=message, is_final=True, defect=defect
+                    ended=Ended.SKILL_FAILED,
+                    code="BROKEN_TREE",
+                    message=str(error),
+                    is_final=True,
+                    defect=next((each.address for each in error.problems if each.code == "BROKEN_PYTHON"), ""),
                 )
                 return self._close_unmoved(session, outcome, recorder, evidence)
             except ExecutionError as lost:
@@ -298,8 +305,9 @@ class SessionRunner:
             recorder.write_looks([(role, look), *pointed], {})
 
     def _write_course(self, loop: SessionLoop, recorder: Recorder, faults: Sequence[RecordedFault]) -> None:
-        rest = ((LookRole.LOOK, look) for look in self._world.looks if not look.file)
-        recorder.write_looks(rest, loop.holds.samples)
+        recorder.write_looks(
+            looks=((LookRole.LOOK, look) for look in self._world.looks if not look.file), samples=loop.holds.samples
+        )
         spent = {name: round(each, 3) for name, each in (loop.ms | {"looks": recorder.look_ms}).items()}
         loop.context.note("timing", "", **spent, look_bytes=recorder.look_bytes)
         recorder.write_course(

@@ -102,8 +102,9 @@ class WorkerLoop:
                     )
                 if self._gate is not None:
                     self._gate.file_result(self._workspace.root / order.evidence)
-                lost = done.ended is Ended.TARGET_LOST
-                finished = orders.Finished(session=order.session.id, execution=done, is_target_lost=lost)
+                finished = orders.Finished(
+                    session=order.session.id, execution=done, is_target_lost=done.ended is Ended.TARGET_LOST
+                )
                 self._control.send_bytes(orders.encode(finished))
                 self._unsealed.append(order.evidence)
                 self._unpublished = order.session.scene
@@ -143,8 +144,12 @@ class WorkerLoop:
         self._heartbeat.beat(phase="loading", session=session.id, epoch=order.epoch, at_once=is_new)
         if belief := _read_belief(order.restore):
             self._world.restore(belief, _read_looks(Path(order.restore).parent))
-        snapshot = Path(order.restore).read_bytes() if order.restore else b""
-        found = self._examiner.examine(session, snapshot=snapshot, thorough=order.thorough, may_reset=order.may_reset)
+        found = self._examiner.examine(
+            session,
+            snapshot=Path(order.restore).read_bytes() if order.restore else b"",
+            thorough=order.thorough,
+            may_reset=order.may_reset,
+        )
         gate = self._gate if not order.restore else None  # a rerun needs no forecast
         if (
             gate is not None
@@ -224,8 +229,9 @@ class WorkerLoop:
             self._remember(order)
             return orders.Finished(session=order.session.id, execution=self._observe(order))
         except ExecutionError as error:
-            message = f"{order.reason}; {error}"
-            lost = Execution(ended=Ended.TARGET_LOST, evidence=order.evidence, code=error.code, message=message)
+            lost = Execution(
+                ended=Ended.TARGET_LOST, evidence=order.evidence, code=error.code, message=f"{order.reason}; {error}"
+            )
             return orders.Finished(session=order.session.id, execution=lost, is_target_lost=True)
 
     def _remember(self, order: orders.Reconcile) -> None:

@@ -78,7 +78,7 @@ MUTANTS = (
         edits=(
             Edit(
                 "phyagentos.runtime.perception.grip",
-                "if beyond > hand.reach_m or width < state.gripper_width_m - WIDTH_M:",
+                "if beyond > hand.reach_m or float(high[1] - low[1]) < state.gripper_width_m - WIDTH_M:",
                 "if False:",
             ),
         ),

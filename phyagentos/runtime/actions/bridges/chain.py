@@ -4,6 +4,7 @@ A malformed chunk, or one that jumps further than the target's velocity permits,
 that the contract allows repairs, and is recorded.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -95,8 +96,14 @@ class BridgeChain:
             interventions += link.find_interventions(rows, converted)
             rows = converted
             if not len(rows):
-                words = f"it is shorter than one row of the target, at {self.target.rate_hz:g} Hz"
-                return Violation(ViolationCode.WRONG_SHAPE, "chunk", 0.0, 1.0, "rows of the target", words=words)
+                return Violation(
+                    ViolationCode.WRONG_SHAPE,
+                    "chunk",
+                    0.0,
+                    1.0,
+                    "rows of the target",
+                    words=f"it is shorter than one row of the target, at {self.target.rate_hz:g} Hz",
+                )
         return self._check_jumps(rows, before) or Bridged(rows, tuple(interventions))
 
     def _check_form(self, rows: Array) -> Violation | None:
@@ -117,8 +124,14 @@ class BridgeChain:
             columns = rows[:, POSITION_WIDTH : source.arm_width]
             row = find_bad_rotation(columns, source)
             if row >= 0:
-                length = float(np.linalg.norm(columns[row]))
-                return Violation(ViolationCode.ROTATION_INVALID, source.rotation, length, 1.0, "length", int(row))
+                return Violation(
+                    ViolationCode.ROTATION_INVALID,
+                    source.rotation,
+                    found=float(np.linalg.norm(columns[row])),
+                    limit=1.0,
+                    unit="length",
+                    row=int(row),
+                )
         return None
 
     def _check_jumps(self, rows: Array, before: Array) -> Violation | None:
@@ -134,8 +147,15 @@ class BridgeChain:
         where = target.joints[column] if joints else ("position", "rotation")[column]
         unit = target.angle_unit if joints else (target.length_unit, "rad")[column]
         found, most = float(steps[row, column]), float(limit[column])
-        words = f"jumps by {found:.4g} {unit}; at most {most:.4g} {unit} from row to row"
-        return Violation(ViolationCode.DISCONTINUOUS, where, found, most, unit, int(row), words)
+        return Violation(
+            ViolationCode.DISCONTINUOUS,
+            where,
+            found,
+            most,
+            unit,
+            int(row),
+            words=f"jumps by {found:.4g} {unit}; at most {most:.4g} {unit} from row to row",
+        )
 
     def __str__(self) -> str:
         """`frame base->world . units deg->rad . resample 10->50 Hz`; `identity` when nothing is converted."""
@@ -192,10 +212,13 @@ def compile_chain(
     if problems:
         return tuple(problems)
     if now.rate_hz == source.rate_hz and now.chunk_length > target.chunk_length:
-        expected = f"1 to {target.chunk_length} rows"
         return (
             Problem(
-                "ACTION_SPACE_MISMATCH", "chunk_length", f"{source.chunk_length} rows", expected, "Shorten the chunk."
+                "ACTION_SPACE_MISMATCH",
+                "chunk_length",
+                f"{source.chunk_length} rows",
+                expected=f"1 to {target.chunk_length} rows",
+                hint="Shorten the chunk.",
             ),
         )
     return BridgeChain(source, target, tuple(links))
@@ -208,21 +231,20 @@ def list_bridges() -> list[type[ActionBridge]]:
     return [found[name] for name in sorted(found, key=places.__getitem__)]
 
 
-def _check_space(space: ActionSpace, side: str) -> list[Problem]:
+def _check_space(space: ActionSpace, side: str) -> Iterator[Problem]:
     """Contradictions and gaps of a space."""
 
     def problem(field: str, found: str, expected: str) -> Problem:
         return Problem("ACTION_SPACE_MISMATCH", f"{side}.{field}", found, expected)
 
-    problems = []
     if space.representation == "joint_position" and len(set(space.joints)) != len(space.joints):
-        problems.append(problem("joints", "a joint twice", "each joint once"))
+        yield problem("joints", "a joint twice", "each joint once")
     if space.representation == "joint_position" and not space.joints:
-        problems.append(problem("joints", "none", "a name for each column"))
+        yield problem("joints", "none", "a name for each column")
     if space.representation == "tool_pose" and space.rotation == "euler" and not space.euler_order:
-        problems.append(problem("euler_order", "none", "three axes such as xyz or ZYX"))
+        yield problem("euler_order", "none", "three axes such as xyz or ZYX")
     if space.gripper is not None and space.gripper.closed == space.gripper.open:
-        problems.append(problem("gripper", "closed equals open", "two values"))
+        yield problem("gripper", "closed equals open", "two values")
     columns = len(space.joints) if space.representation == "joint_position" else POSITION_WIDTH
     lengths = {"minimum": columns, "maximum": columns}
     lengths["scale"] = space.arm_width
@@ -230,7 +252,6 @@ def _check_space(space: ActionSpace, side: str) -> list[Problem]:
     for field, expected in lengths.items():
         found = len(getattr(space, field))
         if found not in (0, expected):
-            problems.append(problem(field, f"{found} values", f"{expected}, or none"))
+            yield problem(field, f"{found} values", f"{expected}, or none")
     if space.scale and space.representation == "tool_pose" and space.rotation not in UNIT_ROTATIONS:
-        problems.append(problem("scale", f"a scaled {space.rotation}", " or ".join(UNIT_ROTATIONS)))
-    return problems
+        yield problem("scale", f"a scaled {space.rotation}", " or ".join(UNIT_ROTATIONS))

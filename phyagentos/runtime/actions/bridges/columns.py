@@ -165,10 +165,14 @@ class GripperBridge(ActionBridge):
         if source.gripper == target.gripper:
             return None
         if source.gripper is None or target.gripper is None:
-            found = "no gripper" if source.gripper is None else "a gripper"
-            expected = "no gripper" if target.gripper is None else "a gripper"
-            hint = "Both sides need a gripper's column, or neither."
-            return Problem("ACTION_SPACE_MISMATCH", "gripper", found, expected, hint, kind="gripper")
+            return Problem(
+                "ACTION_SPACE_MISMATCH",
+                "gripper",
+                found="no gripper" if source.gripper is None else "a gripper",
+                expected="no gripper" if target.gripper is None else "a gripper",
+                hint="Both sides need a gripper's column, or neither.",
+                kind="gripper",
+            )
         return cls(source, replace_space(source, gripper=target.gripper), source.gripper, target.gripper)
 
     @override
@@ -187,8 +191,7 @@ class GripperBridge(ActionBridge):
 
 def _map_last(rows: Array, came: GripperRange, goes: GripperRange) -> Array:
     out = np.array(rows)
-    share = (rows[:, -1] - came.closed) / (came.open - came.closed)
-    out[:, -1] = goes.closed + share * (goes.open - goes.closed)
+    out[:, -1] = goes.closed + ((rows[:, -1] - came.closed) / (came.open - came.closed)) * (goes.open - goes.closed)
     return out
 
 
@@ -209,9 +212,13 @@ class ClampBridge(ActionBridge):
         if source.gripper is not None:
             low[-1], high[-1] = sorted((source.gripper.closed, source.gripper.open))
         if not np.isfinite([low, high]).any():
-            hint = "Drop `clamp`, or declare the target's range."
             return Problem(
-                "ACTION_SPACE_MISMATCH", "clamp", "a target without bounds", "minimum and maximum", hint, kind="clamp"
+                "ACTION_SPACE_MISMATCH",
+                "clamp",
+                "a target without bounds",
+                "minimum and maximum",
+                hint="Drop `clamp`, or declare the target's range.",
+                kind="clamp",
             )
         return cls(source, replace_space(source, clamp=False), low, high)
 

@@ -91,9 +91,13 @@ class ToolPoseBridge(ActionBridge):
         if source.representation != "tool_pose" or target.representation != "joint_position":
             return None
         if target.angle_unit != "rad" or not target.joints:
-            hint = "Kinematics are in radians."
             return Problem(
-                "ACTION_SPACE_MISMATCH", "representation", "tool_pose", "joints in radians", hint, kind="representation"
+                "ACTION_SPACE_MISMATCH",
+                "representation",
+                "tool_pose",
+                "joints in radians",
+                hint="Kinematics are in radians.",
+                kind="representation",
             )
         return cls(source, replace_space(source, representation="joint_position", joints=target.joints))
 
@@ -103,8 +107,7 @@ class ToolPoseBridge(ActionBridge):
 
     def _iter_postures(self, rows: Array, q: Array) -> Iterator[Array]:
         arm = self._get_arm()
-        columns = slice(POSITION_WIDTH, self.source.arm_width)
-        rotations = decode_rotation(rows[:, columns], self.source).as_matrix()
+        rotations = decode_rotation(rows[:, slice(POSITION_WIDTH, self.source.arm_width)], self.source).as_matrix()
         for index, row in enumerate(rows):
             q, error = arm.follow(row[:POSITION_WIDTH], rotations[index], q)
             for where, missed, limit, unit in (
@@ -112,8 +115,16 @@ class ToolPoseBridge(ActionBridge):
                 ("rotation", error[3:], FAR_RAD, "rad"),
             ):
                 if (found := float(np.linalg.norm(missed))) > limit:
-                    code = ViolationCode.POSE_UNREACHABLE
-                    raise Unconvertible(Violation(code, where, found, limit, unit, index))
+                    raise Unconvertible(
+                        Violation(
+                            code=ViolationCode.POSE_UNREACHABLE,
+                            where=where,
+                            found=found,
+                            limit=limit,
+                            unit=unit,
+                            row=index,
+                        )
+                    )
             yield np.concatenate((q, row[self.source.arm_width :]))
 
     @override

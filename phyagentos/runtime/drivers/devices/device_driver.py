@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.geometry import as_pose
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import Authored
 from phyagentos.protocol.world.environment import Pose, TargetState
@@ -122,8 +123,13 @@ class ToolCentre:
         found = compile_model(read_robot(profile, folder), *files) if files else None
         kinematics = read_kinematics(found, profile) if found is not None else None
         if found is None or kinematics is None:
-            hint = "Copy the robot's model beside its profile; docs/targets.md says where from."
-            raise DefinitionError.of("UNREADABLE_FILE", f"{place}: model", repr(profile.model), "a MJCF file", hint)
+            raise DefinitionError.of(
+                "UNREADABLE_FILE",
+                f"{place}: model",
+                repr(profile.model),
+                "a MJCF file",
+                hint="Copy the robot's model beside its profile; docs/targets.md says where from.",
+            )
         self._model, self._data, self.kinematics = found, mujoco.MjData(found), kinematics
         self._q = [found.joint(name).qposadr[0] for name in profile.arm.joints]
         self._site = found.site(profile.tcp).id
@@ -132,10 +138,7 @@ class ToolCentre:
         """Its pose in the world [m], of measured joints (n_joints,) [rad]."""
         self._data.qpos[self._q] = q_rad
         mujoco.mj_kinematics(self._model, self._data)
-        quaternion = np.empty(4)
-        mujoco.mju_mat2Quat(quaternion, self._data.site_xmat[self._site])
-        w, x, y, z = quaternion.tolist()
-        return Pose(tuple(self._data.site_xpos[self._site].tolist()), (w, x, y, z))
+        return as_pose(self._data.site_xmat[self._site].reshape(3, 3), self._data.site_xpos[self._site])
 
 
 class DeviceDriver(TargetDriver):
@@ -164,24 +167,12 @@ class DeviceDriver(TargetDriver):
 
     @override
     def describe(self) -> wire.Description:
-        profile = self.profile
-        return wire.Description(
-            target=profile.target,
-            n_joints=len(profile.arm.joints),
-            steps_per_command=self._steps,
-            physics_step_s=profile.physics_step_s,
+        return self.describe_profile(
             q_min_rad=tuple(self._low.tolist()),
             q_max_rad=tuple(self._high.tolist()),
-            observations=profile.observations,
-            actions=profile.actions,
-            cameras=(),
             mode="realtime",
             kinematics=self._point.kinematics,
-            gripper_force_n=profile.gripper.force_n,
-            joints=profile.arm.joints,
-            version=wire.WIRE_VERSION,
             driver=self._name,
-            end_effector=profile.end_effector,
         )
 
     @override
@@ -230,11 +221,8 @@ class DeviceDriver(TargetDriver):
 
     def _check(self, command: wire.Command) -> None:
         """Refuse what the joints cannot follow from the present set-point."""
-        q, qd, width, shape = command.q_rad, command.qd_rad_s, command.gripper_width_m, (self._steps, self._q.size)
-        if (q.shape, qd.shape, width.shape) != (shape, shape, shape[:1]):
-            raise ExecutionError("MALFORMED", f"q_rad of shape {q.shape}; expected {shape}, and others like it")
-        if not all(np.isfinite(array).all() for array in (q, qd, width)):
-            raise ExecutionError("MALFORMED", "a set-point is not finite")
+        self.check_set_points(command)
+        q, qd, width = command.q_rad, command.qd_rad_s, command.gripper_width_m
         if (q < self._low).any() or (q > self._high).any():
             raise ExecutionError("TARGET_LIMIT", "a set-point leaves the range of its joint")
         limit = SPEED_TOLERANCE * np.array(self.profile.arm.velocity_rad_s)

@@ -125,13 +125,16 @@ class Go2Bus(Bus):
 
         self._place, self._settings, self._clock, arm = profile.endpoint, settings, clock, profile.arm
         self._gains = list(zip(arm.stiffness_nm_rad, arm.damping_nms_rad, strict=True))
-        rest = UNICAST.format(peer=quoteattr(settings.peer)) if settings.peer else "</General>"
-        configuration = CONFIGURATION.format(interface=quoteattr(self._place), rest=rest)
+        configuration = CONFIGURATION.format(
+            interface=quoteattr(self._place),
+            rest=UNICAST.format(peer=quoteattr(settings.peer)) if settings.peer else "</General>",
+        )
         try:
             self._domain = Domain(settings.domain, configuration)
         except DDSException as error:
-            cause = f"{self._place}, domain {settings.domain}: {error}; check cable and interface"
-            raise ExecutionError("TARGET_LOST", cause) from error
+            raise ExecutionError(
+                "TARGET_LOST", message=f"{self._place}, domain {settings.domain}: {error}; check cable and interface"
+            ) from error
         participant = DomainParticipant(settings.domain)
         self._messages = define_messages()
         commands = Topic(participant, "rt/lowcmd", self._messages.command)

@@ -16,10 +16,13 @@ def _import(package: str, driver: str, site: DriverSite) -> ModuleType:
     try:
         return importlib.import_module(package)
     except ImportError as error:
-        found = f"no package {package!r} ({error})"
-        address = f"{site.profile.target}/target.yaml: driver"
-        expected = f"what driver {driver!r} needs"
-        raise DefinitionError.of("NO_DRIVER", address, found, expected, format_install(driver)) from error
+        raise DefinitionError.of(
+            "NO_DRIVER",
+            address=f"{site.profile.target}/target.yaml: driver",
+            found=f"no package {package!r} ({error})",
+            expected=f"what driver {driver!r} needs",
+            hint=format_install(driver),
+        ) from error
 
 
 def _open_so101(site: DriverSite) -> "TargetDriver":

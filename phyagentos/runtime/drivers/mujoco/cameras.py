@@ -24,7 +24,6 @@ from phyagentos.runtime.models.camera_model import Array, Viewpoint
 from phyagentos.runtime.targets.wire import Capture, Crop, Frame, Frames
 
 MAX_LOST = 16  # frames in a row, before a camera has none to give
-LOSSES_KEPT = 512  # exposures of which it is remembered whether they were lost
 STILL = 1e-3  # greatest change of a joint in an exposure that no pixel shows [rad, m]
 _PHASE_TOLERANCE = 1e-6  # of an exposure: 0.06 s times 50 Hz is not exactly 3
 _UNCORRUPTED: tuple[FaultActivation, ...] = ()
@@ -49,7 +48,6 @@ class CameraRig:
         self._model, self._sensors, self._seed, self._episode = model, sensors, seed, episode
         self._cameras = open_cameras(model, sensors, seed=seed, prefix=prefix)
         self._states: dict[str, tuple[mujoco.MjData, mujoco.MjData]] = {}  # those that each camera shows: end and begin
-        self._lost: dict[tuple[str, int], bool] = {}  # which exposures were lost, as drawn
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -79,8 +77,11 @@ class CameraRig:
         missing: dict[str, str] = {}
         for name in names:
             camera = self._cameras[name]
-            limit_s = latest_s if self._sensors.synchronised else now_s - camera.settings.latency_s
-            exposure = self._find_exposure(camera, limit_s, history)
+            exposure = self._find_exposure(
+                camera,
+                limit_s=latest_s if self._sensors.synchronised else now_s - camera.settings.latency_s,
+                history=history,
+            )
             corruptions = find_corruption(name)
             if exposure is None or any(each.kind == "blackout" and each.mode == "silent" for each in corruptions):
                 missing[name] = "OBSERVATION_UNAVAILABLE"
@@ -117,14 +118,7 @@ class CameraRig:
 
     def _is_lost(self, camera: SimulatedCamera, number: int) -> bool:
         chance = camera.noise.frame_dropout
-        if chance <= 0.0:
-            return False
-        key = (camera.name, number)
-        if key not in self._lost:
-            if len(self._lost) > LOSSES_KEPT:
-                self._lost.clear()
-            self._lost[key] = bool(self._draw(camera.name, "lost", number).random() < chance)
-        return self._lost[key]
+        return chance > 0.0 and bool(self._draw(camera.name, "lost", number).random() < chance)
 
     def _draw(self, camera: str, purpose: str, number: int) -> np.random.Generator:
         return np.random.default_rng(compute_seed(self._seed, "sensors", self._episode, camera, purpose, number))
@@ -141,8 +135,11 @@ class CameraRig:
         pose: Viewpoint | None = None
         for each in corruptions:
             if each.kind == "freeze":
-                number = int(each.time_s * self._sensors.sensors[camera.name].rate_hz)
-                shown = Exposure(number, each.time_s, np.array(each.qpos))
+                shown = Exposure(
+                    number=int(each.time_s * self._sensors.sensors[camera.name].rate_hz),
+                    time_s=each.time_s,
+                    qpos=np.array(each.qpos),
+                )
                 claimed = exposure if each.mode == "fresh" else shown
         for each in corruptions:
             if each.kind == "miscalibrate":

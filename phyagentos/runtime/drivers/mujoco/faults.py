@@ -137,7 +137,7 @@ class FaultInjector:
         for activation in list(self._active):
             if physics.time_s >= activation.time_s + activation.duration_s:
                 self._active.remove(activation)
-                _release(physics, activation)
+                _switch(physics, activation, on=False)
             elif activation.goal_m != activation.start_m:
                 _carry(physics, activation)
         return [_report(activation) for activation in begun]
@@ -178,12 +178,7 @@ class FaultInjector:
 
     def _begin(self, physics: Physics, activation: FaultActivation) -> FaultActivation:
         self._active.append(activation)
-        if activation.kind == "slip":
-            physics.actuation.set_pad_friction(SLIPPERY)
-        elif activation.kind == "stall":
-            physics.actuation.set_joint_friction(activation.body, SEIZED_NM)
-        elif activation.kind == "push":
-            physics.actuation.push(activation.body, np.array(activation.force_n))
+        _switch(physics, activation, on=True)
         return activation
 
     def _resolve(self, physics: Physics, fault: Fault) -> FaultActivation:
@@ -251,26 +246,27 @@ def _carry(physics: Physics, activation: FaultActivation) -> None:
     across = np.clip((phase - 0.25) / 0.5, 0.0, 1.0) if activation.lift_m else np.clip(phase / 0.8, 0.0, 1.0)
     smooth = across * across * (3 - 2 * across)
     height = activation.lift_m * np.clip(min(phase, 1.0 - phase) / 0.25, 0.0, 1.0)
-    wanted = start + smooth * (goal - start) + np.array([0.0, 0.0, height])
     physics.actuation.pull(
         activation.body,
-        wanted,
-        HAND_STIFFNESS,
-        HAND_DAMPING,
+        wanted=start + smooth * (goal - start) + np.array([0.0, 0.0, height]),
+        stiffness=HAND_STIFFNESS,
+        damping=HAND_DAMPING,
         spin_damping=HAND_SPIN_DAMPING,
         carries_weight=activation.lift_m > 0.0,
     )
 
 
-def _release(physics: Physics, activation: FaultActivation) -> None:
-    if activation.kind == "slip":
-        physics.actuation.set_pad_friction(None)
-    elif activation.kind == "stall":
-        physics.actuation.set_joint_friction(activation.body, None)
-    elif activation.kind == "push":
-        physics.actuation.push(activation.body, np.zeros(3))
-    elif activation.kind not in SENSOR_KINDS:
-        physics.actuation.let_go(activation.body)
+def _switch(physics: Physics, activation: FaultActivation, *, on: bool) -> None:
+    """Begin or end what acts by itself; a hand pulls at every step, and lets go at the end."""
+    match activation.kind:
+        case "slip":
+            physics.actuation.set_pad_friction(SLIPPERY if on else None)
+        case "stall":
+            physics.actuation.set_joint_friction(activation.body, SEIZED_NM if on else None)
+        case "push":
+            physics.actuation.push(activation.body, np.array(activation.force_n) if on else np.zeros(3))
+        case kind if not on and kind not in SENSOR_KINDS:
+            physics.actuation.let_go(activation.body)
 
 
 def _report(activation: FaultActivation) -> RecordedFault:

@@ -65,8 +65,7 @@ class InterRobotCollisions:
 
     def note(self) -> None:
         """After a physics step: note contacts between two robots, with their force."""
-        geoms = self._world.contact.geom
-        owners = self._owner[geoms]
+        owners = self._owner[self._world.contact.geom]
         for index in np.flatnonzero((owners.min(axis=1) >= 0) & (owners[:, 0] != owners[:, 1])).tolist():
             wrench = np.zeros(6)
             mujoco.mj_contactForce(self._stepped, self._world, index, wrench)

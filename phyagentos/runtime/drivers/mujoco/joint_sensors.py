@@ -5,7 +5,6 @@ from numpy.typing import NDArray
 
 from phyagentos.protocol.capabilities.targets import Arm, TargetProfile
 from phyagentos.protocol.world.seeds import compute_seed
-from phyagentos.runtime.drivers.mujoco.step_kernels import is_any_beyond
 
 Array = NDArray[np.float64]
 FELT_NM = 1.0  # torque of contacts on a joint below which its sensor feels none
@@ -44,7 +43,7 @@ class ForceEstimate:
 
     def is_felt(self, torques_nm: Array) -> bool:
         """Whether torques of contacts (n_joints,) exceed the dead zone of a joint."""
-        return bool(is_any_beyond(torques_nm, FELT_NM))
+        return bool((np.abs(torques_nm) > FELT_NM).any())
 
     def measure(self, force_n: float, time_s: float) -> float:
         """Estimated force [N] for a true one that is felt, at a time [s]."""

@@ -148,9 +148,16 @@ class Legs:
         """(n,) torques that give the centre of mass, and the body about it, accelerations as near as the ground can."""
         geoms = np.concatenate([self._contacts[foot] for foot in feet])
         points = self._find_points(geoms)
-        force = self._mass_kg * (acceleration_m_s2 - self.model.opt.gravity)
-        moment = self.find_inertia() @ angular_rad_s2
-        return -self._exert(geoms, points, share_wrench(points - self.center_m, force, moment, self.weight_n))
+        return -self._exert(
+            geoms,
+            points,
+            share_wrench(
+                points - self.center_m,
+                force_n=self._mass_kg * (acceleration_m_s2 - self.model.opt.gravity),
+                moment_nm=self.find_inertia() @ angular_rad_s2,
+                weight_n=self.weight_n,
+            ),
+        )
 
     def command(self, data: mujoco.MjData, torque_nm: Array) -> None:
         """Write torques (n,) of the legs, within the motors' limits."""

@@ -11,7 +11,6 @@ import numpy as np
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.drivers.mujoco.robot_state import Array
-from phyagentos.runtime.drivers.mujoco.step_kernels import measure_rows, needs_restraint
 from phyagentos.runtime.targets.wire import Command, Refused
 
 SET_POINT_SHARE = 0.94  # of the velocity limit, for set-points; skills use 0.9
@@ -77,8 +76,6 @@ class LocalLimits:
         change = (1.0 + CHANGE_TOLERANCE) * a_dt
         bend = (1.0 + BEND_TOLERANCE) * a_dt * dt
         self._bounds = np.array((none, none, top, top * dt, bend, change, change * dt))[:, None]
-        self._found = np.empty((len(BROKEN), *self._shape))
-        self._rows = np.zeros((2, n_steps + 1, len(arm.joints)))  # positions and velocities, behind those that are held
 
     def check(self, command: Command, held: SetPoint) -> Refused | None:
         """Refusal of a command that cannot be followed from the held set-point within the limits."""
@@ -113,10 +110,12 @@ class LocalLimits:
 
     def _find_broken(self, q: Array, qd: Array, held: SetPoint) -> str:
         """The broken bound, empty for none: one comparison for all bounds, sudden changes of one joint included."""
-        rows = self._rows
-        rows[0, 0], rows[1, 0], rows[0, 1:], rows[1, 1:] = held.q_rad, held.qd_rad_s, q, qd
-        measure_rows(rows, held.step_rad, self.low, self.high, self._dt, self._found)
-        is_within = self._found <= self._bounds
+        with np.errstate(invalid="ignore", over="ignore"):
+            now = np.diff(np.vstack((held.q_rad, q)), axis=0)
+            slow = np.vstack((held.qd_rad_s, qd[:-1]))
+            bend = np.diff(np.vstack((held.step_rad, now)), axis=0)
+            signed = (qd, now, bend, qd - slow, now - 0.5 * (qd + slow) * self._dt)
+            is_within = np.stack((self.low - q, q - self.high, *np.abs(signed))) <= self._bounds
         if np.count_nonzero(is_within) == is_within.size:
             return ""
         return BROKEN[int(np.argmin(is_within.all(axis=(1, 2))))]
@@ -152,7 +151,7 @@ class LocalLimits:
         """
         data, servos = self._physics.data, self._physics.actuation.servos
         q, wanted = data.qpos[self._physics.state.q_address], data.ctrl[servos]
-        if not needs_restraint(q, wanted, self._middle, self._free_step, self._free_room):
+        if (np.abs(wanted - q) <= self._free_step).all() and (np.abs(q - self._middle) <= self._free_room).all():
             return
         low, high, braking = self.low[self._servoed], self.high[self._servoed], self._brake[self._servoed]
         up = np.minimum(self._top, np.sqrt(2.0 * braking * np.maximum(high - q, 0.0)))

@@ -225,7 +225,14 @@ def make_locomotion(model: mujoco.MjModel, planar: PlanarBase, profile: TargetPr
     """What moves a target's base; raises DefinitionError `UNKNOWN_NAME` for a kind that is not known."""
     base = profile.base
     if base is None or base.kind not in LOCOMOTIONS:
-        found = base.kind if base is not None else ""
-        address = f"{profile.target}/target.yaml: base.kind"
-        raise DefinitionError([Problem.unknown("locomotion", address, found, LOCOMOTIONS)])
+        raise DefinitionError(
+            [
+                Problem.unknown(
+                    "locomotion",
+                    address=f"{profile.target}/target.yaml: base.kind",
+                    name=base.kind if base is not None else "",
+                    possible=LOCOMOTIONS,
+                )
+            ]
+        )
     return LOCOMOTIONS[base.kind](model, planar, base)

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
-from phyagentos.geometry import as_pose, turn
+from phyagentos.geometry import as_pose, make_matrix, turn
 from phyagentos.protocol.world.environment import Contents, Entity, Interior, Pose, TargetState
 from phyagentos.runtime.drivers.mujoco.actuation import FREE, Actuation
 from phyagentos.runtime.drivers.mujoco.robot_state import Array, RobotState
-from phyagentos.runtime.drivers.mujoco.step_kernels import find_firm
 
 _ROBOT, _LOOSE, _FINGER = 1, 2, 4  # what a geom belongs to
 
@@ -101,25 +100,25 @@ class Queries:
         if self._state.base is not None:
             columns = np.column_stack((self._state.base.compute_columns(self._jacobian, self.seen), columns))
         moved = columns @ error_rad
-        rotation = turn(moved[3:]) @ self.seen.site_xmat[self._tcp].reshape(3, 3)
-        return as_pose(rotation, self.seen.site_xpos[self._tcp] + moved[:3])
+        return as_pose(
+            rotation=turn(moved[3:]) @ self.seen.site_xmat[self._tcp].reshape(3, 3),
+            position_m=self.seen.site_xpos[self._tcp] + moved[:3],
+        )
 
     def read_entities(self, holders: Mapping[str, str]) -> tuple[Entity, ...]:
         """Ground truth of every object (after `look`); `holders` maps entities to the target that holds each."""
-        found = []
-        for body, entity in self._bodies.items():
-            found.append(
-                msgspec.structs.replace(
-                    entity,
-                    pose=self._read_pose(body),
-                    speed_m_s=self._find_speed(body),
-                    joint=self._find_opening(body),
-                    held_by=holders.get(entity.name),
-                    observed_at_s=self._state.time_s,
-                    contents=self._count_balls(body, entity.interior),
-                )
+        return tuple(
+            msgspec.structs.replace(
+                entity,
+                pose=self._read_pose(body),
+                speed_m_s=self._find_speed(body),
+                joint=self._find_opening(body),
+                held_by=holders.get(entity.name),
+                observed_at_s=self._state.time_s,
+                contents=self._count_balls(body, entity.interior),
             )
-        return tuple(found)
+            for body, entity in self._bodies.items()
+        )
 
     def _read_pose(self, body: int) -> Pose:
         return Pose(tuple(self.seen.xpos[body].tolist()), tuple(self.seen.xquat[body].tolist()))
@@ -202,8 +201,10 @@ class Queries:
     def _find_firm_contacts(self, data: mujoco.MjData) -> set[tuple[int, int]]:
         """Pairs of bodies: a moving part of the robot, and the robot itself, another robot or something fixed."""
         geoms = data.contact.geom[: data.ncon]
-        firm = find_firm(geoms, self._kinds, _ROBOT, _LOOSE, _FINGER)
-        return {(int(a), int(b)) for a, b in self._model.geom_bodyid[geoms[firm]]} if len(firm) else set()
+        first, second = self._kinds[geoms].T
+        is_ours = (first | second) & (_ROBOT | _LOOSE) == _ROBOT
+        firm = is_ours & (first & second < _FINGER)  # closed fingers touch
+        return set(map(tuple, self._model.geom_bodyid[geoms[firm]].tolist()))
 
     def find_hardest_contact(self) -> tuple[float, str]:
         """The greatest force [N] between the robot and one other body, or two parts of it, in the latest physics step.
@@ -231,6 +232,5 @@ class Queries:
 
     def place(self, data: mujoco.MjData, body: str = "") -> Array:
         """(4, 4) pose of a body, or of the tool centre point, in a state whose kinematics are computed."""
-        found, T = data.body(body) if body else data.site(self._tcp), np.eye(4)
-        T[:3, :3], T[:3, 3] = found.xmat.reshape(3, 3), found.xpos
-        return T
+        found = data.body(body) if body else data.site(self._tcp)
+        return make_matrix(found.xmat.reshape(3, 3), found.xpos)

@@ -4,6 +4,8 @@ The state, with computed poses (`mj_kinematics`), is only read. Colour is the ma
 shadows, no gloss, and a texture counts with its mean.
 """
 
+from functools import lru_cache
+
 import mujoco
 import numpy as np
 from numba import njit
@@ -46,7 +48,6 @@ class RayCaster:
         self._shine = openings, model.light_diffuse[self._lights], model.light_ambient[self._lights]
         head = model.vis.headlight
         self._ambient, self._head = np.array(head.ambient, np.float32), np.array(head.diffuse, np.float32)
-        self._rays: dict[Lens, tuple[Array, Array]] = {}
         self._moving = MovingSolids(model)
         self._static_caches: dict[tuple[Lens, bytes, bytes, float], StaticDepthCache] = {}
 
@@ -56,7 +57,7 @@ class RayCaster:
         shape = (lens.height, lens.width) if pixels is None else (1, len(pixels[0]))
         if shot.still and (cache := self._get_cache(data, shot)) is not None:
             return self._cover(cache, data, shot).reshape(shape)
-        rays, lengths = self._get_rays(lens) if pixels is None else _normalise(lens.compute_rays(pixels))
+        rays, lengths = _compute_rays(lens) if pixels is None else _normalise(lens.compute_rays(pixels))
         beam = Rays(shot.viewpoint, rays @ shot.viewpoint.rotation.T, shot.far_m * float(lengths.max()))
         return self._paint(data, beam, lengths, cast_rays(self._model, data, beam)).reshape(shape)
 
@@ -66,7 +67,9 @@ class RayCaster:
         if cache is None or self._moving.sign_fixed(begin) != cache.signature:
             return True
         wanted, moved = shot.find_pixels(), self._moving.find_moved(data, begin)
-        return any(len(self._moving.find_near(each, cache.lens, cache.rays, wanted, moved)) for each in (data, begin))
+        return any(
+            len(self._moving.find_near(each, cache.lens, shot.viewpoint, wanted, moved)) for each in (data, begin)
+        )
 
     def _paint(self, data: mujoco.MjData, rays: Rays, lengths: Array, hits: Hits) -> Picture:
         """Colours, depths and cosines of (n,) pixels from the hits of their rays."""
@@ -98,7 +101,7 @@ class RayCaster:
                 return None
             if len(self._static_caches) >= CACHES_KEPT:
                 self._static_caches.clear()
-            rays, lengths = self._get_rays(lens)
+            rays, lengths = _compute_rays(lens)
             beam = Rays(viewpoint, rays @ viewpoint.rotation.T, shot.far_m * float(lengths.max()))
             emptied = self._moving.send_away(data)
             hits = cast_rays(self._model, emptied, beam)
@@ -110,7 +113,7 @@ class RayCaster:
         """The fixed solids, with the moving ones in front."""
         rays, behind, wanted = cache.rays, cache.hits, shot.find_pixels()
         picture = cache.picture.take(wanted)
-        near = self._moving.find_near(data, cache.lens, rays, wanted)
+        near = self._moving.find_near(data, cache.lens, rays.viewpoint, wanted)
         if len(near):
             where = wanted[near]
             beam = Rays(rays.viewpoint, rays.directions.take(where, axis=0), rays.cutoff_m)
@@ -118,15 +121,6 @@ class RayCaster:
             _hide(hits.geoms, hits.distances_m, behind.geoms, behind.distances_m, where)
             self._paint_on(picture, near, data, beam, cache.lengths.take(where), hits)
         return picture
-
-    def _get_rays(self, lens: Lens) -> tuple[Array, Array]:
-        """(n, 3) unit vectors and (n,) lengths of the rays with z = 1, cached by lens."""
-        kept = self._rays.get(lens)
-        if kept is None:
-            if len(self._rays) > 32:  # windows that follow an object are all different
-                self._rays.clear()
-            kept = self._rays[lens] = _normalise(lens.compute_rays())
-        return kept
 
 
 @njit(cache=True, inline="always")
@@ -178,6 +172,11 @@ def _light_up(picture, wanted, eye, rays, lengths, hits, looks, ambient, head, l
         for channel in range(3):
             rgb[pixel, channel] = min(colors[geom, channel] * light[channel], one)
         depth[pixel], incidence[pixel], finish[pixel] = along / np.float32(lengths[i]), cosine, finishes[geom]
+
+
+@lru_cache(maxsize=32)  # windows that follow an object are all different
+def _compute_rays(lens: Lens) -> tuple[Array, Array]:
+    return _normalise(lens.compute_rays())
 
 
 def _normalise(rays: Array) -> tuple[Array, Array]:

@@ -122,8 +122,9 @@ class SimulatedCamera:
         picture = self._caster.cast(data, shot)
         if begin is None or not self._caster.shows_motion(data, begin, shot):
             return picture
-        there = self.mounting.find(begin).then(self._error)
-        return blur(picture, self._caster.cast(begin, replace(shot, viewpoint=there)))
+        return blur(
+            picture, self._caster.cast(begin, replace(shot, viewpoint=self.mounting.find(begin).then(self._error)))
+        )
 
     def _cast_some(self, states: Exposed, shot: Shot, thin: Lens, every: int, rng: np.random.Generator) -> Picture:
         """The pixels of a thinned picture: colours at their centres, depths at their wavering places."""

@@ -4,7 +4,7 @@ Only rays that pass near a movable solid are cast anew. The picture equals one t
 """
 
 from dataclasses import dataclass
-from math import asin, atan2, ceil, floor, hypot, inf, pi, tan
+from math import asin, atan2, ceil, floor, hypot, pi, tan
 
 import mujoco
 import numpy as np
@@ -19,8 +19,6 @@ ORDINARY, BLACK, GLASS = 0, 1, 2  # how a surface returns the light that depth i
 VISIBLE_GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)  # group 3 holds collision solids
 AWAY_M = 1e4  # nothing is seen so far off
 EDGE_PX = 1  # around the rectangle of a ball's picture, for rounding
-EDGE_M = 1e-4  # around a box, for rounding
-_LEAST = 1e-12  # of a direction: along a face
 FLAT_RAD = 1.57  # beyond, a ball reaches out of any picture
 UNSEEN = 1e-4  # a move of a solid that no pixel shows [m], or of its rotation
 
@@ -123,7 +121,6 @@ class MovingSolids:
         self._fixed = np.flatnonzero(~moves)
         self._moving = np.flatnonzero(moves)
         self._shown = np.flatnonzero(moves & visible)
-        self._boxes = np.array(model.geom_aabb[self._shown])
         self._radii_m = np.array(model.geom_rbound[self._shown])
         self._radii_m[self._radii_m <= 0.0] = np.inf  # a plane has no end
 
@@ -149,15 +146,15 @@ class MovingSolids:
         self,
         data: mujoco.MjData,
         lens: Lens,
-        rays: Rays,
+        viewpoint: Viewpoint,
         wanted: NDArray[np.intp],
         among: NDArray[np.intp] | slice = slice(None),
     ) -> NDArray[np.intp]:
         """Indices of those of the `wanted` pixels of the whole picture whose rays may hit a movable solid."""
-        view = rays.viewpoint.position_m, rays.viewpoint.rotation
-        solids = (self._shown[among], self._radii_m[among], self._boxes[among], data.geom_xpos, data.geom_xmat)
-        form = (lens.fx, lens.fy, lens.cx, lens.cy, lens.height)
-        found: NDArray[np.intp] = _find_near(wanted, lens.width, rays.directions, form, view, solids)
+        view = viewpoint.position_m, viewpoint.rotation
+        solids = data.geom_xpos[self._shown[among]], self._radii_m[among]
+        form = (lens.fx, lens.fy, lens.cx, lens.cy, lens.width, lens.height)
+        found: NDArray[np.intp] = _find_near(wanted, form, view, solids)
         return found
 
 
@@ -172,42 +169,24 @@ def _find_span(across, ahead, radius, focal, middle, size):  # type: ignore[no-u
 
 
 @njit(cache=True, nogil=True)
-def _find_near(wanted, width, rays, lens, view, solids):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """A ray is near where its pixel is in the rectangle of a solid's ball, and the ray meets the solid's box."""
-    (shown, radii, boxes, places, rotations), (eye, frame) = solids, view
-    fx, fy, cx, cy, height = lens
+def _find_near(wanted, lens, view, solids):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """A ray is near where its pixel is in the rectangle of a solid's ball."""
+    (places, radii), (eye, frame) = solids, view
+    fx, fy, cx, cy, width, height = lens
     rows, columns, found = wanted // width, wanted % width, np.zeros(len(wanted), np.bool_)
     if not len(wanted):
         return np.flatnonzero(found)
     within = columns.min(), columns.max(), rows.min(), rows.max()
-    for k, geom in enumerate(shown):
-        towards = places[geom] - eye
+    for k in range(len(radii)):
+        towards = places[k] - eye
         x, y, z = towards[0] * frame[0] + towards[1] * frame[1] + towards[2] * frame[2]
         left, right = _find_span(x, z, radii[k], fx, cx, width)
         top, bottom = _find_span(y, z, radii[k], fy, cy, height)
         is_across = left < right and left <= within[1] and right > within[0]
         if is_across and top < bottom and top <= within[3] and bottom > within[2]:
             for i in range(len(wanted)):
-                if not found[i] and left <= columns[i] < right and top <= rows[i] < bottom:
-                    found[i] = radii[k] == inf or _meets(rays[wanted[i]], boxes[k], towards, rotations[geom])
+                found[i] |= left <= columns[i] < right and top <= rows[i] < bottom
     return np.flatnonzero(found)
-
-
-@njit(cache=True, nogil=True)
-def _meets(ray, box, place, rotation):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Whether a ray from the origin meets a box, grown by `EDGE_M`."""
-    enter, leave = 0.0, inf
-    for axis in range(3):
-        along = ray[0] * rotation[axis] + ray[1] * rotation[3 + axis] + ray[2] * rotation[6 + axis]
-        start = place[0] * rotation[axis] + place[1] * rotation[3 + axis] + place[2] * rotation[6 + axis] + box[axis]
-        half = box[3 + axis] + EDGE_M
-        if abs(along) < _LEAST:
-            if abs(start) > half:
-                return False
-            continue
-        one, other = (start - half) / along, (start + half) / along
-        enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
-    return enter <= leave
 
 
 def cast_rays(model: mujoco.MjModel, data: mujoco.MjData, rays: Rays, *, fixed: bool = True) -> Hits:

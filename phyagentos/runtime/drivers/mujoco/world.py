@@ -107,8 +107,10 @@ class SimulatedWorld:
             if busy:
                 raise ExecutionError("NO_AUTHORITY", f"{busy} has authority in episode {standing.episode}")
             if not request.may_reset:
-                message = f"episode {request.episode} would end episode {standing.episode}; no reset is permitted"
-                raise ExecutionError("NOT_PERMITTED", message)
+                raise ExecutionError(
+                    "NOT_PERMITTED",
+                    message=f"episode {request.episode} would end episode {standing.episode}; no reset is permitted",
+                )
         spec = self.find_scene(request.scene)
         scene = compile_scene([(each.profile, each.folder) for each in self.robots.values()], spec, request.seed)
         bodies = {name: Physics(each.profile, scene, each.prefix) for name, each in self.robots.items()}
@@ -209,30 +211,19 @@ class MujocoDriver(TargetDriver):
             model = compile_robot(profile, self.folder)
         prefix = self.prefix if model is scene else ""  # alone, a base has joints for its pose
         seen = scene if scene is not None else model
-        cameras = tuple(seen.camera(index).name for index in range(seen.ncam))
         ranges = np.array([model.joint(prefix + name).range for name in profile.arm.joints])
-        return wire.Description(
-            target=profile.target,
-            n_joints=len(profile.arm.joints),
-            steps_per_command=count_steps(profile),
-            physics_step_s=profile.physics_step_s,
+        return self.describe_profile(
             q_min_rad=tuple((ranges[:, 0] + END_MARGIN_RAD).tolist()),
             q_max_rad=tuple((ranges[:, 1] - END_MARGIN_RAD).tolist()),
-            observations=profile.observations,
-            actions=profile.actions,
-            cameras=cameras,
+            cameras=tuple(seen.camera(index).name for index in range(seen.ncam)),
             mode=self.world.mode,
             kinematics=read_kinematics(model, profile, prefix),
-            gripper_force_n=profile.gripper.force_n,
-            joints=profile.arm.joints,
             depth_cameras=present.rig.names if present else (),
             counts_frames=True,
-            version=wire.WIRE_VERSION,
             driver="mujoco",
             tools=TOOLS,
             ground_truth=True,
             shares_time=len(self.world.robots) > 1,
-            end_effector=profile.end_effector,
             idealisations=tuple(self._list_idealisations()),
         )
 
@@ -339,8 +330,9 @@ class MujocoDriver(TargetDriver):
         seen = wire.Observation(time_s=physics.time_s, target=target, neighbours=neighbours)
         if not truth:
             return seen
-        entities = physics.queries.read_entities(holders)
-        return msgspec.structs.replace(seen, entities=entities, regions=physics.scene.regions)
+        return msgspec.structs.replace(
+            seen, entities=physics.queries.read_entities(holders), regions=physics.scene.regions
+        )
 
     @override
     def snapshot(self) -> wire.Artefact:
@@ -376,8 +368,10 @@ class MujocoDriver(TargetDriver):
             return wire.ToolResult({MOTION: wire.Artefact(wire.NPZ, encode_arrays(arrays))})
         wanted = msgspec.convert(dict(arguments), RenderArguments)
         if not (1 <= wanted.width <= PICTURE_MAX and 1 <= wanted.height <= PICTURE_MAX):
-            message = f"a picture of {wanted.width} x {wanted.height} pixels; 1 to {PICTURE_MAX} are possible"
-            raise ExecutionError("MALFORMED", message)
+            raise ExecutionError(
+                "MALFORMED",
+                message=f"a picture of {wanted.width} x {wanted.height} pixels; 1 to {PICTURE_MAX} are possible",
+            )
         simulation = self.world.simulation
         with simulation.lock:
             others = (name for name, body in simulation.bodies.items() if body.session and name != self.profile.target)

@@ -15,10 +15,7 @@ class Attach(Leaf):
     def on_start(self) -> Status:
         """Measure once."""
         name = self.read("object")
-        environment = self.belief
-        entity = environment.entities.get(name)
-        if entity is None:
-            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
+        entity = self.get_entity(name)
         if not self.context.is_holding(name):
             return self.fail(FailureCode.GRASP_MISSED, f"{name} is not between the fingers", object=name)
         payload = measure_payload(entity, self.context.step.target, self.context.profile)

@@ -17,8 +17,6 @@ class Detach(Leaf):
         name = self.read("object")
         if self.context.is_holding(name):
             return self.fail(FailureCode.STILL_HELD, f"{name} is still between the fingers", object=name)
-        entity = self.belief.entities.get(name)
-        if entity is None:
-            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
+        entity = self.get_entity(name)
         self.write("site", entity.pose.position_m)
         return self.succeed("", object=name, position_m=list(entity.pose.position_m))

@@ -4,7 +4,7 @@ import numpy as np
 
 from phyagentos.geometry import rotate
 from phyagentos.protocol.capabilities.targets import BASE_JOINTS, YAW_MAX_RAD
-from phyagentos.runtime.execution.leaf import FailureCode, Port, PortInformation, Status
+from phyagentos.runtime.execution.leaf import Port, PortInformation, Status
 from phyagentos.runtime.execution.planning import MovingLeaf
 from phyagentos.runtime.motion.requests import (
     MotionRequest,
@@ -34,9 +34,7 @@ class DriveTo(MovingLeaf):
     def compose(self) -> MotionRequest | Status:
         """One request with every pose that would do as a goal."""
         name, now = self.read("place"), self.belief
-        place = now.regions.get(name) or now.entities.get(name)
-        if place is None:
-            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
+        place = now.regions.get(name) or self.get_entity(name)
         x, y, _ = place.pose.position_m
         if name in now.regions:
             ahead = rotate(place.pose.quaternion_wxyz, (1.0, 0.0, 0.0))

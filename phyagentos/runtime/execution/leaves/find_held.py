@@ -35,8 +35,11 @@ class FindHeld(Leaf):
             lowest_m = profile.workspace_m[0][2] if profile.workspace_m is not None else -math.inf
             drop_m = compute_lowest(now.entities[name]) - lowest_m
             if (support := find_support(now, name, drop_m)) is None:
-                message = f"{name} is held, and nothing under it is there to set it down on"
-                return self.fail("NO_FREE_SITE", message, object=name)
+                return self.fail(
+                    "NO_FREE_SITE",
+                    message=f"{name} is held, and nothing under it is there to set it down on",
+                    object=name,
+                )
             self.write("support", support.name)
             spot = find_free_spot(now, name, (), profile.mount_position_m, profile.grasp_band_m, drop_m)
             if spot is not None:

@@ -8,7 +8,7 @@ from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.protocol.world.entity_geometry import compute_center
 from phyagentos.protocol.world.environment import CLOSES_AT, Entity, Mechanism
 from phyagentos.protocol.world.mechanisms import compute_motion, find_hinge
-from phyagentos.runtime.execution.leaf import FailureCode, Leaf, Port, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import Leaf, Port, PortInformation, Role, Status
 from phyagentos.runtime.motion.poses import move_pose
 from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.shapes import ROUND_KINDS
@@ -50,14 +50,7 @@ class FindOpening(Leaf):
 
     def on_start(self) -> Status:
         """Compute once."""
-        entities = self.belief.entities
-        found: list[Entity] = []
-        for name in (self.read("object"), self.read("part")):
-            entity = entities.get(name)
-            if entity is None:
-                return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
-            found.append(entity)
-        whole, part = found
+        whole, part = (self.get_entity(self.read(port)) for port in ("object", "part"))
         mechanism = whole.mechanism
         if mechanism is None:
             return self.fail("IMPOSSIBLE", f"{whole.name} neither slides nor turns", object=whole.name)

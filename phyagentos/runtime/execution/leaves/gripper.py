@@ -29,8 +29,10 @@ class _GripperLeaf(Leaf):
             self._until_s = now_s + self._settle_s
         if self._until_s is None or now_s < self._until_s:
             soon_s = now_s + FIXED_PERIODS * self.context.profile.control_period_s
-            goes_on = soon_s < (now_s + self._settle_s if self._until_s is None else self._until_s)
-            commands.set_gripper(np.full(commands.n_steps, self._width_m), goes_on=goes_on)
+            commands.set_gripper(
+                np.full(commands.n_steps, self._width_m),
+                goes_on=soon_s < (now_s + self._settle_s if self._until_s is None else self._until_s),
+            )
             return Status.RUNNING
         return self.on_settled(self.context.step.target.gripper_width_m)
 

@@ -1,8 +1,7 @@
 """Whether an object was seen so well that a nearer look would show no more."""
 
-from phyagentos.protocol.world.environment import Entity
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
-from phyagentos.runtime.execution.leaves.locate import find_visible
+from phyagentos.runtime.execution.leaves.locate import get_visible
 
 POSITION_STD_M, TILT_STD_RAD = 0.002, 0.04  # predicates decide within twice these
 
@@ -15,9 +14,7 @@ class IsWellLocalized(Leaf):
 
     def on_start(self) -> Status:
         """Compare the stated doubts."""
-        seen = find_visible(self)
-        if not isinstance(seen, Entity):
-            return seen
+        seen = get_visible(self)
         tilt_rad = max(seen.turn_std_rad, seen.tilt_std_rad)
         if not seen.is_unsure and seen.position_std_m <= POSITION_STD_M and tilt_rad <= TILT_STD_RAD:
             return self.succeed()

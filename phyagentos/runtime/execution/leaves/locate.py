@@ -1,7 +1,7 @@
 """Find an object in the believed world."""
 
 from phyagentos.protocol.world.environment import Entity, Pose
-from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaf import FailureCode, Leaf, LeafFailure, PortInformation, Role, Status
 from phyagentos.runtime.perception.world_model import WORLD
 
 
@@ -14,17 +14,14 @@ class Locate(Leaf):
 
     def on_start(self) -> Status:
         """Look once."""
-        entity = find_visible(self)
-        if not isinstance(entity, Entity):
-            return entity
+        entity = get_visible(self)
         self.write("pose", entity.pose)
         return self.succeed("", object=entity.name, position_m=list(entity.pose.position_m))
 
 
-def find_visible(leaf: Leaf) -> Entity | Status:
-    """The entity that the port `object` names, as it is believed now; a failure where it was not seen."""
-    name = leaf.read("object")
-    entity = leaf.context.world.observe(WORLD).entities.get(name)
-    if entity is None:
-        return leaf.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
-    return entity if entity.visible else leaf.fail(FailureCode.OBJECT_HIDDEN, f"{name} was not seen", object=name)
+def get_visible(leaf: Leaf) -> Entity:
+    """The entity that the port `object` names; `OBJECT_HIDDEN` where the last look did not see it."""
+    entity = leaf.get_entity(leaf.read("object"), WORLD)
+    if not entity.visible:
+        raise LeafFailure(FailureCode.OBJECT_HIDDEN, f"{entity.name} was not seen", object=entity.name)
+    return entity

@@ -1,8 +1,8 @@
 """Look at an object from where the arm is, and report what is believed of it."""
 
-from phyagentos.protocol.world.environment import Entity, Pose
+from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.execution.leaf import Port, PortInformation, Role, Status
-from phyagentos.runtime.execution.leaves.locate import find_visible
+from phyagentos.runtime.execution.leaves.locate import get_visible
 from phyagentos.runtime.execution.leaves.wait import Wait
 
 
@@ -21,9 +21,7 @@ class Look(Wait):
 
     def on_waited(self) -> Status:
         """Observe."""
-        entity = find_visible(self)
-        if not isinstance(entity, Entity):
-            return entity
+        entity = get_visible(self)
         self.write("pose", entity.pose)
         self.write("position", entity.pose.position_m)
         return self.succeed("", object=entity.name, position_m=list(entity.pose.position_m), speed_m_s=entity.speed_m_s)

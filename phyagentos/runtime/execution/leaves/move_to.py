@@ -36,8 +36,11 @@ class MoveTo(MovingLeaf):
         payload = self.find("payload")
         ignored = self.find("ignore")
         self._held = None if payload is None else payload.entity
-        goals = np.array([approach.line_rad[0] for approach in self.read("approaches").approaches])
-        request = self.request_move(goals, payload, self.scale_speed(self.read("speed")))
+        request = self.request_move(
+            goals_rad=np.array([approach.line_rad[0] for approach in self.read("approaches").approaches]),
+            payload=payload,
+            speed=self.scale_speed(self.read("speed")),
+        )
         return request if ignored is None else replace(request, ignore=(ignored,))
 
     def on_arrived(self, motion: Motion) -> Status:

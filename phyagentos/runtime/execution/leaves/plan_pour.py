@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 
-from phyagentos.geometry import compute_matrix, compute_pose, to_parent, turn
+from phyagentos.geometry import compute_matrix, compute_pose, make_matrix, to_parent, turn
 from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
 from phyagentos.runtime.execution.planning import CandidatePlanningLeaf
 from phyagentos.runtime.motion.poses import raise_pose
@@ -86,6 +86,7 @@ class PlanPour(CandidatePlanningLeaf):
 
 def _tip(pose: Array, edge_m: Array, mouth: Array, tip_rad: float, rise_m: float) -> Array:
     """A pose (4, 4), turned about an edge through a point (3,) towards the mouth (3,), and raised."""
-    tipped, rotation = pose.copy(), turn(tip_rad * np.cross((0.0, 0.0, 1.0), mouth))
-    tipped[:3, :3], tipped[:3, 3] = rotation @ pose[:3, :3], edge_m + rotation @ (pose[:3, 3] - edge_m)
-    return raise_pose(tipped, rise_m)
+    rotation = turn(tip_rad * np.cross((0.0, 0.0, 1.0), mouth))
+    return raise_pose(
+        T=make_matrix(rotation @ pose[:3, :3], edge_m + rotation @ (pose[:3, 3] - edge_m)), height_m=rise_m
+    )

@@ -1,7 +1,7 @@
 """Ask for a straight push of an object along its support."""
 
 from phyagentos.protocol.predicates.relations import list_inside
-from phyagentos.runtime.execution.leaf import FailureCode, PortInformation, Status
+from phyagentos.runtime.execution.leaf import PortInformation, Status
 from phyagentos.runtime.execution.planning import PlanningLeaf
 from phyagentos.runtime.motion.requests import Approaches, FindPush, MotionRequest
 
@@ -22,9 +22,7 @@ class PlanPush(PlanningLeaf[Approaches]):
         """One request, with the fingers as they stand."""
         name, to = self.read("object"), self.read("to")
         now = self.belief
-        entity = now.entities.get(name)
-        if entity is None:
-            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
+        entity = self.get_entity(name)
         return self.request(
             FindPush,
             object=name,

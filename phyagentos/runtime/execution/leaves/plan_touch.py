@@ -1,7 +1,7 @@
 """Ask for a straight way of the closed fingers down onto an object."""
 
 from phyagentos.protocol.world.entity_geometry import compute_reach
-from phyagentos.runtime.execution.leaf import FailureCode, Port, PortInformation, Status
+from phyagentos.runtime.execution.leaf import Port, PortInformation, Status
 from phyagentos.runtime.execution.planning import ApproachPlanningLeaf
 from phyagentos.runtime.motion.requests import FindTouch, MotionRequest
 
@@ -21,9 +21,7 @@ class PlanTouch(ApproachPlanningLeaf):
     def compose(self) -> MotionRequest | Status:
         """One request, with the fingers as they stand."""
         name = self.read("object")
-        entity = self.belief.entities.get(name)
-        if entity is None:
-            return self.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
+        entity = self.get_entity(name)
         x, y, z = self.find("to") or entity.pose.position_m
         return self.request(
             FindTouch,

@@ -38,8 +38,11 @@ class PlanWipe(LinePlanningLeaf):
         level = own[:2, (int(np.argmax(np.abs(own[2]))) + 1) % 3]
         yaw_rad = float(np.arctan2(level[1], level[0]))
         square = turn((0.0, 0.0, np.round(2 * yaw_rad / np.pi) * np.pi / 2 - yaw_rad))  # sides along those of the area
-        from_m = (box.pose[:2, 3] - frame[:2, 3]) @ frame[:2, :2]
-        corners = list_corners(np.array(area.half_m), np.abs(square @ own) @ box.half_m, from_m)
+        corners = list_corners(
+            np.array(area.half_m),
+            np.abs(square @ own) @ box.half_m,
+            from_m=(box.pose[:2, 3] - frame[:2, 3]) @ frame[:2, :2],
+        )
         poses = np.repeat(tool[None], len(corners), axis=0)
         poses[:, :3, :3] = square @ tool[:3, :3]
         poses[:, :2, 3] = corners @ frame[:2, :2].T + frame[:2, 3] + (square @ (tool - box.pose)[:3, 3])[:2]

@@ -22,12 +22,11 @@ class VerifyGrasp(Leaf):
         held = self.context.world.observe(HAND).targets[self.context.session.target].holding
         if name in held:
             return self.succeed("", object=name, width_m=step.target.gripper_width_m)
-        code = FailureCode.GRASP_MISSED if self.read("after") == "close" else FailureCode.GRASP_LOST
         pressing = "press on something that is not" if step.target.is_gripping else "press on nothing: no"
         instead = f"hold {', '.join(held)}, not {name}" if held else f"{pressing} {name}"
         return self.fail(
-            code,
-            f"the fingers, {1e3 * step.target.gripper_width_m:.1f} mm apart, {instead}",
+            code=FailureCode.GRASP_MISSED if self.read("after") == "close" else FailureCode.GRASP_LOST,
+            message=f"the fingers, {1e3 * step.target.gripper_width_m:.1f} mm apart, {instead}",
             object=name,
             width_m=step.target.gripper_width_m,
         )

@@ -129,8 +129,12 @@ def open_http_detector(settings: Mapping[str, str | float]) -> HttpDetector:
     unknown = sorted(set(settings) - {"url", "timeout_s", "score_min"})
     numbers = [settings.get("timeout_s", TIMEOUT_S), settings.get("score_min", 0.3)]
     if not isinstance(url, str) or unknown or not all(isinstance(each, float | int) for each in numbers):
-        expected = "url: text; timeout_s, score_min: numbers"
-        raise DefinitionError.of("INVALID_VALUE", "perception.yaml: detector.settings", repr(dict(settings)), expected)
+        raise DefinitionError.of(
+            "INVALID_VALUE",
+            "perception.yaml: detector.settings",
+            repr(dict(settings)),
+            expected="url: text; timeout_s, score_min: numbers",
+        )
     return HttpDetector(url, float(numbers[0]), float(numbers[1]))
 
 
