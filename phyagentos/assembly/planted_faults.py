@@ -10,14 +10,8 @@ import msgspec
 from phyagentos.assembly.paths import FAULTS as FILE
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.documents.schema import read_yaml
-from phyagentos.protocol.sessions.evidence import FAULTS
+from phyagentos.protocol.sessions.evidence import FAULTS, Event
 from phyagentos.protocol.world.faults import CameraFault, Push, Stall, read_faults
-
-
-class _Strike(msgspec.Struct, frozen=True):
-    kind: str
-    time_s: float
-    details: dict[str, object]
 
 
 def iter_misses(
@@ -66,7 +60,7 @@ def _iter_strikes(workspace: Path) -> Iterator[tuple[str, str, float]]:
     """Kind, body and time of each; a fault that lasts stands in several bundles."""
     for file in sorted(workspace.glob(f"evidence/*/{FAULTS}")):
         try:
-            strikes = msgspec.json.decode(file.read_bytes(), type=list[_Strike])
+            strikes = msgspec.json.decode(file.read_bytes(), type=list[Event])
         except msgspec.MsgspecError:
             continue
         yield from ((each.kind, str(each.details.get("body", "")), each.time_s) for each in strikes)

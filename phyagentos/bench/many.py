@@ -9,11 +9,9 @@ import json
 import re
 import sys
 import threading
-from base64 import b64encode
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from html import escape
-from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -95,18 +93,10 @@ class Episode:
         return tuple(path for path in places[-2:] if path.is_file())
 
     def _repr_html_(self) -> str:
-        images = "".join(f'<img alt="{path.stem}" src="{_shrink(path)}">' for path in self.pictures)
+        from phyagentos.bench.rendering import shrink_picture
+
+        images = "".join(f'<img alt="{path.stem}" src="{shrink_picture(path)}">' for path in self.pictures)
         return f"<p><b>seed {self.seed}</b>: {escape(self.verdict)} {escape(self.reason)}<br>{images}</p>"
-
-
-def _shrink(picture: Path) -> str:
-    """A small copy, as an address that a page holds itself."""
-    from PIL import Image
-
-    with Image.open(picture) as image, BytesIO() as file:
-        image.thumbnail((WIDTH_PX, WIDTH_PX))
-        image.convert("RGB").save(file, "jpeg")
-        return f"data:image/jpeg;base64,{b64encode(file.getvalue()).decode()}"
 
 
 class Episodes(tuple[Episode, ...]):

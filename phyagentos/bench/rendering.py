@@ -151,11 +151,15 @@ def _iter_pictures(record: EpisodeRecord, folder: Path) -> Iterator[str]:
     bundles = [folder / session.bundle for session in record.sessions]
     for path in (*(bundle / PICTURE_BEFORE for bundle in bundles[:1]), *(bundle / PICTURE_AFTER for bundle in bundles)):
         if path.is_file():
-            with Image.open(path) as picture:
-                picture.thumbnail((WIDTH_PX, WIDTH_PX))
-                picture.convert("RGB").save(data := io.BytesIO(), "jpeg", quality=70)
-            source = base64.b64encode(data.getvalue()).decode()
-            yield f"<img alt='{escape(path.parent.name)} {path.stem}' src='data:image/jpeg;base64,{source}'>"
+            yield f"<img alt='{escape(path.parent.name)} {path.stem}' src='{shrink_picture(path)}'>"
+
+
+def shrink_picture(path: Path) -> str:
+    """A small copy, as an address that a page holds itself."""
+    with Image.open(path) as picture:
+        picture.thumbnail((WIDTH_PX, WIDTH_PX))
+        picture.convert("RGB").save(data := io.BytesIO(), "jpeg", quality=70)
+    return f"data:image/jpeg;base64,{base64.b64encode(data.getvalue()).decode()}"
 
 
 def _add_intervals(data: Any) -> Any:

@@ -12,8 +12,9 @@ from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.reply import Reply, list_problems
 from phyagentos.operations import evidence, store
 from phyagentos.operations.evidence import EvidenceCheck
-from phyagentos.operations.store import JournalCheck, JournalRepair
 from phyagentos.store.compaction import Compaction
+from phyagentos.store.recovery.inspection import Inspection
+from phyagentos.store.recovery.repair import Repair
 from phyagentos.store.retention import RetentionReport
 
 _NEWEST = typer.Argument(
@@ -46,7 +47,7 @@ def prune(
     return Reply(found, "\n".join(_describe_pruning(found, dry_run=dry_run)))
 
 
-def check(workspace: Read, partition: Lane = None) -> Reply[JournalCheck]:
+def check(workspace: Read, partition: Lane = None) -> Reply[Inspection]:
     """Read every byte, archive included, and report every problem; changes nothing. Exit code 1 with damage."""
     found = store.check_journal(workspace, partition)
     said = "whole" if found.is_whole else "damaged; see `paos store repair`"
@@ -59,7 +60,7 @@ def repair(
     workspace: Named,
     partition: Lane = None,
     accept_loss: Annotated[bool, typer.Option("--accept-loss", help="Acknowledged records may be gone.")] = False,
-) -> Reply[JournalRepair]:
+) -> Reply[Repair]:
     """Cut a torn end; mend damage where --accept-loss is given. Damaged files are kept beside. See docs/journal.md."""
     found = store.repair_journal(workspace, partition, accept_loss=accept_loss)
     text = "\n".join(_describe_repair(found)) or "nothing to repair"
@@ -87,7 +88,7 @@ def _describe_pruning(report: RetentionReport, *, dry_run: bool) -> Iterator[str
         yield f"{report.bytes_over / 1e6:.1f} MB above max_bytes: the rest must be kept, or is damaged"
 
 
-def _describe_repair(done: JournalRepair) -> Iterator[str]:
+def _describe_repair(done: Repair) -> Iterator[str]:
     for cut in done.cuts:
         place, size = f"{cut['segment']}:{cut['offset']}", f"{cut['cut_bytes']} bytes"
         yield f"{place}: {size}, sha256 {cut['cut_sha256'][:16]}…: {cut['what']}"

@@ -111,8 +111,7 @@ def _wait_for_answer(id: GoalId, file: str, ledger: Ledger, journal: Journal, cl
     """What the agent answered; empty when it has not in time."""
     until_s, known = clock.now_s() + wait_s, len(ledger.goals[id].changes)
     while True:
-        for record in journal.read_new():
-            ledger.apply(record)
+        ledger.extend(journal.read_new())
         goal = ledger.goals[id]
         if file not in goal.asked and len(goal.changes) > known:
             return goal.changes[-1]

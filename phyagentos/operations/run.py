@@ -194,8 +194,6 @@ def run_goal(
         announce(f"workspace {root}\nmemory {choose_memory(workspace, graph, request.memory)}")
         with contextlib.closing(Journal(workspace.root, side=Side.OPERATOR, by="paos run", clock=clock)) as journal:
             ledger = journal.open_ledger()
-            for record in journal.read_new():
-                ledger.apply(record)
             goal = choose_goal(f"{compiled.name}-{request.seed}", ledger, journal)
             fold = RunFold(workspace, goal, ledger)
             show(fold)

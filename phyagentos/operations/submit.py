@@ -40,8 +40,6 @@ def submit_graph(root: Path, text: str, clock: Clock, *, seed: int = 0) -> Submi
         admit_python(root, file, is_trusted=False)
         with closing(Journal(root, side=Side.OPERATOR, by="page", clock=clock)) as journal:
             ledger = journal.open_ledger()
-            for record in journal.read_new():
-                ledger.apply(record)
             goal = choose_goal(f"{compiled.name}-{seed}", ledger, journal)
         return _pursue(workspace, file, goal, seed, clock)
 

@@ -11,11 +11,10 @@ before it.
 """
 
 import contextlib
-import math
 import os
 import re
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,6 +42,7 @@ _TRAILER = re.compile(rb"<!-- crc32 ([0-9a-f]{8}) -->\n\Z")
 _TRAILER_BYTES = 25
 _LIST = re.compile(rb"^```yaml\n(.*?)^```\n", re.DOTALL | re.MULTILINE)
 _SECTIONS = ("Goals", "Sessions that are live, or of a goal that is not over", "The latest sessions that are over")
+_NOT_FINITE = re.compile(rb"\.(inf|nan)\b")
 _GOALS = msgspec.json.Decoder(KeptStatus[GoalStatus])
 _SESSIONS = msgspec.json.Decoder(KeptStatus[SessionStatus])
 
@@ -148,7 +148,7 @@ def parse_checkpoint(data: bytes, partition: str) -> Checkpoint | None:
     return Checkpoint(Position(front["segment"].decode(), int(front["first"]), int(front["offset"]), seq), image)
 
 
-def start_reading(folder: Path, *, forgets: bool = True) -> tuple[Ledger, Follower]:
+def start_reading(folder: Path) -> tuple[Ledger, Follower]:
     """A ledger as of the checkpoint (empty where there is none) and a follower that goes on behind it.
 
     Close the follower. Once its new records are applied, the ledger holds what is live, open goals with all their
@@ -158,8 +158,8 @@ def start_reading(folder: Path, *, forgets: bool = True) -> tuple[Ledger, Follow
     if checkpoint is not None:
         with contextlib.suppress(FileNotFoundError):
             follower = Follower(folder, checkpoint.position)
-            return Ledger.restore(checkpoint.image, forgets=forgets), follower
-    return Ledger(forgets=forgets), Follower(folder)
+            return Ledger.restore(checkpoint.image, forgets=True), follower
+    return Ledger(forgets=True), Follower(folder)
 
 
 def read_ledger(folder: Path) -> tuple[Ledger, Position | None]:
@@ -169,17 +169,14 @@ def read_ledger(folder: Path) -> tuple[Ledger, Position | None]:
     """
     ledger, follower = start_reading(folder)
     with contextlib.closing(follower):
-        for record in follower.read_new():
-            ledger.apply(record)
+        ledger.extend(follower.read_new())
         return ledger, follower.position
 
 
 def _render_item(item: KeptStatus[Any]) -> bytes:
     line = msgspec.json.encode(item)
-    if b"null" in line:  # JSON has no infinity; YAML has
-        plain = msgspec.to_builtins(item)
-        if not _is_finite(plain):
-            line = render_flow(plain).encode()
+    if b"null" in line and _NOT_FINITE.search(flow := render_flow(item).encode()):  # JSON has no infinity; YAML has
+        line = flow
     return b"- %b\n" % line
 
 
@@ -190,15 +187,6 @@ def _parse_item(line: bytes, decoder: Any) -> Any:
         from phyagentos.protocol.documents.yaml_bounds import load_bounded  # only where a number is not finite
 
         return msgspec.convert(load_bounded(line[2:].decode()), decoder.type)
-
-
-def _is_finite(value: Any) -> bool:
-    if isinstance(value, float):
-        return math.isfinite(value)
-    parts: Iterable[Any] = (
-        value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ()
-    )
-    return all(_is_finite(each) for each in parts)
 
 
 def _read_tail_crc(folder: Path, position: Position) -> int:

@@ -33,7 +33,7 @@ from phyagentos.store.ledger import Ledger
 from phyagentos.store.maintenance import Maintenance
 from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.records import JOURNAL_ID, Record, Tail, encode_batch
-from phyagentos.store.segments import SyncFailedError, SystemIO, choose_next_name, choose_partition, sync_folder
+from phyagentos.store.segments import SyncFailedError, SystemIO, choose_partition, sync_folder
 from phyagentos.store.writer import SegmentWriter
 
 __all__ = ["Entry", "Fenced", "IllegalEvent", "Journal", "Record", "cancel_unheld", "choose_partition"]
@@ -168,13 +168,12 @@ class Journal:
         with self._mutex, self._lock.held():
             self._catch_up()
             records, self._follower = self._reading.take(self._follower)
-            for record in records:
-                ledger.apply(record)
+            ledger.extend(records)
             self._writer.seal()
             sealed = None
             if self._follower.first_seq <= self._follower.seq < ledger.find_horizon():
                 sealed = self._follower.segment
-                self._begin_segment(self._clock.wall_iso()[:10])
+                self._note(self._writer.begin(self._clock.wall_iso()[:10], self._follower))
             if self._follower.position is None:
                 raise self._follower.describe_damage()
             return self._follower.position, sealed
@@ -243,8 +242,7 @@ class Journal:
             return
         refuse_missing_end(self._follower, self._seen_seq)
         if self._follower.segment is None:
-            self._writer.create(choose_next_name(None, self._clock.wall_iso()[:10]), self._follower)
-            self._note(self._follower.advance())
+            self._note(self._writer.begin(self._clock.wall_iso()[:10], self._follower))
         self._writer.open(self._follower)
         if self._follower.tail is Tail.DAMAGED:
             error = self._follower.describe_damage()
@@ -294,12 +292,7 @@ class Journal:
     def _rotate_if_due(self, today: str) -> None:
         if self._follower.offset >= self._segment_bytes or today > str(self._follower.segment)[:10]:
             self._writer.seal()
-            self._begin_segment(today)
-
-    def _begin_segment(self, today: str) -> None:
-        self._writer.create(choose_next_name(self._follower.segment, today), self._follower)
-        self._note(self._follower.advance())
-        self._writer.open(self._follower)
+            self._note(self._writer.begin(today, self._follower))
 
 
 def cancel_unheld(goal: GoalId, ledger: Ledger, journal: Journal) -> None:
@@ -308,8 +301,7 @@ def cancel_unheld(goal: GoalId, ledger: Ledger, journal: Journal) -> None:
     Nothing else would end them where neither agent nor runtime is left.
     """
     for _ in range(5):  # a plane may make records out of date
-        for record in journal.read_new():
-            ledger.apply(record)
+        ledger.extend(journal.read_new())
         live = [each for each in ledger.live_sessions() if each.contract.goal == goal]
         unheld = [each.contract.id for each in live if find_cancel(each.state) == "cancel"]
         if not unheld:

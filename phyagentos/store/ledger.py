@@ -112,6 +112,11 @@ class Ledger:
             if before in self.goals and before not in self._closed:
                 del self.goals[before], self._spans[GOAL_PREFIX + before]
 
+    def extend(self, records: Iterable[Record]) -> None:
+        """Take in the next records."""
+        for record in records:
+            self.apply(record)
+
     def apply(self, record: Record) -> None:
         """Take in the next record."""
         self.seq = record.seq

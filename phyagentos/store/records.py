@@ -27,7 +27,16 @@ _HEADER = re.compile(rb"<!-- phy1 (\d{10}) (\d{6}) ([0-9a-f]{8}) -->\n")
 
 
 class _Line(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The first line of a payload, in the order a person reads it."""
+    """The first line of a payload, in the order a person reads it.
+
+    Attributes:
+        id: A session id, `goal:<goal id>`, `node:<goal id>/<node>` or `journal`.
+        ev: What happened: a trigger of the lifecycle, `submit`, or a goal or node event.
+        source: State before; None for everything but sessions, and for `submit`.
+        side: `agent`, `runtime` or `operator`.
+        epoch: Fencing token in force after this record; None for goals and nodes.
+        more: Records of the same batch that follow.
+    """
 
     id: str
     ev: str
@@ -43,29 +52,14 @@ class _Line(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 _DECODER = msgspec.json.Decoder(_Line)
 
 
-class Record(msgspec.Struct, frozen=True, kw_only=True, dict=True):
-    """One fact of the journal.
+class Record(_Line, frozen=True, kw_only=True, dict=True):
+    """One fact of the journal: its line and the Markdown below, at a position of the partition.
 
     Attributes:
-        seq: Position in the partition, from 1, without gaps.
-        id: A session id, `goal:<goal id>`, `node:<goal id>/<node>` or `journal`.
-        ev: What happened: a trigger of the lifecycle, `submit`, or a goal or node event.
-        source: State before; None for everything but sessions, and for `submit`.
-        side: `agent`, `runtime` or `operator`.
-        epoch: Fencing token in force after this record; None for goals and nodes.
-        more: Records of the same batch that follow.
+        seq: From 1, without gaps.
     """
 
     seq: int
-    id: str
-    ev: str
-    source: str | None = None
-    to: str | None = None
-    by: str
-    side: str
-    epoch: int | None = None
-    at: str
-    more: int = 0
     markdown: str = ""
 
     @cached_property
@@ -141,20 +135,8 @@ def _decode_record(seq: int, payload: bytes) -> Record:
     first, _, rest = payload.partition(b"\n")
     if first[:2] != b"- " or payload[-1:] != b"\n":
         raise msgspec.ValidationError("a payload begins with '- ' and ends with a line feed")
-    line = _DECODER.decode(first[2:])
-    return Record(
-        seq=seq,
-        id=line.id,
-        ev=line.ev,
-        source=line.source,
-        to=line.to,
-        by=line.by,
-        side=line.side,
-        epoch=line.epoch,
-        at=line.at,
-        more=line.more,
-        markdown=rest[:-1].decode(),
-    )
+    line = msgspec.structs.asdict(_DECODER.decode(first[2:]))
+    return Record(seq=seq, markdown=rest[:-1].decode(), **line)
 
 
 class Tail(StrEnum):

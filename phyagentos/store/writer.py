@@ -11,7 +11,16 @@ from pathlib import Path
 
 from phyagentos.errors import ExecutionError
 from phyagentos.store.follower import Follower
-from phyagentos.store.segments import Front, SyncFailedError, SystemIO, create_segment, sync_folder, write_all
+from phyagentos.store.records import Record
+from phyagentos.store.segments import (
+    Front,
+    SyncFailedError,
+    SystemIO,
+    choose_next_name,
+    create_segment,
+    sync_folder,
+    write_all,
+)
 
 
 class SegmentWriter:
@@ -63,8 +72,9 @@ class SegmentWriter:
         """Make the whole segment durable before the next one begins."""
         self.be_durable(self._io.fsync, self._fd)
 
-    def create(self, name: str, cursor: Follower) -> None:
-        """Let the segment behind the cursor appear; the first of the partition when the cursor is in none."""
+    def begin(self, today: str, cursor: Follower) -> list[Record]:
+        """Begin the segment behind the cursor, the first of the partition when that is in none; what it passed."""
+        name = choose_next_name(cursor.segment, today)
         front = Front(lane=self._folder.name, name=name, first_seq=cursor.seq + 1)
         if cursor.segment is not None:
             front = Front(front.lane, name, front.first_seq, prev=cursor.segment, prev_sha256=cursor.compute_sha256())
@@ -74,6 +84,9 @@ class SegmentWriter:
             raise self._fail(error) from error
         except OSError as error:
             raise ExecutionError("JOURNAL_WRITE_FAILED", f"{self._folder}, segment {name}: {error}") from error
+        records = cursor.advance()
+        self.open(cursor)
+        return records
 
     def sync(self, seq: int, cursor: Follower) -> None:
         """Wait until record `seq` is on the disk; one call serves every thread that waits meanwhile."""

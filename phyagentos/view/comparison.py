@@ -37,7 +37,7 @@ def compare_sessions(documents: Documents, first: str, second: str) -> Fields:
         "charts": _draw_charts(courses),
         "figures": [(name, *(_measure(course).get(name, "") for course in courses)) for name in _measure(courses[0])],
         "moved": [list_moved(documents, each) for each in both],
-        "leaves": [[event for event in documents.read_trace(each) if event.code] for each in both],
+        "leaves": [[event for event in documents.read_bundle(each).trace if event.code] for each in both],
     }
 
 

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.protocol.documents.regular_files import read_regular
-from phyagentos.protocol.sessions.evidence import TRACE, Bundle, Event, read_bundle
+from phyagentos.protocol.sessions.evidence import TRACE, Bundle, read_bundle
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, is_process_alive, read_heartbeats
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState, Side
 from phyagentos.protocol.sessions.session import Ended, Execution, GoalId, SessionId, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
-from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.workspace.process_lock import RUNTIME_LOCK, WATCHDOG_LOCK, is_held
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Environment, read_environment
@@ -160,14 +159,6 @@ class Documents:
             for old in list(self._bundles)[:-BUNDLES_KEPT]:
                 self._bundles.pop(old, None)
         return self._bundles[key]
-
-    def read_trace(self, status: SessionStatus) -> tuple[TraceEvent, ...]:
-        """What its tree has done so far."""
-        return self.read_bundle(status).trace
-
-    def read_interventions(self, status: SessionStatus) -> list[Event]:
-        """What the guards refused or changed."""
-        return [event for event in self.read_bundle(status).events if event.kind == "intervention"]
 
     def read_world(self, status: SessionStatus | None) -> Environment | None:
         """The world as believed after a session, or before one that runs; of none, ENVIRONMENT.md."""

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.errors import DefinitionError, ExecutionError, needs_extra
+from phyagentos.protocol.documents.markdown import format_value
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.view.documents import Documents
 from phyagentos.view.panels import Panel, Query
@@ -28,7 +29,7 @@ def get_templates() -> Any:
     )
     made.filters |= {
         "drawing": Markup,
-        "number": _format_number,
+        "number": format_value,
         "measure": _format_measure,
         "quantity": lambda name: name.removesuffix(_find_unit(name)).replace("_", " "),
         "yaml": _render_yaml,
@@ -74,10 +75,6 @@ class PanelRenderer:
         except (DefinitionError, ExecutionError, OSError, ValueError, LookupError, TypeError) as error:
             inside = render("unreadable", error=error)
         return render("panel", inside=inside, **head)
-
-
-def _format_number(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _find_unit(name: str) -> str:

@@ -140,7 +140,7 @@ def _read_statechart(documents: Documents, _: Query, status: Session) -> Fields:
 def _read_tree(documents: Documents, _: Query, status: Session) -> Fields:
     if status is None:
         return {"has_run": False}
-    trace, beat = documents.read_trace(status), documents.find_beat(status)
+    trace, beat = documents.read_bundle(status).trace, documents.find_beat(status)
     root = next((event.path.partition("/")[0] for event in trace), status.contract.skill)
     library = documents.workspace.library()
     active = beat.leaf if beat is not None else ""
@@ -204,7 +204,7 @@ def _read_scene(documents: Documents, _: Query, status: Session) -> Fields:
 
 
 def _read_guard(documents: Documents, _: Query, status: Session) -> Fields:
-    return {"status": status, "events": documents.read_interventions(status) if status is not None else []}
+    return {"status": status, "events": documents.read_bundle(status).interventions if status is not None else []}
 
 
 def _read_log(documents: Documents, _: Query, __: Session) -> Fields:

@@ -189,7 +189,7 @@ def _read_bar(documents: Documents, status: SessionStatus, began: str, length_s:
 def _iter_marks(documents: Documents, bar: Bar, sim_s: tuple[float, float]) -> Iterator[Mark]:
     folder = documents.workspace.evidence_of(bar.status.contract.id)
     looks = [(each.time_s, "look", f"look ({each.role})") for each in read_looks(folder)]
-    guard = [(each.time_s, "guard", f"guard: {each.code}") for each in documents.read_interventions(bar.status)]
+    guard = [(each.time_s, "guard", f"guard: {each.code}") for each in documents.read_bundle(bar.status).interventions]
     for time_s, kind, text in (*looks, *guard):
         share = min(max((time_s - sim_s[0]) / max(sim_s[1] - sim_s[0], 1e-9), 0.0), 1.0)
         at_s = bar.ran.from_s + share * (bar.ran.to_s - bar.ran.from_s)

@@ -144,7 +144,7 @@ def test_a_checkpoint_that_says_something_else_is_told(open_journal):
     journal = open_journal()
     fill(journal, 5)
     ledger = checkpoint(journal.folder)
-    assert inspect_partition(journal.folder).findings == []
+    assert inspect_partition(journal.folder).findings == ()
 
     follower = HashingFollower(journal.folder)
     follower.read_new()

@@ -3,6 +3,7 @@
 import hashlib
 import shutil
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -49,7 +50,7 @@ def test_without_accepted_loss_nothing_changes(open_journal):
 
     repair = mend(journal.folder, accept_loss=False)
 
-    assert (repair.lost, repair.is_done, repair.sessions) == (1, False, ["s1"])
+    assert (repair.lost, repair.is_done, repair.concerns) == (1, False, ("s1",))
     assert {path.name: path.read_bytes() for path in journal.folder.glob("[!.]*")} == before
 
 
@@ -73,16 +74,14 @@ def test_several_damages_are_mended_and_everything_else_stands_unchanged(open_jo
         seq: frame for seq, frame in original.items() if seq not in lost
     }
     assert agree(journal.folder) == len(original) + 1
-    assert inspect_partition(journal.folder).findings == []
-    assert {path.name for path in repair.aside} >= {f"{path.name}.damaged" for path in damaged}
+    assert inspect_partition(journal.folder).findings == ()
+    assert {Path(path).name for path in repair.aside} >= {f"{path.name}.damaged" for path in damaged}
     for path, data in damaged.items():
         assert path.with_name(f"{path.name}.damaged").read_bytes() == data
     body = told[-1].body
     assert (told[-1].ev, body["lost"]) == ("repair", 4)
-    assert [(cut["first_lost"], cut["last_lost"], cut["cut_sha256"]) for cut in body["cuts"]] == [
-        (gap.first_seq, gap.last_seq, gap.sha256) for gap in repair.gaps
-    ]
-    assert {each["segment"] for each in body["files"]} == {each.survey.name for each in repair.changed}
+    assert body["cuts"] == [{name: cut[name] for name in cut if name != "what"} for cut in repair.cuts]
+    assert {each["segment"] for each in body["files"]} == set(repair.written)
     for each in body["files"]:
         assert each["after"] == hashlib.sha256((journal.folder / f"{each['segment']}.md").read_bytes()).hexdigest()
 
@@ -126,7 +125,7 @@ def test_a_session_without_its_submission_is_shown_nowhere_and_one_without_its_c
     (path,) = segments_of(agent)
     for seq in (1, 6):
         spoil(path, seq)
-    assert set(mend(agent.folder).sessions) == {"a", "b"}
+    assert set(mend(agent.folder).concerns) == {"a", "b"}
     sessions = fold(open_journal().read_new()).sessions
     assert {id: status.state for id, status in sessions.items()} == {"b": "running"}
     assert inspect_partition(agent.folder).is_whole
@@ -140,7 +139,7 @@ def test_a_destroyed_end_never_gives_a_number_again(open_journal, agree):
     flip(path, *(start_of(path, seq) + 60 for seq in (5, 6, 7)))
     repair = mend(journal.folder)
 
-    assert (repair.lost, repair.gaps[0].first_seq, repair.gaps[0].is_exact) == (3, 5, False)
+    assert (repair.lost, repair.cuts[0]["first_lost"], repair.is_exact) == (3, 5, False)
     assert agree(journal.folder) == 8
 
 
@@ -157,7 +156,7 @@ def test_what_a_checkpoint_knows_is_missed_at_the_end(open_journal, agree):
     assert (finding.code, finding.message) == ("JOURNAL_DAMAGED", "records 6 to 9 are lost, at least")
     assert (unused.code, unused.is_damage) == ("CHECKPOINT_UNUSED", False)
     assert agree(journal.folder) == 10
-    assert inspect_partition(journal.folder).findings == []
+    assert inspect_partition(journal.folder).findings == ()
 
 
 def test_a_repair_forgets_the_checkpoint(open_journal):
@@ -187,7 +186,7 @@ def test_missing_segments_are_filled_up(open_journal, agree):
 
     assert agree(journal.folder) == total + 1
     assert second.read_bytes().split(b"first_seq: ")[1].startswith(b"1\n")
-    assert inspect_partition(journal.folder).findings == []
+    assert inspect_partition(journal.folder).findings == ()
 
 
 def test_a_repair_that_is_interrupted_can_be_done_again(open_journal, agree):
@@ -208,7 +207,7 @@ def test_a_repair_that_is_interrupted_can_be_done_again(open_journal, agree):
     path = segments_of(journal)[1]
     seq = int(path.read_bytes().split(b"<!-- phy1 ")[2][:10])
     spoil(path, seq)
-    needed = len(mend(journal.folder, accept_loss=False).changed)
+    needed = len(mend(journal.folder, accept_loss=False).written)
     backup = journal.folder.with_name("backup")
     shutil.copytree(journal.folder, backup)
 

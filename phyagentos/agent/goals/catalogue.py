@@ -1,20 +1,22 @@
 """Skills, targets and scenes from which goals are built."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target, read_target_registry
+from phyagentos.protocol.capabilities.registries import (
+    read_each,
+    read_skill_registry,
+    read_target,
+    read_target_registry,
+)
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, read_skill
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.alike import find_alike
 from phyagentos.protocol.world.scenes import SceneSpec, read_scene
-
-Read = TypeVar("Read")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,8 +31,8 @@ class Catalogue:
     @classmethod
     def read(cls, library: Library) -> "Catalogue":
         """Everything that a library holds; unreadable parts become `problems`."""
-        skills, problems = _read_each(library.names_of_skills(), lambda name: read_skill(library.get_skill(name))[0])
-        targets, more = _read_each(library.names_of_targets(), lambda name: read_target(library.get_target(name)))
+        skills, problems = read_each(library.names_of_skills(), lambda name: read_skill(library.get_skill(name))[0])
+        targets, more = read_each(library.names_of_targets(), lambda name: read_target(library.get_target(name)))
         return cls(skills=skills, targets=targets, scenes=_find_scenes(library), problems=(*problems, *more))
 
     @classmethod
@@ -74,17 +76,6 @@ class Catalogue:
             return read_scene(self.scenes[name])
         except (KeyError, DefinitionError):
             return None
-
-
-def _read_each(names: Iterable[str], read: Callable[[str], Read]) -> tuple[dict[str, Read], list[Problem]]:
-    found: dict[str, Read] = {}
-    problems: list[Problem] = []
-    for name in names:
-        try:
-            found[name] = read(name)
-        except DefinitionError as error:
-            problems += error.problems
-    return found, problems
 
 
 def _find_scenes(library: Library) -> dict[str, Path]:

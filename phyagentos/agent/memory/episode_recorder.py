@@ -31,7 +31,6 @@ from phyagentos.store.ledger import Ledger
 from phyagentos.store.shared_file import SharedFile
 
 _EntryT = TypeVar("_EntryT", bound=MemoryEntry)
-INTERVENTION = "intervention"  # kind of an event: a guard or a watched condition stopped or changed a command
 PERSON = "a person"
 UNSAID = "retracted by hand, without a reason"
 
@@ -90,8 +89,8 @@ class EpisodeRecorder:
         safety = episode.safety
         if execution is not None and execution.interventions:
             with contextlib.suppress(ExecutionError):  # of a damaged bundle the verdict alone is known
-                events = read_bundle(self._workspace.root / execution.evidence, status.contract, execution).events
-                safety = tuple(dict.fromkeys((*safety, *(each.code for each in events if each.kind == INTERVENTION))))
+                bundle = read_bundle(self._workspace.root / execution.evidence, status.contract, execution)
+                safety = tuple(dict.fromkeys((*safety, *(each.code for each in bundle.interventions))))
         where = str(self._workspace.root / episode.evidence) if episode.evidence and self._is_shared else ""
         of_goal = {"graph": goal.graph, "begun": goal.submitted_at} if goal else {}
         return msgspec.structs.replace(episode, safety=safety, evidence=where or episode.evidence, **of_goal)

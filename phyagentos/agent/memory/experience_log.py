@@ -19,7 +19,7 @@ from phyagentos.protocol.sessions.memory_entries import Scope
 from phyagentos.store.follower import Follower, Position
 from phyagentos.store.partition_lock import PartitionLock
 from phyagentos.store.records import Record, Tail, encode_batch
-from phyagentos.store.segments import SystemIO, choose_next_name, choose_partition, open_segment
+from phyagentos.store.segments import SystemIO, choose_partition, open_segment
 from phyagentos.store.writer import SegmentWriter
 
 SEGMENT_BYTES = 16 << 20
@@ -108,8 +108,7 @@ class ExperienceLog:
         follower.advance()
         today = self._clock.wall_iso()
         if follower.segment is None:
-            writer.create(choose_next_name(None, today[:10]), follower)
-            follower.advance()
+            writer.begin(today[:10], follower)
         elif follower.tail is Tail.DAMAGED:
             raise follower.describe_damage()
         writer.open(follower)
@@ -118,9 +117,7 @@ class ExperienceLog:
             follower.tail = Tail.CLEAN
         if follower.offset >= SEGMENT_BYTES:
             writer.seal()
-            writer.create(choose_next_name(str(follower.segment), today[:10]), follower)
-            follower.advance()
-            writer.open(follower)
+            writer.begin(today[:10], follower)
         records = [
             Record(
                 seq=follower.seq + 1 + index,

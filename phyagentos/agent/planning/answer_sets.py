@@ -9,13 +9,11 @@ from collections import Counter
 from importlib.resources import files
 
 import clingo
-from typing_extensions import override
 
 from phyagentos.agent.planning.problem import (
     Fact,
     Operator,
     Plan,
-    Planner,
     PlanningProblem,
     ProvenUnsolvable,
 )
@@ -26,25 +24,22 @@ CONFLICTS_BETTER = 10_000  # to find a cheaper plan than the first one
 CONFLICTS_PROOF, ROUNDS_PROOF = 20_000, 6  # of the proof that there is none
 
 
-class AnswerSetPlanner(Planner):
-    """Fewest rounds first, then least cost."""
-
-    @override
-    def solve(self, problem: PlanningProblem) -> Plan | ProvenUnsolvable | None:
-        operators, unreachable = _reach(problem)
-        if unreachable:
-            return ProvenUnsolvable(unreachable)
-        program = _describe(problem, operators)
-        paths, proof = _Search(program), _Search(program, free=True)
-        for rounds in range(ROUNDS_MAX + 1):
-            found = paths.find(rounds, CONFLICTS_MAX)
-            if found is None:
-                return None
-            if found:
-                return _read_plan(found, operators, problem, rounds)
-            if rounds <= ROUNDS_PROOF and proof.find(rounds, CONFLICTS_PROOF) == []:
-                return ProvenUnsolvable()
-        return None
+def solve(problem: PlanningProblem) -> Plan | ProvenUnsolvable | None:
+    """A plan of the fewest rounds, then of least cost; a proof that there is none; None: neither within the limits."""
+    operators, unreachable = _reach(problem)
+    if unreachable:
+        return ProvenUnsolvable(unreachable)
+    program = _describe(problem, operators)
+    paths, proof = _Search(program), _Search(program, free=True)
+    for rounds in range(ROUNDS_MAX + 1):
+        found = paths.find(rounds, CONFLICTS_MAX)
+        if found is None:
+            return None
+        if found:
+            return _read_plan(found, operators, problem, rounds)
+        if rounds <= ROUNDS_PROOF and proof.find(rounds, CONFLICTS_PROOF) == []:
+            return ProvenUnsolvable()
+    return None
 
 
 class _Search:

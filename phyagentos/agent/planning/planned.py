@@ -15,13 +15,12 @@ import yaml
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.selector import find_lacks, find_predicates
 from phyagentos.agent.goals.spec import WantedGoal
-from phyagentos.agent.planning.answer_sets import AnswerSetPlanner
+from phyagentos.agent.planning.answer_sets import solve
 from phyagentos.agent.planning.domain import Domain, Tried, build_domain
 from phyagentos.agent.planning.problem import (
     Condition,
     Fact,
     Plan,
-    Planner,
     PlanningProblem,
     ProvenUnsolvable,
     find_causal_links,
@@ -113,7 +112,6 @@ def plan_goal(
     wanted: WantedGoal,
     catalogue: Catalogue,
     world: Environment,
-    planner: Planner | None = None,
     without: Collection[Tried] = (),
     may_hold: bool = True,
 ) -> PlannedGoal | Unsolvable:
@@ -124,20 +122,19 @@ def plan_goal(
     Raises:
         DefinitionError: A predicate cannot be parsed or planned for, or a target is unknown.
     """
-    planner = planner or AnswerSetPlanner()
     for everywhere in (False, True):  # objects may also go where the goal names no place
         domain = build_domain(wanted, catalogue, world, everywhere=everywhere, without=without)
-        answer = planner.solve(domain.problem)
+        answer = solve(domain.problem)
         if not may_hold and isinstance(answer, Plan) and (held := _list_held(domain.problem, answer)):
             *before, last = domain.problem.stages
             empty = (*last, *(Condition(((fact, False),), 1, 1) for fact in held))
-            emptied = planner.solve(replace(domain.problem, stages=(*before, empty)))
+            emptied = solve(replace(domain.problem, stages=(*before, empty)))
             answer = emptied if not everywhere or isinstance(emptied, Plan) else answer
         if isinstance(answer, Plan):
             steps = tuple(_iter_steps(answer, domain.problem, domain.roles))
             return PlannedGoal(wanted=wanted, roles=domain.roles, steps=steps)
     if isinstance(answer, ProvenUnsolvable):
-        return Unsolvable(tuple(_explain(answer, domain, wanted, catalogue, world, planner)))
+        return Unsolvable(tuple(_explain(answer, domain, wanted, catalogue, world)))
     return Unsolvable((Missing(UnreachableReason.TIME),), is_proven=False)
 
 
@@ -225,16 +222,15 @@ def _explain(
     wanted: WantedGoal,
     catalogue: Catalogue,
     world: Environment,
-    planner: Planner,
 ) -> Iterator[Missing]:
     if wanted.constraints:
         free = build_domain(wanted.model_copy(update={"constraints": ()}), catalogue, world, everywhere=True)
-        if isinstance(planner.solve(free.problem), Plan):
+        if isinstance(solve(free.problem), Plan):
             yield Missing(UnreachableReason.CONSTRAINT, names=wanted.constraints)
             return
     if proof.unreachable:
         yield from (_explain_fact(fact, domain, catalogue) for fact in proof.unreachable)
-    elif isinstance(roomy := planner.solve(replace(domain.problem, capacities=())), Plan):
+    elif isinstance(roomy := solve(replace(domain.problem, capacities=())), Plan):
         yield Missing(UnreachableReason.ROOM, names=tuple(_iter_overfull(roomy, domain.problem)))
     else:
         yield Missing(UnreachableReason.CONTRADICTION, names=(*chain(*wanted.steps), *wanted.accept))

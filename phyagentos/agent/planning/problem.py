@@ -11,7 +11,7 @@ fact differently, or where they share a place that could be overfull; the rest m
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations, pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import networkx as nx
 
@@ -92,14 +92,6 @@ class ProvenUnsolvable:
     """
 
     unreachable: tuple[Fact, ...] = ()
-
-
-class Planner(Protocol):
-    """Solves problems; the same problem has the same answer."""
-
-    def solve(self, problem: PlanningProblem) -> Plan | ProvenUnsolvable | None:
-        """A plan, a proof that there is none, or None: neither within the engine's limits."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from phyagentos.protocol.documents.markdown import format_moment, publish, rende
 from phyagentos.protocol.documents.schema import Authored, read_text, read_yaml, validate
 
 _BlockT = TypeVar("_BlockT")
-_EntryT = TypeVar("_EntryT", bound=Authored)
+_EntryT = TypeVar("_EntryT")
 
 _SKILLS_HEAD = """# Skills that this workspace can run
 
@@ -140,18 +140,24 @@ def _read(path: Path, format: DocumentFormat[_BlockT]) -> dict[str, _BlockT]:
     return read_document(read_text(path, hint="Is this a workspace?"), format, str(path)).blocks
 
 
-def _read_all(names: Iterable[str], read: Callable[[str], _EntryT]) -> list[_EntryT]:
-    """Every entry; raises DefinitionError with the problems of all files."""
-    entries: list[_EntryT] = []
+def read_each(names: Iterable[str], read: Callable[[str], _EntryT]) -> tuple[dict[str, _EntryT], list[Problem]]:
+    """The entries that can be read, and the problems of the others."""
+    found: dict[str, _EntryT] = {}
     problems: list[Problem] = []
     for name in names:
         try:
-            entries.append(read(name))
+            found[name] = read(name)
         except DefinitionError as error:
             problems += error.problems
+    return found, problems
+
+
+def _read_all(names: Iterable[str], read: Callable[[str], _EntryT]) -> list[_EntryT]:
+    """Every entry; raises DefinitionError with the problems of all files."""
+    entries, problems = read_each(names, read)
     if problems:
         raise DefinitionError(problems)
-    return entries
+    return list(entries.values())
 
 
 def _render(

@@ -123,11 +123,8 @@ def measure_centred(view: View, a: Entity, b: Entity, tol_m: float) -> Reading:
     """Datums no further apart than `tol_m` as seen from above; centres where one has none."""
     *_, (one, other) = zip(list_points(a), list_points(b), strict=False)  # in the order: centre, datum
     apart_m = math.dist(one[:2], other[:2])
-    apart, allowed = compare_lengths(apart_m, tol_m)
-    because = f"{a.name} is {apart} off the middle of {b.name}; up to {allowed} is allowed"
-    scale_m = max(tol_m, 1e-3)
-    doubt = _find_position_doubt(view, a, b) / scale_m
-    return Reading((tol_m - apart_m) / scale_m, {"apart_m": round(apart_m, 5)}, because, doubt)
+    because = f"{a.name} is {{}} off the middle of {b.name}"
+    return _read_length("apart_m", apart_m, tol_m, because, _find_position_doubt(view, a, b))
 
 
 def measure_on(view: View, a: Entity, b: str) -> Reading:
@@ -317,11 +314,8 @@ def _demand_grasp(view: View, a: Entity, state: TargetState) -> None:
 def measure_at(view: View, a: Entity, place: Place, tol_m: float) -> Reading:
     """Centre within `tol_m` of a point, or of a place's box."""
     distance_m = compute_box_distance(place.pose, place.half_m, compute_center(a))
-    distance, allowed = compare_lengths(distance_m, tol_m)
-    because = f"{a.name} is {distance} from {place.name}; up to {allowed} is allowed"
-    scale_m = max(tol_m, 1e-3)
-    doubt = _find_position_doubt(view, a, view.now.entities.get(place.name)) / scale_m
-    return Reading((tol_m - distance_m) / scale_m, {"distance_m": round(distance_m, 5)}, because, doubt)
+    doubt_m = _find_position_doubt(view, a, view.now.entities.get(place.name))
+    return _read_length("distance_m", distance_m, tol_m, f"{a.name} is {{}} from {place.name}", doubt_m)
 
 
 def measure_contains(view: View, a: Entity, least: float) -> Reading:
@@ -337,12 +331,8 @@ def measure_contains(view: View, a: Entity, least: float) -> Reading:
 
 def measure_near(view: View, a: Entity, b: Place, distance_m: float) -> Reading:
     """Distance between centres."""
-    apart_m = math.dist(compute_center(a), b.pose.position_m)
-    apart, allowed = compare_lengths(apart_m, distance_m)
-    because = f"{a.name} and {b.name} are {apart} apart; up to {allowed} is allowed"
-    scale_m = max(distance_m, 1e-3)
-    doubt = _find_position_doubt(view, a, view.now.entities.get(b.name)) / scale_m
-    return Reading((distance_m - apart_m) / scale_m, {"distance_m": round(apart_m, 5)}, because, doubt)
+    apart_m, doubt_m = _measure_apart(view, a, b)
+    return _read_length("distance_m", apart_m, distance_m, f"{a.name} and {b.name} are {{}} apart", doubt_m)
 
 
 def measure_visible(view: View, a: str) -> Reading:
@@ -407,16 +397,12 @@ def measure_moved(view: View, a: Entity) -> Reading:
 
 def measure_open(view: View, a: Entity) -> Reading:
     """Its joint is at least 90 % open, or as far as its mechanism says."""
-    opening, doubt = _get_joint(a), _find_joint_doubt(view, a)
-    asked = a.mechanism.opens_at if a.mechanism is not None else OPENS_AT
-    return Reading(opening - asked, {"opening": opening}, f"{a.name} is {format_share(opening)} open", doubt)
+    return _read_opening(view, a, a.mechanism.opens_at if a.mechanism is not None else OPENS_AT, 1.0)
 
 
 def measure_closed(view: View, a: Entity) -> Reading:
     """Its joint is at most 10 % open, or as little as its mechanism says."""
-    opening, doubt = _get_joint(a), _find_joint_doubt(view, a)
-    allowed = a.mechanism.closes_at if a.mechanism is not None else CLOSES_AT
-    return Reading(allowed - opening, {"opening": opening}, f"{a.name} is {format_share(opening)} open", doubt)
+    return _read_opening(view, a, a.mechanism.closes_at if a.mechanism is not None else CLOSES_AT, -1.0)
 
 
 def measure_tilt(view: View, a: Entity) -> Reading:
@@ -435,10 +421,9 @@ def measure_height(view: View, a: Entity) -> Reading:
 
 def measure_distance(view: View, a: Entity, b: Place) -> Reading:
     """Distance between centres [m]."""
-    apart_m = math.dist(compute_center(a), b.pose.position_m)
+    apart_m, doubt_m = _measure_apart(view, a, b)
     because = f"{a.name} and {b.name} are {format_length(apart_m)} apart"
-    doubt = _find_position_doubt(view, a, view.now.entities.get(b.name))
-    return Reading(apart_m, {"distance_m": round(apart_m, 5)}, because, doubt)
+    return Reading(apart_m, {"distance_m": round(apart_m, 5)}, because, doubt_m)
 
 
 def measure_speed(view: View, a: Entity) -> Reading:
@@ -517,6 +502,19 @@ def measure_unstated(view: View) -> Reading:
     raise FactUnknown("no criterion is stated yet: write a predicate in place of unstated()")
 
 
+def _measure_apart(view: View, a: Entity, b: Place) -> tuple[float, float]:
+    """The distance of two centres, and its uncertainty [m]."""
+    return math.dist(compute_center(a), b.pose.position_m), _find_position_doubt(view, a, view.now.entities.get(b.name))
+
+
+def _read_length(name: str, length_m: float, most_m: float, because: str, doubt_m: float) -> Reading:
+    """A length that may be up to `most_m`; `because` has a place for it."""
+    length, most = compare_lengths(length_m, most_m)
+    scale_m = max(most_m, 1e-3)
+    because = f"{because.format(length)}; up to {most} is allowed"
+    return Reading((most_m - length_m) / scale_m, {name: round(length_m, 5)}, because, doubt_m / scale_m)
+
+
 def _read_tilt(view: View, a: Entity, limit_rad: float, sign: float, meaning: str) -> Reading:
     tilt_rad = compute_tilt(a.pose)
     tilt, limit = compare_angles(tilt_rad, limit_rad)
@@ -525,18 +523,16 @@ def _read_tilt(view: View, a: Entity, limit_rad: float, sign: float, meaning: st
     return Reading(sign * (1.0 - tilt_rad / limit_rad), {"tilt_rad": round(tilt_rad, 5)}, because, doubt)
 
 
-def _find_joint_doubt(view: View, a: Entity) -> float:
-    """Uncertainty of an opening, as a share of the travel."""
-    if a.mechanism is None:
-        return 0.0
-    find_doubt = _find_turn_doubt if a.mechanism.kind == "hinge" else _find_position_doubt
-    return find_doubt(view, a) / a.mechanism.travel
-
-
-def _get_joint(a: Entity) -> float:
+def _read_opening(view: View, a: Entity, limit: float, sign: float) -> Reading:
+    """How far its joint is beyond a limit, as a share of the travel."""
     if a.joint is None:
         raise FactUnknown(f"{a.name} has no joint that was observed")
-    return a.joint
+    doubt = 0.0
+    if a.mechanism is not None:
+        find_doubt = _find_turn_doubt if a.mechanism.kind == "hinge" else _find_position_doubt
+        doubt = find_doubt(view, a) / a.mechanism.travel
+    because = f"{a.name} is {format_share(a.joint)} open"
+    return Reading(sign * (a.joint - limit), {"opening": a.joint}, because, doubt)
 
 
 _A = Argument("a", ArgumentKind.ENTITY)

@@ -75,6 +75,11 @@ class Bundle(msgspec.Struct, frozen=True, kw_only=True):
     prior: tuple[SessionStatus, ...] = ()
     lessons: tuple[Lesson, ...] = ()
 
+    @property
+    def interventions(self) -> tuple[Event, ...]:
+        """What the guards refused or changed."""
+        return tuple(event for event in self.events if event.kind == "intervention")
+
 
 def read_bundle(folder: Path, session: Session, execution: Execution, *, with_course: bool = True) -> Bundle:
     """Read what a runner left; trace and events, which explain a failure, only `with_course`.

@@ -1,7 +1,7 @@
 """Checks a partition of the journal without changing a byte: every problem it has, not only the first."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -49,26 +49,23 @@ class Finding:
         return f"{self.segment}:{self.offset}: {self.code}: {self.message}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Inspection:
-    """What a check found.
+class Inspection(msgspec.Struct, frozen=True, kw_only=True):
+    """A partition that was read whole, archive included, and every problem in the order of the journal.
 
     Attributes:
-        findings: Every problem in the order of the journal.
-        last_seq: Number of the last record; those that are lost count.
-        sha256: Hash of headers and payloads, as far as the journal is whole: the same for every reader.
+        last_seq: Number of the last record, lost ones counted.
+        sha256: Of headers and payloads, as far as the journal is whole: the same for every reader in any language.
+        damaged: How many of the findings are damage; the rest a writer mends by itself.
     """
 
-    findings: Sequence[Finding]
+    lane: str
+    is_whole: bool
     segments: int
     records: int
     last_seq: int
     sha256: str
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether nothing is damaged."""
-        return not any(finding.is_damage for finding in self.findings)
+    findings: tuple[Finding, ...]
+    damaged: int
 
 
 def inspect_partition(folder: Path) -> Inspection:
@@ -91,8 +88,16 @@ def inspect_partition(folder: Path) -> Inspection:
                 digest.update(piece.data)
             findings += [Finding(_DAMAGED, survey.name, piece.offset, what) for what in replay.judge(piece.record)]
     findings += replay.judge_checkpoint(folder)
+    damaged = sum(each.is_damage for each in findings)
     return Inspection(
-        findings=findings, segments=segments, records=records, last_seq=last_seq, sha256=digest.hexdigest()
+        lane=folder.name,
+        is_whole=not damaged,
+        segments=segments,
+        records=records,
+        last_seq=last_seq,
+        sha256=digest.hexdigest(),
+        findings=tuple(findings),
+        damaged=damaged,
     )
 
 

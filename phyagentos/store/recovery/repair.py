@@ -9,10 +9,12 @@ import contextlib
 import hashlib
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
@@ -46,36 +48,28 @@ class Changed:
         return self.survey.front == self.survey.expected
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Repair:
+class Repair(msgspec.Struct, frozen=True, kw_only=True):
     """What is wrong with a partition and what was, or would be, done about it.
 
     Attributes:
-        gaps: Where bytes are left out or numbers are lost, in the files before the repair.
-        sessions: Sessions, goals and nodes that the lost records were about, as far as known.
+        is_only_torn: Whether it is only the end of a batch that was never acknowledged, which any writer cuts.
+        lost: Records that are gone, at least so many where `is_exact` is false.
+        cuts: Places where bytes were left out, as the journal records them, each with a sentence under `what`.
+        concerns: Sessions, goals and nodes that lost records were about, as far as known.
+        written: Segments that were written again.
         aside: Copies of the files as they were found.
     """
 
-    gaps: Sequence[Gap] = ()
-    sessions: Sequence[str] = ()
-    changed: Sequence[Changed] = ()
-    is_done: bool = False
-    aside: Sequence[Path] = ()
-
-    @property
-    def is_needed(self) -> bool:
-        """Whether there is anything to mend."""
-        return bool(self.gaps or self.changed)
-
-    @property
-    def is_only_torn(self) -> bool:
-        """Whether it is only the end of a batch that was never acknowledged, which any writer cuts."""
-        return len(self.gaps) == 1 and self.gaps[0].is_torn and all(each.is_linked for each in self.changed)
-
-    @property
-    def lost(self) -> int:
-        """How many records are lost."""
-        return sum(gap.lost for gap in self.gaps)
+    lane: str
+    is_needed: bool
+    is_done: bool
+    is_only_torn: bool
+    lost: int
+    is_exact: bool
+    cuts: tuple[Fields, ...]
+    concerns: tuple[str, ...]
+    written: tuple[str, ...]
+    aside: tuple[str, ...]
 
 
 def repair_partition(folder: Path, *, accept_loss: bool, by: str, clock: Clock, file_io: SystemIO) -> Repair:
@@ -124,10 +118,20 @@ class _Plan:
                 self._changed.append(Changed(survey, staged, after))
             self._seq, self._before, self._sealed = survey.last_seq, survey.name, after
 
-    def result(self, aside: Sequence[Path] = (), *, is_done: bool = False) -> Repair:
+    def result(self, aside: Iterable[Path] = (), *, is_done: bool = False) -> Repair:
         """What was found so far."""
+        gaps, torn = self._gaps, "a torn end, which was never acknowledged"
         return Repair(
-            gaps=self._gaps, sessions=list(self._concerned), changed=self._changed, is_done=is_done, aside=aside
+            lane=self._folder.name,
+            is_needed=bool(gaps or self._changed),
+            is_done=is_done,
+            is_only_torn=len(gaps) == 1 and gaps[0].is_torn and all(each.is_linked for each in self._changed),
+            lost=sum(gap.lost for gap in gaps),
+            is_exact=all(gap.is_exact for gap in gaps),
+            cuts=tuple(gap.describe() | {"what": torn if gap.is_torn else str(gap)} for gap in gaps),
+            concerns=tuple(self._concerned),
+            written=tuple(each.survey.name for each in self._changed),
+            aside=tuple(map(str, aside)),
         )
 
     def carry_out(self) -> Repair:
@@ -141,7 +145,7 @@ class _Plan:
         for place in {each.survey.path.parent for each in self._changed}:
             sync_folder(place, self._io)
         self._record_repair(aside)
-        return self.result(list(aside.values()), is_done=True)
+        return self.result(aside.values(), is_done=True)
 
     def discard(self) -> None:
         """Remove what was staged and is not in place."""

@@ -5,7 +5,7 @@ from dataclasses import replace
 import networkx as nx
 
 from phyagentos.agent.planning import answer_sets
-from phyagentos.agent.planning.answer_sets import AnswerSetPlanner
+from phyagentos.agent.planning.answer_sets import solve as solve_problem
 from phyagentos.agent.planning.problem import (
     Capacity,
     Condition,
@@ -47,7 +47,7 @@ def make_problem(things, places, start, *stages, room=None, capacities=True):
 
 
 def solve(problem):
-    return AnswerSetPlanner().solve(problem)
+    return solve_problem(problem)
 
 
 def names(plan):
