@@ -17,7 +17,7 @@ export OPENBLAS_NUM_THREADS := 1
 
 FAST  := fast
 BOTH  := -n 2 --dist worksteal
-BY_FILE := -n 2 --dist loadfile
+BY_PLANE := -n 2 --dist loadgroup
 OTHERS := peers gymnasium kit openpi libero lerobot
 OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
 PYTHONS ?= python3.12 python3.13
@@ -75,12 +75,12 @@ test-alone: $(STAMP)
 	@$(BIN)/pytest -q -m alone
 
 test-quick: $(STAMP)
-	@echo "test: fast, motion and simulation; beside them the journeys, by file, since those of one share planes"
+	@echo "test: fast, motion and simulation; beside them the journeys, grouped by the planes that they share"
 	@$(BIN)/pytest -q $(BOTH) -m "not journey and not alone"
 
 test-journeys: $(STAMP)
 	@left=$$(mktemp -d); { \
-	$(BIN)/pytest -q $(BY_FILE) -m "journey and not alone" --basetemp $$left/journeys \
+	$(BIN)/pytest -q $(BY_PLANE) -m "journey and not alone" --basetemp $$left/journeys \
 	&& $(BIN)/pytest -q tests/journeys/test_statecharts.py --journeys $$left/journeys \
 	&& rm -rf $$left/journeys; } > $$left/log 2>&1; \
 	ended=$$?; echo; echo "test: journeys"; cat $$left/log; exit $$ended

@@ -56,7 +56,8 @@ from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.session import GoalId
-from phyagentos.protocol.settings.perception import Prior, Sensing, declare_sensing
+from phyagentos.protocol.settings.perception import Prior, Sensing
+from phyagentos.protocol.settings.settings_files import declare
 
 SUITES = ("libero_spatial", "libero_object", "libero_goal", "libero_10")
 PRO = tuple(f"libero_{suite}_{kind}" for suite in ("spatial", "object", "goal") for kind in ("swap", "task"))
@@ -176,7 +177,7 @@ def open_agent(
     """Both planes in a fresh workspace; what one episode teaches does not help the next."""
     number = sum(1 for _ in folder.glob("w*"))
     workspace = open_workspace(folder / f"w{number}", folder / "project", server)
-    declare_sensing(workspace.perception, prior=prior)
+    declare(workspace.perception, prior=prior)
     with open_bench(workspace, SystemClock(), sense=sense, memory_use=MemoryUse.NONE, policy=repair) as agent:
         yield agent
 

@@ -91,7 +91,7 @@ def run(
     `goal_graph` and `faults` are files, or names of what ships; `overrides` are parameters by name, and roles as
     `targets.ROLE`. Everything else is as `paos run --help` says: without a `workspace` there is a new one.
 
-    Raises DefinitionError with every problem, before anything is started; ExecutionError `PLANE_ENDED`; after an
+    Raises DefinitionError with every problem, before anything is started; ExecutionError `NOT_RUNNING`; after an
     interrupt, once both planes have ended, KeyboardInterrupt.
     """
     from phyagentos.operations.run import Interrupts, RunRequest, run_goal
@@ -198,7 +198,7 @@ def open_runs(folder: str | Path) -> "Runs":
 
 
 def compare(a: "Runs", b: "Runs") -> "Comparison":
-    """Success of B against A, paired by seed, with McNemar's exact test; raises DefinitionError `RUN_DIFFERS`."""
+    """Success of B against A, paired by seed, with McNemar's exact test; raises DefinitionError `INVALID_VALUE`."""
     from phyagentos.bench import many
 
     return many.compare(a, b)

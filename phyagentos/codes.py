@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
-from phyagentos import code_tables as rows
+from phyagentos import code_tables
 
 
 class Phase(StrEnum):
@@ -72,26 +72,16 @@ class Code:
     retry: Retry
 
 
-def _read(text: str, phase: Phase, actor: Actor, retry: Retry) -> dict[str, Code]:
-    lines = (line.split(maxsplit=1) for line in text.strip().splitlines())
-    return {name: Code(name, phase, meaning, actor, retry) for name, meaning in lines}
-
-
 CODES: Mapping[str, Code] = {
-    **_read(rows.AUTHORED, Phase.AUTHORING, Actor.AUTHOR, Retry.EDITED),
-    **_read(rows.OPERATION, Phase.OPERATION, Actor.OPERATOR, Retry.EDITED),
-    **_read(rows.STORE, Phase.STORE, Actor.OPERATOR, Retry.LATER),
-    **_read(rows.PREFLIGHT, Phase.PREFLIGHT, Actor.AUTHOR, Retry.EDITED),
-    **_read(rows.SUPERVISION, Phase.PREFLIGHT, Actor.OPERATOR, Retry.LATER),
-    **_read(rows.PLANNING, Phase.PLANNING, Actor.AGENT, Retry.REPLANNED),
-    **_read(rows.EXECUTION, Phase.EXECUTION, Actor.AGENT, Retry.REPLANNED),
-    **_read(rows.VERIFICATION, Phase.VERIFICATION, Actor.AGENT, Retry.REPLANNED),
-    **_read(rows.HOPELESS, Phase.VERIFICATION, Actor.OPERATOR, Retry.NEVER),
-    **_read(rows.SAFETY, Phase.SAFETY, Actor.AGENT, Retry.REPLANNED),
-    **_read(rows.TARGET, Phase.TARGET, Actor.RUNTIME, Retry.OBSERVED),
+    name: Code(name, Phase(phase), meaning, Actor(actor), Retry(retry))
+    for (phase, actor, retry), rows in code_tables.ROWS.items()
+    for name, meaning in (row.split(maxsplit=1) for row in rows.strip().splitlines())
 }
 ALIASES: Mapping[str, str] = {
-    old: new for line in rows.ALIASES.strip().splitlines() for new, olds in [line.split(": ")] for old in olds.split()
+    old: new
+    for line in code_tables.ALIASES.strip().splitlines()
+    for new, olds in [line.split(": ")]
+    for old in olds.split()
 }
 """Codes of earlier releases -> what they are called now."""
 

@@ -5,7 +5,7 @@
     SCORERS.load("mine")       # imported now
 
 A name has one owner: where two packages announce it, or one announces a name that ships, `DUPLICATE_NAME` says which.
-What does not load is `BROKEN_PLUGIN` for those that name it, and for nothing else. Python in the folder of a project is
+What does not load is `BROKEN_PYTHON` for those that name it, and for nothing else. Python in the folder of a project is
 no plug-in: `run_file` executes it, once its user has consented.
 """
 
@@ -56,7 +56,7 @@ class Plugins(Generic[T]):
 
         Raises:
             DefinitionError: `UNKNOWN_NAME` at `address`, with the nearest name; `DUPLICATE_NAME`;
-                `BROKEN_PLUGIN` with the package and what it raised.
+                `BROKEN_PYTHON` with the package and what it raised.
         """
         point = self.find(name, address)
         loaded = point if not isinstance(point, EntryPoint) else self._import(point)
@@ -94,7 +94,7 @@ class Plugins(Generic[T]):
     def _refuse(self, point: T | EntryPoint, found: str, expected: str) -> DefinitionError:
         named = f"{point.name!r} ({point.value}) " if isinstance(point, EntryPoint) else ""
         text = f"{named}of {_name_package(point)} {found}"
-        return DefinitionError.of("BROKEN_PLUGIN", self.group, text, expected, "Repair or uninstall the package.")
+        return DefinitionError.of("BROKEN_PYTHON", self.group, text, expected, "Repair or uninstall the package.")
 
 
 def import_object(reference: str, noun: str, address: str) -> object:

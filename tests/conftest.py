@@ -58,6 +58,9 @@ def pytest_collection_modifyitems(config, items):
         names = {marker.name for marker in item.iter_markers()}
         if not SLOW & names:
             item.add_marker(pytest.mark.fast)
+        if "journey" in names:  # those that share planes are in one process
+            shared = [name for name in ("plane", "rough_plane") if name in item.fixturenames]
+            item.add_marker(pytest.mark.xdist_group(shared[0] if shared else item.path.name))
         if "extras" in names and config.option.peers_python is None:
             item.add_marker(pytest.mark.skip(reason="needs packages of others: `make test-extras`"))
 
@@ -77,7 +80,8 @@ def planes_are_forked(request):
         yield
         return
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))  # as episodes have it, whose scorers lie with tests
+        root = Path(__file__).parents[1]  # as episodes have it, whose scorers lie with tests; a kit as if installed
+        patch.setenv("PYTHONPATH", f"{root}{os.pathsep}{root / 'kits' / 'rollouts'}")
         with fork_server(LIBRARIES):
             yield
 

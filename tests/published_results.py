@@ -7,7 +7,7 @@ import os
 import jsonschema
 import msgspec
 
-from phyagentos.cli.results import build_result_schema, iter_commands
+from phyagentos.cli.results import ANSWERING, build_result_schema
 
 ERROR = {"exit_code", "error", "problems"}
 
@@ -19,7 +19,7 @@ def load_validator(command: str) -> jsonschema.Draft202012Validator:
 
 def find_command(words) -> str:
     """The command that is called, with its group; empty where it has no result."""
-    known = {name for name, _ in iter_commands()}
+    known = set(ANSWERING)
     typed = [" ".join([str(word) for word in words if str(word)[:1] != "-"][:count]) for count in (2, 1)]
     return next((each for each in typed if each in known), "")
 

@@ -75,7 +75,7 @@ def test_what_a_package_broke_is_said_to_those_alone_that_name_it(announce, code
     plugins = Plugins[int](GROUP, {"own": 1}, kind=int)
 
     assert plugins.load("own") == 1
-    with pytest.raises(DefinitionError, match=f"{GROUP}: BROKEN_PLUGIN: found .*{found}"):
+    with pytest.raises(DefinitionError, match=f"{GROUP}: BROKEN_PYTHON: found .*{found}"):
         plugins.load("zeal")
 
 

@@ -115,24 +115,26 @@ def _hold(draft: Draft) -> None:
     draft.add("pick", {"object": thing.name}, f"holding(target, {thing.name})", more)
 
 
-def _push(draft: Draft) -> None:
-    thing = draft.choose(lambda t: t.on == "table" and t.form.span_m[2] < 0.085)
+def _find_spot(draft: Draft, is_fit: Callable[[Thing], bool]) -> tuple[Thing, list[float]] | None:
+    """A thing on the table, and a free place there that it may be brought to [m]."""
+    thing = draft.choose(lambda t: t.on == "table" and is_fit(t))
     place = draft.floor.find(0.07, (0.40, 0.60)) if thing else None
     if thing is None or place is None:
-        return
-    to = [round(place[0], 3), round(place[1], 3), round(thing.at_m[2], 3)]
-    at = f"at({thing.name}, ({to[0]}, {to[1]}, {to[2]}), 0.05)"
-    draft.add("push", {"object": thing.name, "to": to}, at)
+        return None
+    return thing, [round(place[0], 3), round(place[1], 3), round(thing.at_m[2], 3)]
+
+
+def _push(draft: Draft) -> None:
+    if (found := _find_spot(draft, lambda t: t.form.span_m[2] < 0.085)) is not None:
+        thing, to = found
+        draft.add("push", {"object": thing.name, "to": to}, f"at({thing.name}, ({to[0]}, {to[1]}, {to[2]}), 0.05)")
 
 
 def _set_aside(draft: Draft) -> None:
-    thing = draft.choose(lambda t: t.on == "table")
-    place = draft.floor.find(0.07, (0.40, 0.60)) if thing else None
-    if thing is None or place is None:
-        return
-    to = [round(place[0], 3), round(place[1], 3), round(thing.at_m[2], 3)]
-    at = f"at({thing.name}, ({to[0]}, {to[1]}, {to[2]}), 0.12)"
-    draft.add("set_aside", {"object": thing.name, "support": "table", "to": to}, at, f"on({thing.name}, table)")
+    if (found := _find_spot(draft, lambda _: True)) is not None:
+        thing, to = found
+        at = f"at({thing.name}, ({to[0]}, {to[1]}, {to[2]}), 0.12)"
+        draft.add("set_aside", {"object": thing.name, "support": "table", "to": to}, at, f"on({thing.name}, table)")
 
 
 def _claim(draft: Draft) -> None:

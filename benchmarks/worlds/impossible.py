@@ -28,35 +28,36 @@ def draw_impossible(draft: Draft) -> str:
     return detail
 
 
-def _make_too_wide(draft: Draft, thing: Thing, vessel: Thing) -> bool:
-    """Wider than the hand opens in every direction."""
-    del vessel
-    x, y, z = draft.rng.uniform(0.088, 0.108, 3)
+def _grow(draft: Draft, thing: Thing, least_m: float, most_m: float, mass_kg: float) -> bool:
+    """Make it a box with half sides between these, where there is room for it."""
+    x, y, z = draft.rng.uniform(least_m, most_m, 3)
     form = make_box(float(x), float(y), float(z))
     place = draft.floor.find(form.radius_m)
     if place is None:
         return False
-    draft.room = draft.room.change(thing.name, form=form, at_m=(*place, form.bottom_m + 0.001), mass_kg=0.3)
+    draft.room = draft.room.change(thing.name, form=form, at_m=(*place, form.bottom_m + 0.001), mass_kg=mass_kg)
     return True
 
 
-def _make_slippery(draft: Draft, thing: Thing, vessel: Thing) -> bool:
+def _make_too_wide(draft: Draft, thing: Thing, _vessel: Thing) -> bool:
+    """Wider than the hand opens in every direction."""
+    return _grow(draft, thing, 0.088, 0.108, mass_kg=0.3)
+
+
+def _make_slippery(draft: Draft, thing: Thing, _vessel: Thing) -> bool:
     """Heavier than two fingers can hold by friction."""
-    del vessel
     draft.room = draft.room.change(thing.name, mass_kg=2.8, grip=(0.05, 0.08))
     return True
 
 
-def _make_heavy(draft: Draft, thing: Thing, vessel: Thing) -> bool:
+def _make_heavy(draft: Draft, thing: Thing, _vessel: Thing) -> bool:
     """Heavier than the arm may carry."""
-    del vessel
     draft.room = draft.room.change(thing.name, mass_kg=round(float(draft.rng.uniform(4.0, 7.0)), 2), grip=(0.5, 0.6))
     return True
 
 
-def _make_far(draft: Draft, thing: Thing, vessel: Thing) -> bool:
+def _make_far(draft: Draft, thing: Thing, _vessel: Thing) -> bool:
     """Out of reach, at a corner of the table."""
-    del vessel
     x, y = FAR_M[int(draft.rng.integers(len(FAR_M)))]
     draft.room = draft.room.change(thing.name, at_m=(x + 0.02, y + 0.02, thing.at_m[2]))
     return True
@@ -64,12 +65,8 @@ def _make_far(draft: Draft, thing: Thing, vessel: Thing) -> bool:
 
 def _make_small_vessel(draft: Draft, thing: Thing, vessel: Thing) -> bool:
     """The thing is larger than what it shall be put into."""
-    x, y, z = draft.rng.uniform(0.060, 0.070, 3)
-    form = make_box(float(x), float(y), float(z))
-    place = draft.floor.find(form.radius_m)
-    if place is None:
+    if not _grow(draft, thing, 0.060, 0.070, mass_kg=0.2):
         return False
-    draft.room = draft.room.change(thing.name, form=form, at_m=(*place, form.bottom_m + 0.001), mass_kg=0.2)
     draft.room = draft.room.change(vessel.name, form=make_vessel(0.045, 0.050, 0.05, vessel.form.kind))
     return True
 
@@ -89,9 +86,8 @@ def _make_full(draft: Draft, thing: Thing, vessel: Thing) -> bool:
     return True
 
 
-def _make_on_ball(draft: Draft, thing: Thing, vessel: Thing) -> bool:
+def _make_on_ball(draft: Draft, thing: Thing, _vessel: Thing) -> bool:
     """On top of a ball nothing stands."""
-    del vessel
     balls = [t.name for t in draft.room.movable if t.form.kind == "ball" and t.name != thing.name]
     if not balls or thing.form.kind == "ball":
         return False

@@ -57,7 +57,7 @@ def make_socket_folder(root: Path) -> Path:
     folder = root / SOCKETS
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if folder.is_symlink() or folder.stat().st_uid != os.getuid():
-        raise ExecutionError("SOCKETS_UNSAFE", f"{folder} can be used by others; remove it")
+        raise ExecutionError("NOT_SECURED", f"{folder} can be used by others; remove it")
     folder.chmod(0o700)
     return folder
 

@@ -41,7 +41,7 @@ def run_world(root: Path, world: str, socket: str, *, outlives: bool, certificat
     process that started it dies.
 
     Raises:
-        ExecutionError: `TARGET_BUSY` when another one lives.
+        ExecutionError: `BUSY` when another one lives.
         DefinitionError: `NO_DRIVER`, `WORLD_CONFLICT`, `NOT_SECURED`, or problems of the targets' profiles.
     """
     from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole, is_held_by
@@ -49,7 +49,7 @@ def run_world(root: Path, world: str, socket: str, *, outlives: bool, certificat
     from phyagentos.runtime.supervision.world_process import end_when_unwatched, get_lock
 
     workspace, clock = Workspace.open(root), SystemClock()
-    become_sole(get_lock(workspace.root, world), clock, "TARGET_BUSY", f"another world process has {world}")
+    become_sole(get_lock(workspace.root, world), clock, "BUSY", f"another world process has {world}")
     choose_graphics()
     sites = find_sites(workspace, world, clock)
     is_supervisor = partial(is_held_by, workspace.root / WATCHDOG_LOCK)

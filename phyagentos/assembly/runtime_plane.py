@@ -25,13 +25,13 @@ from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.sessions.evidence_manifest import Sealer, list_unsealed
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, Side
 from phyagentos.protocol.sessions.session import SessionId
-from phyagentos.protocol.settings.perception import Sensing, declare_sensing
+from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.settings.runtime_contract import (
     RuntimeContract,
     WorldMode,
-    declare_world_mode,
     read_runtime_contract,
 )
+from phyagentos.protocol.settings.settings_files import declare
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.supervision.shared_time import SharedTime
@@ -127,10 +127,8 @@ def declare_world(
     None for `faults`, `mode` or `sense` (perception.yaml) leaves what is declared.
     """
     before = _read_terms(workspace)
-    if sense is not None:
-        declare_sensing(workspace.perception, sense)
-    if mode is not None:
-        declare_world_mode(workspace.runtime_contract, mode)
+    declare(workspace.perception, sensing=sense)
+    declare(workspace.runtime_contract, world_mode=mode)
     if faults is not None:
         (workspace.root / FAULTS).parent.mkdir(exist_ok=True)
         shutil.copyfile(faults, workspace.root / FAULTS)

@@ -251,7 +251,7 @@ def open_handle(
 def connect_to_world(socket: str, token: bytes, clock: Clock) -> Link:
     """The connection to a world process that may still be starting, opened with the token of this worker.
 
-    Raises ExecutionError `TARGET_LOST` when it is not served within the start-up time; `BAD_TOKEN`, `VERSION_MISMATCH`.
+    Raises ExecutionError `TARGET_LOST` unless it is served within the start-up time; `NOT_SECURED`, `VERSION_MISMATCH`.
     """
     deadline_s = clock.now_s() + WORLD_START_S
     while True:

@@ -76,10 +76,10 @@ def _find_policy_lacks(policy: Policy) -> list[Problem]:
     if policy.serve:
         found = shutil.which(policy.command[0])
         expected, hint = "a program of a policy server", "Install it, or name another one under `serve`."
-        return [] if found else [Problem("POLICY_MISSING", policy.command[0], "no such program", expected, hint)]
+        return [] if found else [Problem("POLICY_UNREACHABLE", policy.command[0], "no such program", expected, hint)]
     if policy.ready and not can_connect(policy.ready):
         hint = "Start it, or let the suite start it: `serve`."
-        return [Problem("POLICY_MISSING", policy.ready, "no answer", "a policy server that listens", hint)]
+        return [Problem("POLICY_UNREACHABLE", policy.ready, "no answer", "a policy server that listens", hint)]
     return []
 
 
@@ -123,11 +123,11 @@ def plan_setup(name: str, spec: EnvironmentSpec, interpreter: str = sys.executab
 
 
 def set_up(name: str, spec: EnvironmentSpec, say: Callable[[str], None], interpreter: str = sys.executable) -> Path:
-    """Make an environment, or complete it; its interpreter. Raises ExecutionError `SETUP_FAILED` with the command."""
+    """Make an environment, or complete it; its interpreter. Raises ExecutionError `EXTRA_MISSING` with the command."""
     for command in plan_setup(name, spec, interpreter):
         say(" ".join(command))
         if code := subprocess.run(command, check=False, stdout=STDERR).returncode:
-            raise ExecutionError("SETUP_FAILED", f"{' '.join(command)!r} ended with code {code}")
+            raise ExecutionError("EXTRA_MISSING", f"{' '.join(command)!r} ended with code {code}")
     if lacks := find_lacks(name, spec):
-        raise ExecutionError("SETUP_FAILED", "; ".join(f"{each.found}, wanted {each.expected}" for each in lacks))
+        raise ExecutionError("EXTRA_MISSING", "; ".join(f"{each.found}, wanted {each.expected}" for each in lacks))
     return find_python(name)

@@ -43,9 +43,7 @@ from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.predicates.project_predicates import load_predicates
 from phyagentos.protocol.sessions.session import GoalId
-from phyagentos.protocol.settings.perception import declare_sensing
-from phyagentos.protocol.settings.runtime_contract import declare_world_mode
-from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, check_settings
+from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, check_settings, declare
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 
@@ -181,9 +179,8 @@ def prepare_settings(workspace: Workspace, variant: Variant) -> None:
         path = workspace.root / name
         publish(path, yaml.safe_dump(change(read_yaml(path).data, changes), sort_keys=False, allow_unicode=True))
         check_settings(path)
-    if variant.world_mode is not None:
-        declare_world_mode(workspace.runtime_contract, variant.world_mode)
-    declare_sensing(workspace.perception, variant.sense, variant.prior)
+    declare(workspace.runtime_contract, world_mode=variant.world_mode)
+    declare(workspace.perception, sensing=variant.sense, prior=variant.prior)
 
 
 def make_overrides(variant: Variant) -> dict[str, str]:
@@ -237,7 +234,7 @@ def _refuse(folder: Path, job: Job) -> NoReturn:
     message = (
         f"{folder}: no room is left on its disk, so {job.order.id} is no result. Make room, then: paos bench resume"
     )
-    raise ExecutionError("JOURNAL_WRITE_FAILED", f"{message} {job.run}")
+    raise ExecutionError("WRITE_FAILED", f"{message} {job.run}")
 
 
 def _fail(job: Job, folder: Path, ended: str, error: str, at: str, wall_s: float) -> EpisodeRecord:

@@ -153,7 +153,7 @@ class Runs:
         raise ImportError("to_frame() needs polars or pandas: pip install polars. rows() gives the same without them.")
 
     def resume(self, *, jobs: int = 1, progress: bool = True, ends: threading.Event | None = None) -> "Runs":
-        """Carry out what is left; raises DefinitionError `RUN_DIFFERS` where a file is not what it was."""
+        """Carry out what is left; raises DefinitionError `CHANGED` where a file is not what it was."""
         plan = compile_suite(Path(read_manifest(self.folder).source), runs_python=True)
         return _carry_out(self.folder, continue_run(self.folder, plan), plan.suite, jobs, ends, shows=progress)
 
@@ -225,7 +225,7 @@ def _declare_speed(request: ManyRequest) -> dict[str, Mapping[str, object]]:
 
 
 def compare(a: Runs, b: Runs, of: Figure = Figure.FINAL) -> Comparison:
-    """What B is against A, paired by seed: McNemar's exact test. Raises DefinitionError `RUN_DIFFERS`."""
+    """What B is against A, paired by seed: McNemar's exact test. Raises DefinitionError `CHANGED`."""
     ours, theirs = ([each.record for each in runs.episodes] for runs in (a, b))
     return compare_records(ours, theirs, of)
 

@@ -167,7 +167,7 @@ class EpisodeLog:
 def read_records(folder: Path) -> list[EpisodeRecord]:
     """The record of each episode of a run, however often its line stands there; a line that is not whole is none.
 
-    Raises DefinitionError `RUN_DIFFERS` for a whole line that is no record, and for two records of one episode.
+    Raises DefinitionError `CHANGED` for a whole line that is no record, and for two records of one episode.
     """
     path, records = folder / LOG, dict[str, EpisodeRecord]()
     data = path.read_bytes() if path.is_file() else b""
@@ -176,10 +176,10 @@ def read_records(folder: Path) -> list[EpisodeRecord]:
             record = msgspec.json.decode(line, type=EpisodeRecord)
         except msgspec.MsgspecError as error:
             where, expected = f"{path}:{number}", "the record of an episode"
-            raise DefinitionError.of("RUN_DIFFERS", where, str(error), expected) from error
+            raise DefinitionError.of("CHANGED", where, str(error), expected) from error
         if records.setdefault(record.id, record) != record:
             expected = "one record of each episode"
-            raise DefinitionError.of("RUN_DIFFERS", f"{path}:{number}", f"another record of {record.id}", expected)
+            raise DefinitionError.of("CHANGED", f"{path}:{number}", f"another record of {record.id}", expected)
     return [*records.values()]
 
 

@@ -84,7 +84,7 @@ def resume(
     jobs: int = 1,
     engine: EngineName = EngineName.LOCAL,
 ) -> Summary:
-    """Go on with a run: nothing is repeated that has its record. Raises `NOT_A_WORKSPACE`, `RUN_DIFFERS`."""
+    """Go on with a run: nothing is repeated that has its record. Raises `NOT_A_WORKSPACE`, `CHANGED`."""
     known = read_manifest(folder)
     plan = compile_suite(Path(known.source), known.seeds_max, runs_python=True)
     manifest = continue_run(folder, plan)
@@ -101,7 +101,7 @@ def report(folder: Path) -> Summary:
 def compare(a: str, b: str, *, of: Figure = Figure.FINAL, significant: float = SIGNIFICANT) -> RunComparison:
     """Compare two runs, or parts of them (`RUN:axis=value,…`), paired by seed: McNemar's exact test.
 
-    Raises DefinitionError `NOT_A_WORKSPACE`, `RUN_DIFFERS`; `UNKNOWN_NAME` for an axis.
+    Raises DefinitionError `NOT_A_WORKSPACE`, `CHANGED`; `UNKNOWN_NAME` for an axis.
     """
     found = compare_records(_read_chosen(a), _read_chosen(b), of)
     return RunComparison(comparison=found, is_regression=found.is_regression(significant))
@@ -123,7 +123,7 @@ def plan_environments(name: str, python: str = sys.executable) -> tuple[Environm
 def make_environment(
     name: str, environment: str, on_command: Callable[[str], None], python: str = sys.executable
 ) -> Path:
-    """Make or complete one of `plan_environments(name)`; its interpreter. Raises ExecutionError `SETUP_FAILED`."""
+    """Make or complete one of `plan_environments(name)`; its interpreter. Raises ExecutionError `EXTRA_MISSING`."""
     return set_up(environment, find_environments(name)[environment], on_command, python)
 
 

@@ -126,8 +126,7 @@ _OF_PHASE = {
 }
 _OF_CODE = {  # of preflight, which otherwise finds that contract and target do not fit
     Taxon.PERCEPTION: ("NOT_OBSERVED", "PRECONDITION_UNMET"),
-    Taxon.PLANNING: ("OUT_OF_REACH", "OUTSIDE_WORKSPACE", "HOLD_BROKEN"),
-    Taxon.TIMEOUT: ("PREFLIGHT_TIMED_OUT", "QUEUE_TIMED_OUT"),
+    Taxon.PLANNING: ("OUT_OF_REACH", "CONSTRAINT_VIOLATED"),
 }
 _BY_CODE = {code: taxon for taxon, codes in _OF_CODE.items() for code in codes}
 
@@ -155,10 +154,10 @@ def classify_problems(problems: Sequence[Problem]) -> Taxon:
     if not problems:
         return Taxon.EXECUTION
     code = get_present_name(problems[0].code)
-    if code in Cause.__members__:
-        return classify_cause(code)
     if code in _BY_CODE:
         return _BY_CODE[code]
+    if code in Cause.__members__:
+        return classify_cause(code)
     if code.startswith("POLICY_"):
         return Taxon.POLICY
     known = find_code(code)

@@ -216,7 +216,7 @@ class Comparison:
 def compare(a: Sequence[EpisodeRecord], b: Sequence[EpisodeRecord], of: Figure = Figure.FINAL) -> Comparison:
     """Pair the episodes of two sets by seed and every axis but those on which each has one value of its own.
 
-    Raises DefinitionError `RUN_DIFFERS` where no episode of one set belongs to one of the other.
+    Raises DefinitionError `INVALID_VALUE` where no episode of one set belongs to one of the other.
     """
     values = {axis: [{getattr(record, axis) for record in each} for each in (a, b)] for axis in AXES}
     free = [axis for axis, (ours, theirs) in values.items() if ours != theirs and len(ours) == len(theirs) == 1]
@@ -224,7 +224,7 @@ def compare(a: Sequence[EpisodeRecord], b: Sequence[EpisodeRecord], of: Figure =
     pairs = [key for key in ours if key in theirs]
     if not pairs:
         expected = "runs that share tasks and seeds"
-        raise DefinitionError.of("RUN_DIFFERS", "paos bench compare", "no episode of both", expected)
+        raise DefinitionError.of("INVALID_VALUE", "paos bench compare", "no episode of both", expected)
     gained = tuple(key for key in pairs if theirs[key] > ours[key])
     lost = tuple(key for key in pairs if ours[key] > theirs[key])
     p = 1.0

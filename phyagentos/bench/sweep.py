@@ -79,7 +79,7 @@ def read_manifest(folder: Path) -> Manifest:
 def continue_run(folder: Path, plan: Plan) -> Manifest:
     """The manifest of a run that goes on, with what is missing today.
 
-    Raises DefinitionError `RUN_DIFFERS` where the suite, a goal graph or a file of faults is not what it was.
+    Raises DefinitionError `CHANGED` where the suite, a goal graph or a file of faults is not what it was.
     """
     known = read_manifest(folder)
     today = _describe(Path(known.source), plan, known.at, Path(known.project))
@@ -89,7 +89,7 @@ def continue_run(folder: Path, plan: Plan) -> Manifest:
     if changed:
         hint = "Begin a new run; what this one has measured stays."
         found = "another content than when the run began"
-        raise DefinitionError([Problem("RUN_DIFFERS", path, found, "the same", hint) for path in changed])
+        raise DefinitionError([Problem("CHANGED", path, found, "the same", hint) for path in changed])
     replace_durably(folder / MANIFEST, msgspec.json.format(msgspec.json.encode(today)))
     return today
 
@@ -151,7 +151,7 @@ def _find_memory(order: Order, orders: Sequence[Order], done: Mapping[str, Episo
 
 @contextlib.contextmanager
 def _serving(policies: Sequence[Policy], project: Path, clock: Clock) -> Iterator[None]:
-    """The servers of policies while the block runs; raises `POLICY_MISSING` for one that does not answer in time."""
+    """The servers of policies while the block runs; raises `POLICY_UNREACHABLE` where one does not answer in time."""
     end_with_us = partial(end_with, os.getpid())
     served = [policy for policy in policies if policy.serve]
     quiet: Any = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "start_new_session": True}
@@ -165,7 +165,7 @@ def _serving(policies: Sequence[Policy], project: Path, clock: Clock) -> Iterato
             while policy.ready and not can_connect(policy.ready):
                 if clock.now_s() > until_s or server.poll() is not None:
                     found = f"{' '.join(policy.command)} does not listen at {policy.ready}"
-                    raise ExecutionError("POLICY_MISSING", found)
+                    raise ExecutionError("POLICY_UNREACHABLE", found)
                 clock.sleep(0.1)
         yield
     finally:

@@ -101,6 +101,11 @@ SECTIONS = {  # of the help -> name -> module and function, the first line of wh
     },
 }
 COMMANDS = {name: at for each in SECTIONS.values() for name, at in each.items() if at}
+MEMBERS = {  # of groups, as they are typed -> module and function
+    group: {each.rstrip("_").replace("_", "-"): f"{module}:{each}" for each in functions}
+    for group, (_, module, functions) in GROUPS.items()
+}
+PLACES = COMMANDS | {f"{group} {name}": at for group, each in MEMBERS.items() for name, at in each.items()}
 SERVERS = ("watch", "view", "mcp", "policy serve")  # until Ctrl-C: without a result
 HELP = """Robots run on sessions that are verified, not merely finished.
 
@@ -159,12 +164,8 @@ def read_summaries(module: str) -> dict[str, str]:
 
 def load_command(name: str) -> Any:
     """A command, or a group of them, with its module loaded."""
-    about, module, functions = GROUPS.get(name, ("", "", ()))
-    places = {function.rstrip("_").replace("_", "-"): f"{module}:{function}" for function in functions} or {
-        name: COMMANDS[name]
-    }
-    made = typer.Typer(help=about or None, add_completion=False, **PLAIN)
-    for each, place in places.items():
+    made = typer.Typer(help=GROUPS[name][0] if name in GROUPS else None, add_completion=False, **PLAIN)
+    for each, place in (MEMBERS.get(name) or {name: COMMANDS[name]}).items():
         made.command(each)(answering(pkgutil.resolve_name(f"phyagentos.cli.{place}")))
     if name in GROUPS:
         made.callback()(lambda: None)

@@ -192,11 +192,11 @@ def build_criterion_line(criterion: Criterion) -> Text:
     return Text.assemble("    ", mark, f" {criterion.text}", (f"  {criterion.sentence}".rstrip(), "dim"))
 
 
-def build_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+def build_table(head: Sequence[str], rows: Iterable[Sequence[str | Text]]) -> Table:
     """Aligned columns, folded where the terminal is narrow; texts are shown as they are."""
     table = Table(*head, box=None, pad_edge=False, header_style="dim", show_header=any(head), padding=(0, GAP, 0, 0))
     for column in table.columns:
         column.overflow = "fold"
     for row in rows:
-        table.add_row(*map(Text, row))
+        table.add_row(*(Text(each) if isinstance(each, str) else each for each in row))
     return table

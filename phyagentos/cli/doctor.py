@@ -4,10 +4,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 from rich.text import Text
 
-from phyagentos.cli.console import CleanConsole
+from phyagentos.cli.console import CleanConsole, build_table
 from phyagentos.cli.outcome import ExitCode, print_note
 from phyagentos.cli.reply import Reply
 from phyagentos.clock import Clock, SystemClock
@@ -23,12 +22,9 @@ def examine_machine(
 ) -> Reply[tuple[MachineFinding, ...]]:
     """Check this machine: graphics, locks, file events, clock, versions, ports, disk; print each fix."""
     found = (warm_kernels(SystemClock()),) if warm else doctor.examine_machine(folder)
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    for column in ("subject", "grade", "found", "what to do"):
-        table.add_column(column, overflow="fold")
-    for each in found:
-        table.add_row(each.subject, Text(each.grade, STYLES[each.grade]), Text(each.found), Text(each.fix))
+    rows = ((each.subject, Text(each.grade, STYLES[each.grade]), each.found, each.fix) for each in found)
     is_broken = any(each.grade is Grade.BROKEN for each in found)
+    table = build_table(("subject", "grade", "found", "what to do"), rows)
     return Reply(found, table, code=ExitCode.GOAL_NOT_MET if is_broken else ExitCode.GOAL_MET)
 
 

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
-from phyagentos.cli.console import PIPE_WIDTH, build_criterion_line, choose_style, summarise, tell_failure
+from phyagentos.cli.console import PIPE_WIDTH, build_criterion_line, build_table, choose_style, summarise, tell_failure
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations.progress import Row
 from phyagentos.operations.run import RunReport
@@ -18,20 +17,9 @@ def print_report(report: RunReport, rows: Sequence[Row], console: Console) -> No
     """The final table, the goal's own criteria, where pictures and documents are, and what to type next."""
     if not console.is_terminal:
         console.width = PIPE_WIDTH
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    for column in ("session", "state", "because"):
-        table.add_column(column, overflow="fold")
-    table.add_column("simulated", justify="right", no_wrap=True)
-    table.add_column("wall", justify="right", no_wrap=True)
-    for row in rows:
-        failed = " (execution failed)" if tell_failure(row) else ""
-        table.add_row(
-            row.name,
-            Text(row.state + failed, choose_style(row, row.state)),
-            summarise(row),
-            f"{row.sim_time_s:.1f} s" if row.sim_time_s else "",
-            f"{row.wall_s:.1f} s" if row.session is not None else "",
-        )
+    table = build_table(("session", "state", "because", "simulated", "wall"), map(_list_cells, rows))
+    for column in table.columns[-2:]:
+        column.justify, column.no_wrap = "right", True
     console.print()
     console.print(table)
     console.print()
@@ -54,3 +42,14 @@ def print_report(report: RunReport, rows: Sequence[Row], console: Console) -> No
     console.print(f"documents in {report.workspace}", style="dim", soft_wrap=True)
     where = "" if Path(report.workspace).resolve().parent == FOLDER.resolve() else f" -w {report.workspace}"
     console.print(f"next: paos why{where} (what decided), paos view{where} (the run, on a page)", soft_wrap=True)
+
+
+def _list_cells(row: Row) -> tuple[str | Text, ...]:
+    failed = " (execution failed)" if tell_failure(row) else ""
+    return (
+        row.name,
+        Text(row.state + failed, choose_style(row, row.state)),
+        summarise(row),
+        f"{row.sim_time_s:.1f} s" if row.sim_time_s else "",
+        f"{row.wall_s:.1f} s" if row.session is not None else "",
+    )

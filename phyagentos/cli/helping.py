@@ -53,7 +53,8 @@ def explain(
     if not words:
         return Reply((), context.find_root().get_help())
     files, question = _files(), " ".join(words)
-    pages, commands = list(map(read_page, files)), list_commands()
+    pages = list(map(read_page, files))
+    commands = [_describe(name, *place.split(":")) for name, place in app.PLACES.items()]
     stems = correct(stem_words(question), [*pages, *commands])
     found, near = rank(stems, pages)[:_MOST_PAGES], rank(stems, commands)[:_MOST_COMMANDS]
     if not found and not near:
@@ -74,16 +75,6 @@ def read_page(path: Path) -> Entry:
     return Found(title=title.lstrip("# "), about=about, commands=tuple(typed[:_MOST_TYPED]), file=str(path)), weigh(
         f"{title} {path.stem} {keywords}", body
     )
-
-
-def list_commands() -> list[Entry]:
-    """Every command, those of groups too, with the first line of its help."""
-    places = app.COMMANDS | {
-        f"{group} {each.rstrip('_').replace('_', '-')}": f"{module}:{each}"
-        for group, (_, module, functions) in app.GROUPS.items()
-        for each in functions
-    }
-    return [_describe(name, *place.split(":")) for name, place in places.items()]
 
 
 def rank(stems: Sequence[str], entries: Sequence[Entry]) -> list[Found]:

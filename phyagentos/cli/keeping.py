@@ -16,6 +16,7 @@ from phyagentos.store.compaction import Compaction
 from phyagentos.store.recovery.inspection import Inspection
 from phyagentos.store.recovery.repair import Repair
 from phyagentos.store.retention import RetentionReport
+from phyagentos.wording import count
 
 _NEWEST = typer.Argument(
     metavar="WORKSPACE", default_factory=choose_newest, show_default="the newest", help="Its folder."
@@ -32,10 +33,9 @@ _REFUSED = (
 def verify(workspace: Space) -> Reply[EvidenceCheck]:
     """Hash every bundle of an ended session again, and follow what its snapshots point at."""
     found = evidence.check_evidence(workspace)
-    count, problems = len(found.problems), list_problems(found.problems)
-    said = f"{count} problem{'s' if count != 1 else ''}" if count else "as recorded"
-    text = f"{found.bundles} bundle{'s' if found.bundles != 1 else ''} checked: {said}"
-    return Reply(found, text, problems, ExitCode.GOAL_NOT_MET if count else ExitCode.GOAL_MET)
+    said = count(len(found.problems), "problem") if found.problems else "as recorded"
+    code = ExitCode.GOAL_NOT_MET if found.problems else ExitCode.GOAL_MET
+    return Reply(found, f"{count(found.bundles, 'bundle')} checked: {said}", list_problems(found.problems), code)
 
 
 def prune(

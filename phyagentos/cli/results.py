@@ -6,14 +6,13 @@ names it here.
 
 import inspect
 import pkgutil
-from collections.abc import Iterator
 from pathlib import Path
 from types import UnionType
 from typing import Any, get_args, get_origin
 
 import msgspec
 
-from phyagentos.cli.app import COMMANDS, GROUPS, SERVERS
+from phyagentos.cli.app import PLACES, SERVERS
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.struct_schema import REFERENCE
@@ -38,22 +37,17 @@ LATE = {  # command -> types below phyagentos; the result is one of them
 }
 
 
-def iter_commands() -> Iterator[tuple[str, str]]:
-    """Every command that has a result, as it is typed (`store check`), and its function below `phyagentos.cli`."""
-    places = dict(COMMANDS)
-    for group, (_, module, functions) in GROUPS.items():
-        places |= {f"{group} {each.rstrip('_').replace('_', '-')}": f"{module}:{each}" for each in functions}
-    yield from ((command, place) for command, place in places.items() if command not in SERVERS)
+ANSWERING = {command: place for command, place in PLACES.items() if command not in SERVERS}
+"""Every command that has a result, as it is typed (`store check`), and its function below `phyagentos.cli`."""
 
 
 def list_types(command: str) -> list[Any]:
     """The types of a command's result, which is one of them; raises DefinitionError `UNKNOWN_NAME`."""
-    known = dict(iter_commands())
-    if command not in known:
-        raise DefinitionError.unknown("schema", "paos schema", command, known)
+    if command not in ANSWERING:
+        raise DefinitionError.unknown("schema", "paos schema", command, ANSWERING)
     if command in LATE:
         return [pkgutil.resolve_name(f"phyagentos.{place}") for place in LATE[command]]
-    function = pkgutil.resolve_name(f"phyagentos.cli.{known[command]}")
+    function = pkgutil.resolve_name(f"phyagentos.cli.{ANSWERING[command]}")
     (found,) = get_args(inspect.signature(function).return_annotation)
     return list(get_args(found)) if get_origin(found) is UnionType else [found]
 

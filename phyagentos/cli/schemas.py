@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 
-from phyagentos.cli.results import build_result_schema, iter_commands
+from phyagentos.cli.results import ANSWERING, build_result_schema
 from phyagentos.errors import DefinitionError
 from phyagentos.operations.schema_fields import iter_structures, list_fields
 from phyagentos.protocol.documents.markdown import render_table
@@ -44,7 +44,7 @@ def names_of_schemas() -> list[str]:
 
 def names_of_results() -> list[str]:
     """The schema of each command's result, sorted."""
-    return sorted(f"{RESULTS}{command.replace(' ', '_')}" for command, _ in iter_commands())
+    return sorted(f"{RESULTS}{command.replace(' ', '_')}" for command in ANSWERING)
 
 
 def render_schema(kind: str) -> str:

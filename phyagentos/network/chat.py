@@ -64,8 +64,7 @@ class OpenAiEndpoint:
         `timeout_s` [s] is instead of that of the endpoint.
 
         Raises:
-            ExecutionError: `MODEL_FAILED` (also when it answers too late), `MODEL_FAILED` (a status other than
-                200) or `MODEL_MALFORMED`.
+            ExecutionError: `MODEL_FAILED`: no answer in time, a status other than 200, or another form.
         """
         from phyagentos.network.http import HttpClient  # late: only who asks needs it
 
@@ -81,7 +80,7 @@ class OpenAiEndpoint:
         headers = [("Content-Type", "application/json")]
         if self.key:
             headers.append(("Authorization", f"Bearer {self.key}"))
-        with contextlib.closing(HttpClient(url, "MODEL_FAILED", "MODEL_MALFORMED", self.name)) as client:
+        with contextlib.closing(HttpClient(url, "MODEL_FAILED", name=self.name)) as client:
             sent = msgspec.json.encode(body)
             data = client.post(sent, timeout_s=within_s, max_bytes=MAX_BYTES, headers=headers)
         try:
@@ -92,4 +91,4 @@ class OpenAiEndpoint:
             }
             return msgspec.convert(found, Completion)
         except (msgspec.MsgspecError, UnicodeError, LookupError, TypeError) as error:
-            raise ExecutionError("MODEL_MALFORMED", f"{self.name}: no completion in its answer: {error}") from error
+            raise ExecutionError("MODEL_FAILED", f"{self.name}: no completion in its answer: {error}") from error

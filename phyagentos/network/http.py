@@ -26,11 +26,12 @@ _ERRORS = (httpcore.NetworkError, httpcore.ProtocolError, httpcore.UnsupportedPr
 class HttpClient:
     """Posts to one URL, one request at a time; the connection is kept between them. `name` stands in messages.
 
-    `failed` is the code of no whole answer of status 200 in time, `malformed` that of one too long or encoded.
+    `failed` is the code of no whole answer of status 200 in time, `malformed` of one too long or encoded, if another.
     """
 
-    def __init__(self, url: str, failed: str, malformed: str, name: str = "") -> None:
-        self._url, self._failed, self._malformed, self._name = url, failed, malformed, name or url
+    def __init__(self, url: str, failed: str, malformed: str = "", name: str = "") -> None:
+        self._url, self._name = url, name or url
+        self._failed, self._malformed = failed, malformed or failed
         self._backend = _Backend()
         self._pool = httpcore.ConnectionPool(max_connections=1, network_backend=self._backend)
 

@@ -113,13 +113,13 @@ def answer(root: Path, name: str, says: str, *, by: str, question: int = 0) -> A
 def contest(root: Path, name: str, *, because: str, by: str) -> Judged:
     """Say that the verdict on a session is wrong, as a judgement of a person beside it: the opposite, and why.
 
-    Raises DefinitionError `UNKNOWN_NAME`, `NOT_JUDGED`.
+    Raises DefinitionError `UNKNOWN_NAME`, `NOT_EXECUTED`.
     """
     workspace, sessions = Workspace.open(root), read_ledger(root, name).sessions
     status = sessions[get_session(name, sessions)]
     id, decided = status.contract.id, status.decision
     if decided is None or REVIEW not in list_triggers(status.state):
-        raise DefinitionError.of("NOT_JUDGED", f"session {id}", f"state {status.state}", "a session with its verdict")
+        raise DefinitionError.of("NOT_EXECUTED", f"session {id}", f"state {status.state}", "a session with its verdict")
     says, clock = Verdict.SUCCESS if decided.verdict.is_miss else Verdict.FAILURE, SystemClock()
     attempt = Attempt(
         verdict=says,

@@ -79,15 +79,14 @@ def list_proposals(root: Path) -> tuple[WaitingProposal, ...]:
 def read_proposal(root: Path, name: str) -> ProposedGoal:
     """A proposal that may be approved, compiled as it would run.
 
-    Raises DefinitionError `UNKNOWN_NAME`, `PROPOSAL_CHANGED`; `PROPOSAL_CHANGED` where it is
-    denied; every problem of its graph.
+    Raises DefinitionError `UNKNOWN_NAME`, `CHANGED`; `ALREADY_OVER` where it is denied; every problem of its graph.
     """
     place = Workspace.open(root)
     proposals = Proposals(place.proposals)
     proposed = proposals.read(name)
     graph, decision = _compile(place, proposed), proposals.find_decision(proposed)
     if decision is not None and decision.decision == "denied":
-        raise DefinitionError.of("PROPOSAL_CHANGED", name, f"denied by {decision.by}: {decision.reason}")
+        raise DefinitionError.of("ALREADY_OVER", name, f"denied by {decision.by}: {decision.reason}")
     chosen = {node: (graph.choices[node].skill, graph.choices[node].target) for node in graph.order}
     known, text = decision.decision if decision is not None else "", proposed.data.decode()
     return ProposedGoal(name=name, text=text, sha256=proposed.sha256, sessions=chosen, decision=known)
@@ -99,7 +98,7 @@ def approve(root: Path, name: str, sha256: str, *, by: str, reason: str = "", me
     A runtime of its own carries it out where none serves the workspace. A goal that has its verdict is only reported.
     `memory` is as asked of `choose_memory`. The Python of the workspace's skills is run: see `admit_python` before.
 
-    Raises DefinitionError as `read_proposal` does; `PROPOSAL_CHANGED` for other bytes.
+    Raises DefinitionError as `read_proposal` does; `CHANGED` for other bytes.
     """
     proposed = record_approval(root, name, sha256, by=by, reason=reason)
     report = _carry_out(Workspace.open(root), proposed, SystemClock(), memory=memory)
@@ -114,14 +113,14 @@ def record_approval(root: Path, name: str, sha256: str, *, by: str, reason: str 
     shown, proposals = read_proposal(root, name), Proposals(Workspace.open(root).proposals)
     proposed = proposals.read(name)
     if proposed.sha256 != sha256:
-        raise DefinitionError.of("PROPOSAL_CHANGED", name, f"bytes with the SHA-256 {proposed.sha256}", sha256)
+        raise DefinitionError.of("CHANGED", name, f"bytes with the SHA-256 {proposed.sha256}", sha256)
     if not shown.decision:
         proposals.decide(proposed, "approved", by=by, at=SystemClock().wall_iso(), reason=reason)
     return proposed
 
 
 def deny(root: Path, name: str, *, by: str, reason: str = "") -> Decided:
-    """Refuse a proposal; raises DefinitionError `UNKNOWN_NAME`, `PROPOSAL_CHANGED`."""
+    """Refuse a proposal; raises DefinitionError `UNKNOWN_NAME`, `CHANGED`, `ALREADY_OVER`."""
     proposals = Proposals(Workspace.open(root).proposals)
     proposals.decide(proposals.read(name), "denied", by=by, at=SystemClock().wall_iso(), reason=reason)
     return Decided(proposal=name, decision="denied", reason=reason)
@@ -161,11 +160,11 @@ def _describe(proposals: Proposals, name: str) -> WaitingProposal:
 
 
 def _compile(workspace: Workspace, proposed: Proposed) -> GoalGraph:
-    """Its goal graph; raises `PROPOSAL_CHANGED` when another file says what would run."""
+    """Its goal graph; raises `CHANGED` when another file says what would run."""
     found = {each.get("include") for each in iter_nested(proposed.proposal.graph) if isinstance(each, dict)}
     if names := sorted(each for each in found if isinstance(each, str)):
         expected = "included graphs in their places"
-        raise DefinitionError.of("PROPOSAL_CHANGED", proposed.name, f"include: {', '.join(names)}", expected)
+        raise DefinitionError.of("CHANGED", proposed.name, f"include: {', '.join(names)}", expected)
     with as_file(_render(proposed.proposal.graph)) as file:
         return read_goal_graph(file, Catalogue.of_workspace(workspace))
 

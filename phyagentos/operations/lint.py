@@ -147,7 +147,7 @@ def lint_file(
             found = f"top-level keys {', '.join(keys) or '(none)'}"
             expected = f"one of the keys {known}, a SKILL.md, a protocol document or a settings file"
             hint = next((hint for key in keys if (hint := format_hint(key, _KEYS))), "")
-            return [Problem("WRONG_KIND", f"{path}:1:1", found, expected, hint)]
+            return [Problem("INVALID_VALUE", f"{path}:1:1", found, expected, hint)]
         if kind is FileKind.SUITE and check_suite is not None:
             check_suite(path)
         problems = _check(kind, path, library, runs_python=runs_python)
@@ -184,7 +184,7 @@ def find_other_kind(path: Path, wanted: FileKind) -> list[Problem]:
         return []
     folder = next(name for name, each in _FOLDERS.items() if each is wanted)
     names = {each.stem for root in open_library(path).roots for each in (root / folder).glob("*.yaml")}
-    return [Problem("WRONG_KIND", f"{path}:1:1", f"a file of kind {kind}", f"{wanted}, as {format_names(names)}")]
+    return [Problem("INVALID_VALUE", f"{path}:1:1", f"a file of kind {kind}", f"{wanted}, as {format_names(names)}")]
 
 
 def _read_keys(path: Path) -> list[str]:

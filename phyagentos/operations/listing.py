@@ -11,6 +11,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.predicates.library import get_predicate_library
 from phyagentos.protocol.predicates.project_predicates import load_predicates
 from phyagentos.protocol.sessions import lifecycle
+from phyagentos.protocol.sessions.statechart import Row
 
 RETRIES = {
     Retry.NEVER: "the same will happen",
@@ -40,20 +41,10 @@ class Names(msgspec.Struct, frozen=True, kw_only=True):
     names: tuple[str, ...]
 
 
-class Transition(msgspec.Struct, frozen=True, kw_only=True):
-    """A row of a statechart: from each of `sources`, by these sides, under a named condition."""
-
-    trigger: str
-    sources: tuple[str, ...]
-    dest: str
-    by: tuple[str, ...] = ()
-    when: str = ""
-
-
 class Statechart(msgspec.Struct, frozen=True, kw_only=True):
     """The table that is also the code, and its picture."""
 
-    transitions: tuple[Transition, ...]
+    transitions: tuple[Row, ...]
     mermaid: str
 
 
@@ -84,8 +75,7 @@ def show_lifecycle(*, of_target: bool = False) -> Statechart:
         rows, mermaid = PHASE_TRANSITIONS, render_phases()
     else:
         rows, mermaid = lifecycle.SESSION_TRANSITIONS, lifecycle.render_mermaid()
-    transitions = msgspec.convert(msgspec.to_builtins(rows), tuple[Transition, ...])
-    return Statechart(transitions=transitions, mermaid=mermaid)
+    return Statechart(transitions=rows, mermaid=mermaid)
 
 
 def explain_codes(name: str = "") -> tuple[Code, ...]:

@@ -27,7 +27,7 @@ from phyagentos.runtime.worker.orders import Checked
 
 OPEN = "${"  # begins a reference to an output that does not exist yet
 OF_THE_MOMENT = frozenset(  # may change
-    {"PRECONDITION_UNMET", "HOLD_BROKEN", "NO_FREE_SITE", "OUT_OF_REACH", "OUTSIDE_WORKSPACE"}
+    {"PRECONDITION_UNMET", "CONSTRAINT_VIOLATED", "NO_FREE_SITE", "OUT_OF_REACH"}
 )
 
 

@@ -44,19 +44,19 @@ def promote(root: Path, entry: str, project: Path, name: str, *, trials: int = 3
     workspace, each judged as any session. Nothing is written where one fails.
 
     Raises:
-        DefinitionError: `UNKNOWN_NAME`; `NOT_PROMOTED`; `WOULD_OVERWRITE`; every problem of the files.
+        DefinitionError: `UNKNOWN_NAME`; `NOT_PERMITTED`; `WOULD_OVERWRITE`; every problem of the files.
     """
     memory = open_memory(root)
     find_entry(memory, entry, root)
     lesson, workspace = memory.experience.corrections.get(entry), Workspace.open(root)
     if lesson is None:
-        raise DefinitionError.of("NOT_PROMOTED", str(root), entry, "a lesson about what has to come first")
+        raise DefinitionError.of("NOT_PERMITTED", str(root), entry, "a lesson about what has to come first")
     starts = find_starts(lesson, memory.read_all())[-trials:]
     skills = read_skill_registry(workspace.skill_registry)
     composed = compose(name, lesson, skills, starts, memory=memory.snapshot)
     if len(starts) < trials:
         expected = f"{trials} starts on which the whole sequence was verified"
-        raise DefinitionError.of("NOT_PROMOTED", entry, f"{len(starts)} of them", expected)
+        raise DefinitionError.of("NOT_PERMITTED", entry, f"{len(starts)} of them", expected)
     texts = {Path("trees", f"{name}.yaml"): composed.render_tree()}
     texts[Path("skills", name, "SKILL.md")] = composed.render_skill()
     if there := [project / path for path in texts if (project / path).exists()]:
@@ -71,11 +71,13 @@ def promote(root: Path, entry: str, project: Path, name: str, *, trials: int = 3
 
 
 def revoke(project: Path, name: str) -> Revoked:
-    """Take a learned skill and its tree out of a project; raises `NOT_PROMOTED` for one that people wrote."""
+    """Take a learned skill and its tree out of a project; raises `NOT_PERMITTED` for one that people wrote."""
     path = Library((project,)).get_skill(name)
     skill, _ = read_skill(path)
     if skill.learned is None:
-        raise DefinitionError.of("NOT_PROMOTED", str(path), "a skill that was written by hand", "one that was promoted")
+        raise DefinitionError.of(
+            "NOT_PERMITTED", str(path), "a skill that was written by hand", "one that was promoted"
+        )
     shutil.rmtree(path.parent)
     (project / "trees" / f"{skill.tree}.yaml").unlink(missing_ok=True)
     return Revoked(skill=name, entry=skill.learned.entry)
@@ -89,7 +91,7 @@ def _write(root: Path, texts: Mapping[Path, str]) -> tuple[Path, ...]:
 
 
 def _try(composed: Composition, start: Start, workspace: Workspace, folder: Path) -> None:
-    """Raises `NOT_PROMOTED` unless the skill succeeds on this start."""
+    """Raises `NOT_PERMITTED` unless the skill succeeds on this start."""
     seed, clock = start[-1].seed, SystemClock()
     goal = Path("goal_graphs", "try.yaml")
     _write(folder, {goal: composed.render_goal(start)})
@@ -103,4 +105,4 @@ def _try(composed: Composition, start: Start, workspace: Workspace, folder: Path
         report = agent.mission.run(folder / goal, seed=seed)
     if report.verdict != "success":
         found = f"{report.verdict} on seed {seed}: {report.reason}"
-        raise DefinitionError.of("NOT_PROMOTED", composed.skill.skill, found, "success on every start that is known")
+        raise DefinitionError.of("NOT_PERMITTED", composed.skill.skill, found, "success on every start that is known")

@@ -99,7 +99,7 @@ def _iter_of_body(name: str, located: Located, path: Address, rig: Rig) -> Itera
         sides = f"sides that differ by less than {format_length(apart_m)}, which is what these cameras resolve"
         found = f"{name!r}, which has the colours of {format_names(others)} and {sides}"
         hint = "Give one of them another colour, or a size that differs by more."
-        yield located.problem("ALIKE", path, found, "an object that differs from the others", hint)
+        yield located.problem("AMBIGUOUS", path, found, "an object that differs from the others", hint)
 
 
 def _iter_of_call(call: syntax.Call, located: Located, path: Address, rig: Rig) -> Iterator[Problem]:

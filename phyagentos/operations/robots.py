@@ -162,7 +162,7 @@ def draft_robot(
     `arguments` are values of those of a xacro file; of several arms that with `joint` is drafted;
     `hand` is the model of one that it carries, as a profile here does.
 
-    Raises DefinitionError `MODEL_MISSING`, `MODEL_INVALID`, `WOULD_OVERWRITE`, `INVALID_VALUE` for a name that no
+    Raises DefinitionError `UNREADABLE_FILE`, `MODEL_INVALID`, `WOULD_OVERWRITE`, `INVALID_VALUE` for a name that no
     target can have, `IN_COLLISION` where no posture is free.
     """
     from phyagentos.runtime.models.drafting import draft_profile, find_carried
@@ -171,7 +171,7 @@ def draft_robot(
 
     path = find_model(model, Path())
     if not path.is_file():
-        raise DefinitionError.of("MODEL_MISSING", model, "no such file", "a MJCF or URDF file")
+        raise DefinitionError.of("UNREADABLE_FILE", model, "no such file", "a MJCF or URDF file")
     target = name or re.sub(r"^[^a-z]*", "", re.sub(r"[^a-z0-9]+", "_", path.stem.lower())).strip("_") or "robot"
     if not re.fullmatch(r"[a-z][a-z0-9_]*", target):
         raise DefinitionError.of("INVALID_VALUE", "--name", repr(target), "small letters, digits and _")

@@ -40,9 +40,10 @@ from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
-from phyagentos.protocol.settings.perception import Prior, Sensing, declare_sensing
-from phyagentos.protocol.settings.runtime_contract import WorldMode, declare_speed, declare_world_mode
+from phyagentos.protocol.settings.perception import Prior, Sensing
+from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.protocol.settings.sensors import read_sensors
+from phyagentos.protocol.settings.settings_files import declare
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.faults import read_faults
@@ -123,7 +124,7 @@ class PlaneEnded(ExecutionError):
         if not self.printed and not has_room(plane.log.parent):
             last = "it printed nothing, and its disk is full: make room and run it again."
         message = f"the {plane.name} plane ended with code {self.exit_code}: {last} Log: {plane.log}"
-        super().__init__("PLANE_ENDED", message)
+        super().__init__("NOT_RUNNING", message)
 
 
 class Interrupts:
@@ -186,11 +187,8 @@ def run_goal(
     compiled = check_request(graph, faults, parse_overrides(request.overrides), request.workspace, request.seed)
     workspace = Workspace.create(root, open_library(graph))
     with serve_alone(workspace, clock), interrupts.counted():
-        if request.world_mode is not None:
-            declare_world_mode(workspace.runtime_contract, request.world_mode)
-        if request.speed is not None:
-            declare_speed(workspace.runtime_contract, request.speed)
-        declare_sensing(workspace.perception, request.sense, request.prior)
+        declare(workspace.runtime_contract, world_mode=request.world_mode, speed=request.speed)
+        declare(workspace.perception, sensing=request.sense, prior=request.prior)
         announce(f"workspace {root}\nmemory {choose_memory(workspace, graph, request.memory)}")
         with contextlib.closing(Journal(workspace.root, side=Side.OPERATOR, by="paos run", clock=clock)) as journal:
             ledger = journal.open_ledger()

@@ -82,7 +82,7 @@ def _find_robots(library: Library, scene: str, robot: str) -> list[str]:
 def save(name: str, workspace: Path, folder: Path) -> SavedScene:
     """Write a scene whose objects begin where a run last saw them; the rest is as in the scene of that run.
 
-    Raises DefinitionError `WOULD_OVERWRITE`, `NOTHING_OBSERVED`, `INVALID_VALUE` where a robot placed its scene.
+    Raises DefinitionError `WOULD_OVERWRITE`, `NOT_OBSERVED`, `INVALID_VALUE` where a robot placed its scene.
     """
     space, to = Workspace.open(workspace), folder / "scenes" / f"{name}.yaml"
     known = read_environment(read_text(space.environment), str(space.environment))

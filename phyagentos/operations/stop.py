@@ -71,12 +71,12 @@ def resume(session: str = ALL, root: Path | None = None, *, by: str = "paos resu
 
 
 def estop(root: Path | None = None, *, reason: str = "", by: str = "paos estop") -> Stopped:
-    """Latch the emergency stop; raises ExecutionError `LATCH_UNWRITABLE` where it is not latched."""
+    """Latch the emergency stop; raises ExecutionError `WRITE_FAILED` where it is not latched."""
     return _reach(root, lambda each: (_latch(each, reason, by),))
 
 
 def reset_estop(root: Path, *, reason: str) -> Stopped:
-    """Let the targets of a workspace move again; raises DefinitionError `NOT_LATCHED`, `MISSING_VALUE`."""
+    """Let the targets of a workspace move again; raises DefinitionError `ALREADY_OVER`, `MISSING_VALUE`."""
     kept = latches.reset(Workspace.open(root, _WRITTEN).signals.parent, reason, SystemClock())
     return Stopped(requests=(StopRequest(workspace=str(root), kind="reset", file=str(kept)),))
 
@@ -150,6 +150,6 @@ def _latch(root: Path, reason: str, by: str) -> StopRequest:
         latches.latch(signals, latches.Latch(by=by, reason=reason, at=SystemClock().wall_iso()))
     except OSError as error:
         if not latches.is_latched(signals):
-            raise ExecutionError("LATCH_UNWRITABLE", f"{signals}: {error}; use the stop of the robot itself") from error
+            raise ExecutionError("WRITE_FAILED", f"{signals}: {error}; use the stop of the robot itself") from error
         warning = f"latched, but the disk did not confirm it ({error}): a restart of the machine may forget it"
     return StopRequest(workspace=str(root), kind="estop", file=str(signals / latches.LATCH), warning=warning)

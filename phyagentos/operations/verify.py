@@ -50,7 +50,7 @@ def verify(
 ) -> Judged:
     """Add a judgement to a session that has its verdict; erases none and changes no state.
 
-    `judges` are those of the settings without. Raises DefinitionError `UNKNOWN_NAME`, `NOT_JUDGED`.
+    `judges` are those of the settings without. Raises DefinitionError `UNKNOWN_NAME`, `NOT_EXECUTED`.
     """
     place, clock = Workspace.open(root), SystemClock()
     verifier = build_verifier(place, clock, mode=mode, judges=judges)
@@ -86,9 +86,9 @@ def perceive_again(workspace: Workspace, status: SessionStatus) -> list[tuple[Lo
     """Each look that a session's bundle names, and the world as perception makes it of that look now.
 
     Raises:
-        ExecutionError: `EVIDENCE_DAMAGED`, which name the file; `LOOK_DIFFERS` where perception
+        ExecutionError: `EVIDENCE_DAMAGED`, which name the file; `CHANGED` where perception
             now reads something else than it did.
-        DefinitionError: `SETTINGS_CHANGED` where the settings are not those of the session.
+        DefinitionError: `CHANGED` where the settings are not those of the session.
     """
     execution, target = status.execution, status.contract.target
     folder = workspace.root / execution.evidence if execution is not None else workspace.evidence / status.contract.id
@@ -100,7 +100,7 @@ def perceive_again(workspace: Workspace, status: SessionStatus) -> list[tuple[Lo
     found = "another file than the session ran with"
     hint = f"Restore it, or judge on the snapshots: `paos verify {folder.name}` without --from-frames."
     changed = [
-        Problem("SETTINGS_CHANGED", str(path), found, f"sha256 {recorded[path.name]}", hint)
+        Problem("CHANGED", str(path), found, f"sha256 {recorded[path.name]}", hint)
         for path in (workspace.perception, workspace.sensors)
         if path.name in recorded and compute_file_hash(path) != recorded[path.name]
     ]
@@ -117,6 +117,6 @@ def perceive_again(workspace: Workspace, status: SessionStatus) -> list[tuple[Lo
     eyes = RecordedFrames(next(iter(looks.values())))
     world = open_world_model(workspace, target, profile, eyes, read_settings(workspace, target))
     if not isinstance(world, PerceivedWorld):
-        raise ExecutionError("LOOK_DIFFERS", f"{workspace.perception}: sensing is truth, the session's was perceived")
+        raise ExecutionError("CHANGED", f"{workspace.perception}: sensing is truth, the session's was perceived")
     worlds = {file: world.repeat(look) for file, look in looks.items()}
     return [(entry, worlds[entry.file]) for entry in entries]

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from phyagentos.errors import DefinitionError
 from phyagentos.geometry import Vector
+from phyagentos.pictures.scene import add_geom, open_renderer
 
 WIDTH, HEIGHT, LINE_PX, MARGIN_PX, GAP_PX, FONT_PX = 1000, 720, 22, 12, 6, 15
 AZIMUTH_DEG, ELEVATION_DEG, SPARE = 180.0, -42.0, 1.25
@@ -56,22 +56,12 @@ def draw_labelled(model: mujoco.MjModel, data: mujoco.MjData, drawing: Drawing) 
     Raises:
         DefinitionError: `UNKNOWN_NAME` of a camera; `NO_GRAPHICS` where this machine cannot draw.
     """
-    cameras = [model.camera(index).name for index in range(model.ncam)]
-    if drawing.camera and drawing.camera not in cameras:
-        raise DefinitionError.unknown("camera", "--camera", drawing.camera, cameras)
-    model.vis.global_.offwidth, model.vis.global_.offheight = WIDTH, HEIGHT
-    try:
-        with mujoco.Renderer(model, HEIGHT, WIDTH) as renderer:
-            mujoco.mj_camlight(model, data)
-            renderer.update_scene(data, drawing.camera or _aim(model, data, drawing))
-            for move in drawing.moves:
-                _add_ghost(renderer.scene, model, data, move)
-            image, project = Image.fromarray(renderer.render()), _make_projection(renderer.scene)
-    except Exception as error:  # graphics drivers raise what they like
-        found = f"{type(error).__name__}: {error}"
-        raise DefinitionError.of(
-            "NO_GRAPHICS", "the picture", found, "MuJoCo's graphics", "See `paos doctor`."
-        ) from error
+    with open_renderer(model, drawing.camera, WIDTH, HEIGHT, "the picture") as renderer:
+        mujoco.mj_camlight(model, data)
+        renderer.update_scene(data, drawing.camera or _aim(model, data, drawing))
+        for move in drawing.moves:
+            _add_ghost(renderer.scene, model, data, move)
+        image, project = Image.fromarray(renderer.render()), _make_projection(renderer.scene)
     at = {name: project(data.geom_xpos[int(model.body(name).geomadr[0])]) for name in drawing.names}
     seen = {name: (x, y) for name, (x, y) in at.items() if 0 <= x < WIDTH and 0 <= y < HEIGHT}
     _write(image, seen, {move.number: [*map(project, _trace(move))] for move in drawing.moves})
@@ -115,10 +105,8 @@ def _add_ghost(scene: mujoco.MjvScene, model: mujoco.MjModel, data: mujoco.MjDat
         material = model.geom_matid[number]
         rgba = np.array(model.mat_rgba[material] if material >= 0 else model.geom_rgba[number], np.float32)
         rgba[3] = GHOST_ALPHA
-        geom = scene.geoms[scene.ngeom]
         at_m, turn = data.geom_xpos[number] + shift_m, data.geom_xmat[number]
-        mujoco.mjv_initGeom(geom, model.geom_type[number], model.geom_size[number], at_m, turn, rgba)
-        scene.ngeom += 1
+        add_geom(scene, model.geom_type[number], model.geom_size[number], at_m, turn, rgba)
 
 
 def _trace(move: Move) -> NDArray[np.float64]:

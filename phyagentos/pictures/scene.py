@@ -10,7 +10,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
 from phyagentos.errors import DefinitionError
@@ -98,6 +98,20 @@ class SceneRenderer:
         return f"{bundle.session.id}   {time_s - self._playback.time_s[0]:5.2f} s   {leaf}"
 
 
+def open_renderer(model: mujoco.MjModel, camera: str, width: int, height: int, where: str) -> mujoco.Renderer:
+    """What draws a model, by the camera that is named, if any; raises as `SceneRenderer`, about `where`."""
+    cameras = [model.camera(index).name for index in range(model.ncam)]
+    if camera and camera not in cameras:
+        raise DefinitionError.unknown("camera", "--camera", camera, cameras)
+    model.vis.global_.offwidth = max(model.vis.global_.offwidth, width)
+    model.vis.global_.offheight = max(model.vis.global_.offheight, height)
+    try:
+        return mujoco.Renderer(model, height, width)
+    except Exception as error:  # graphics drivers raise what they like
+        found = f"{type(error).__name__}: {error}"
+        raise DefinitionError.of("NO_GRAPHICS", where, found, "MuJoCo's graphics", "See `paos doctor`.") from error
+
+
 def iter_film(playback: Playback, look: Look, *, fps: int, speed: float = 1.0) -> Iterator[Picture]:
     """The pictures of a film of the whole session, at `speed` times the robot's own."""
     first_s, last_s = playback.time_s[0], playback.time_s[-1]
@@ -116,7 +130,7 @@ def write_film(pictures: Iterator[Picture], to: Path, fps: int) -> None:
 def _add_path(scene: mujoco.MjvScene, places: Array, rgba: tuple[float, ...]) -> None:
     some = places[np.linspace(0, len(places) - 1, min(len(places), PATH_POINTS)).astype(int)] if len(places) else places
     for before, after in pairwise(some):
-        geom = _add_geom(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), np.zeros(3), np.eye(3), rgba)
+        geom = add_geom(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), np.zeros(3), np.eye(3), rgba)
         mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE, PATH_RADIUS_M, before, after)
 
 
@@ -124,12 +138,11 @@ def _add_believed(scene: mujoco.MjvScene, believed: Environment) -> None:
     for outline in iter_outlines(believed):
         turn = np.zeros(9)
         mujoco.mju_quat2Mat(turn, np.array(outline.quaternion_wxyz))
-        _add_geom(scene, mujoco.mjtGeom.mjGEOM_LINEBOX, outline.half_m, outline.position_m, turn, BELIEVED)
+        add_geom(scene, mujoco.mjtGeom.mjGEOM_LINEBOX, outline.half_m, outline.position_m, turn, BELIEVED)
 
 
-def _add_geom(
-    scene: mujoco.MjvScene, kind: mujoco.mjtGeom, size: Array, at: Array, turn: Array, rgba: tuple[float, ...]
-) -> mujoco.MjvGeom:
+def add_geom(scene: mujoco.MjvScene, kind: int, size: Array, at: Array, turn: Array, rgba: ArrayLike) -> mujoco.MjvGeom:
+    """One more shape of a scene that is about to be drawn."""
     geom = scene.geoms[scene.ngeom]
     mujoco.mjv_initGeom(geom, kind, size, at, turn.ravel(), np.array(rgba, np.float32))
     scene.ngeom += 1

@@ -32,7 +32,7 @@ def compact_partition(folder: Path, *, by: str, clock: Clock, file_io: SystemIO)
     """Seal, checkpoint and archive `sessions/<partition>` with the partition locked; other writers continue afterwards.
 
     Raises:
-        ExecutionError: `JOURNAL_DAMAGED`, `BUSY`, `JOURNAL_WRITE_FAILED`.
+        ExecutionError: `JOURNAL_DAMAGED`, `BUSY`, `WRITE_FAILED`.
         OSError: The disk refused; the journal is as whole as before.
     """
     root = folder.parent.parent

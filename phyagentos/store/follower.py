@@ -79,7 +79,7 @@ class Follower:
     def read_new(self) -> list[Record]:
         """Every whole batch since the last call; takes no lock unless something looks damaged.
 
-        Raises ExecutionError: `JOURNAL_DAMAGED`, with segment and offset; `JOURNAL_WRITE_FAILED`.
+        Raises ExecutionError: `JOURNAL_DAMAGED`, with segment and offset; `WRITE_FAILED`.
         """
         records = self.advance()
         if self.tail is Tail.DAMAGED:  # or a writer was cutting a torn tail meanwhile: look again with the lock held
@@ -93,8 +93,8 @@ class Follower:
     def advance(self) -> list[Record]:
         """Read as far as possible; what stopped it is in `tail`.
 
-        Raises ExecutionError: `JOURNAL_DAMAGED` at the very beginning of the partition, `JOURNAL_WRITE_FAILED`,
-        `JOURNAL_UNREADABLE`.
+        Raises ExecutionError: `JOURNAL_DAMAGED` at the very beginning of the partition, `WRITE_FAILED`,
+        `UNREADABLE_FILE`.
         """
         records: list[Record] = []
         try:
@@ -190,7 +190,7 @@ class Follower:
             raise self._describe_refusal(error) from error
 
     def _describe_refusal(self, error: OSError) -> ExecutionError:
-        return ExecutionError("JOURNAL_UNREADABLE", f"{self._folder}: {error}. Nothing was changed; try again.")
+        return ExecutionError("UNREADABLE_FILE", f"{self._folder}: {error}. Nothing was changed; try again.")
 
     def _take(self, fd: int) -> None:
         status = os.fstat(fd)

@@ -54,7 +54,7 @@ class Journal:
         segment_bytes: Size at which a new segment begins.
         file_io: The calls that change the disk.
 
-    Raises ExecutionError: `JOURNAL_DAMAGED`, `BUSY` or `LANE_UNCLEAR`.
+    Raises ExecutionError: `JOURNAL_DAMAGED`, `BUSY` or `MISSING_VALUE`.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class Journal:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ExecutionError("JOURNAL_WRITE_FAILED", f"{self.folder}: {error}") from error
+            raise ExecutionError("WRITE_FAILED", f"{self.folder}: {error}") from error
         self._lock = PartitionLock(self.folder)
         self._writer = SegmentWriter(self.folder, io, durable=durable)
         if durable:  # their creator may have died before their names reached the disk
@@ -119,7 +119,7 @@ class Journal:
             Fenced: A stale epoch.
             IllegalEvent: A goal or node event out of order, or from the wrong side.
             DefinitionError: An invalid contract, or a record that is too large.
-            ExecutionError: `JOURNAL_WRITE_FAILED` (nothing was recorded), `JOURNAL_NOT_DURABLE` (final for this
+            ExecutionError: `WRITE_FAILED` (nothing was recorded), `JOURNAL_NOT_DURABLE` (final for this
                 process), `JOURNAL_DAMAGED`, `BUSY`.
         """
         if not entries:
@@ -211,7 +211,7 @@ class Journal:
                 with contextlib.suppress(SyncFailedError):  # what was acknowledged stands without it
                     self._maintenance.finish(self._ledger, self._follower.position)
             self._let_go()
-            self._writer.failure = ExecutionError("JOURNAL_WRITE_FAILED", f"{self.folder}: this journal was closed")
+            self._writer.failure = ExecutionError("WRITE_FAILED", f"{self.folder}: this journal was closed")
 
     def _let_go(self) -> None:
         for each in (self._writer, self._follower, self._reading, self._lock):
@@ -268,9 +268,7 @@ class Journal:
         try:
             self._writer.cut(self._follower.offset)
         except OSError as error:
-            raise ExecutionError(
-                "JOURNAL_WRITE_FAILED", f"{self._follower.path}: {error}. Nothing was changed."
-            ) from error
+            raise ExecutionError("WRITE_FAILED", f"{self._follower.path}: {error}. Nothing was changed.") from error
         self._follower.tail = Tail.CLEAN
         record = Record(
             seq=self._follower.seq + 1,

@@ -26,7 +26,7 @@ class PartitionLock:
     def acquire(self, meanwhile: Callable[[], object] = lambda: None) -> None:
         """Wait for the lock; `meanwhile` is called between two tries, to save time with the lock.
 
-        Raises ExecutionError: `BUSY` after about ten seconds; `JOURNAL_WRITE_FAILED` when another file stands there.
+        Raises ExecutionError: `BUSY` after about ten seconds; `WRITE_FAILED` when another file stands there.
         """
         if self._pid != os.getpid():  # a forked child shares the parent's lock, so it needs one of its own
             self._fd, self._pid = self._open(), os.getpid()
@@ -94,7 +94,7 @@ def hold_file(path: Path, mode: int) -> Iterator[None]:
 def describe_move(path: Path) -> ExecutionError:
     """The error of a file that is no longer where it was opened: opening it now finds another truth, or none."""
     return ExecutionError(
-        "JOURNAL_WRITE_FAILED",
+        "WRITE_FAILED",
         f"{path}: moved, replaced or deleted while it was open. Nothing was recorded. Put the folder back, or "
         "end what still uses it and open it again.",
     )

@@ -80,13 +80,13 @@ class Record(_Line, frozen=True, kw_only=True, dict=True):
 
 
 def encode_record(record: Record) -> bytes:
-    """The record as it stands in a segment; raises DefinitionError `RECORD_TOO_LARGE`."""
+    """The record as it stands in a segment; raises DefinitionError `TOO_LARGE`."""
     payload = f"- {_encode_line(record)}\n{record.markdown}\n".encode()
     if len(payload) > MAX_PAYLOAD_BYTES:
         found = f"{len(payload)} bytes"
         expected = f"at most {MAX_PAYLOAD_BYTES}"
         hint = "Put large values into a file of the evidence folder and name it here."
-        raise DefinitionError.of("RECORD_TOO_LARGE", f"{record.id}: {record.ev}", found, expected, hint)
+        raise DefinitionError.of("TOO_LARGE", f"{record.id}: {record.ev}", found, expected, hint)
     return frame_payload(record.seq, payload)
 
 

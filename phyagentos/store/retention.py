@@ -88,7 +88,7 @@ def apply_retention(
     """Thin what the policy allows, finish an interrupted clean-up, and drop large files that no bundle needs.
 
     `goes_on` is called before each bundle is read, measured, chosen or thinned; once it is False the clean-up ends.
-    Raises ExecutionError: `BUSY` while another clean-up runs; `EVIDENCE_UNWRITABLE`, after which every bundle
+    Raises ExecutionError: `BUSY` while another clean-up runs; `WRITE_FAILED`, after which every bundle
     still names its files and the next clean-up goes on.
     """
     if dry_run:
@@ -99,7 +99,7 @@ def apply_retention(
     except Timeout as error:
         raise ExecutionError("BUSY", f"another clean-up of {workspace.evidence} is under way") from error
     except OSError as error:
-        raise ExecutionError("EVIDENCE_UNWRITABLE", f"{error}; run it again when that is mended") from error
+        raise ExecutionError("WRITE_FAILED", f"{error}; run it again when that is mended") from error
 
 
 def find_kind(name: str) -> str | None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.documents import durable_files
 
 _NAME = re.compile(r"\d{4}-\d{2}-\d{2}\.\d{3,}\.md")
 _FRONT = re.compile(
@@ -76,7 +77,7 @@ class Front:
 
 
 def choose_partition(folder: Path) -> str:
-    """Name of the partition below `sessions/` to use: the only one, else this host's; raises `LANE_UNCLEAR`."""
+    """Name of the partition below `sessions/` to use: the only one, else this host's; raises `MISSING_VALUE`."""
     host = re.sub(r"[^A-Za-z0-9._-]", "-", os.uname().nodename) or "host"
     found = sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
     partitions = [name for name in found if name not in _NO_PARTITIONS]
@@ -85,7 +86,7 @@ def choose_partition(folder: Path) -> str:
     if len(partitions) == 1:
         return partitions[0]
     raise ExecutionError(
-        "LANE_UNCLEAR",
+        "MISSING_VALUE",
         f"{folder}: found {', '.join(partitions)}, none of this host ({host}); name a partition with --lane.",
     )
 
@@ -219,11 +220,7 @@ def sync_file(fd: int, sync: Callable[[int], None]) -> None:
 
 def sync_folder(folder: Path, file_io: SystemIO) -> None:
     """Make the names in a folder durable; raises SyncFailedError."""
-    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        sync_file(fd, file_io.fsync)
-    finally:
-        os.close(fd)
+    durable_files.sync_folder(folder, lambda fd: sync_file(fd, file_io.fsync))
 
 
 def damage(path: Path, offset: int, what: str) -> ExecutionError:

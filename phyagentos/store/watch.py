@@ -4,9 +4,7 @@ The poll is needed for correctness: inotify is silent about other clients of a s
 missing on some.
 """
 
-import contextlib
 import os
-import select
 from collections.abc import Collection, Iterable
 from pathlib import Path
 
@@ -15,7 +13,6 @@ import inotify_simple
 from phyagentos.clock import Clock, SystemClock
 
 POLL_S = 1.0
-_EVENTS_BYTES = 1 << 16
 _FLAGS = (
     inotify_simple.flags.CREATE
     | inotify_simple.flags.MODIFY
@@ -44,20 +41,17 @@ class Watch:
         self._use_inotify = use_inotify
         self._stamp: _Stamp = ()
         self._next_poll_s = 0.0
-        self._poller = select.poll()
 
     def __enter__(self) -> "Watch":
         if self._use_inotify:
             self._inotify, self._watched = _open_inotify(self._folders)
         if self._inotify is None:
             self._never = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
-        self._poller.register(self.fileno(), select.POLLIN)
         self._stamp = self._look()
         self._next_poll_s = self._clock.now_s() + self._poll_s
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._poller.unregister(self.fileno())
         if self._inotify is not None:
             self._inotify.close()
         else:
@@ -74,12 +68,7 @@ class Watch:
 
     def drain(self) -> bool:
         """Forget the changes reported so far; whether there were any. Call it before looking, not after."""
-        if self._inotify is None:
-            return False
-        try:  # the contents of events do not matter, an overflow neither: every wake-up looks at everything
-            return bool(os.read(self._inotify.fileno(), _EVENTS_BYTES))
-        except BlockingIOError:
-            return False
+        return self._inotify is not None and bool(self._inotify.read(timeout=0))
 
     def read_changes(self) -> Collection[Path] | None:
         """Files created, written or renamed since the last call, the latest last; None where that is unknown."""
@@ -87,12 +76,10 @@ class Watch:
             return None
         changed: dict[tuple[int, str], None] = {}
         is_known = True
-        with contextlib.suppress(BlockingIOError):
-            while True:
-                for event in inotify_simple.parse_events(os.read(self._inotify.fileno(), _EVENTS_BYTES)):
-                    is_known &= event.wd in self._watched and not event.mask & inotify_simple.flags.IGNORED
-                    changed.pop((event.wd, event.name), None)
-                    changed[event.wd, event.name] = None
+        for event in self._inotify.read(timeout=0):
+            is_known &= event.wd in self._watched and not event.mask & inotify_simple.flags.IGNORED
+            changed.pop((event.wd, event.name), None)
+            changed[event.wd, event.name] = None
         return [self._watched[wd] / name for wd, name in changed] if is_known else None
 
     def wait(self, timeout_s: float) -> bool:
@@ -101,11 +88,10 @@ class Watch:
         while True:
             pause_s = max(0.0, min(end_s, self._next_poll_s) - self._clock.now_s())
             is_last = end_s <= self._next_poll_s
-            if self._inotify is not None:
-                if self._poller.poll(1e3 * pause_s) and self.drain():
-                    return True
-            else:
+            if self._inotify is None:
                 self._clock.sleep(pause_s)
+            elif self._inotify.read(timeout=1e3 * pause_s):  # of an overflow, too: a wake-up looks at everything
+                return True
             if self._has_new_look(at_once=self._inotify is None):
                 return True
             if is_last:
@@ -135,7 +121,7 @@ class Watch:
 def _open_inotify(folders: Iterable[Path]) -> tuple[inotify_simple.INotify | None, dict[int, Path]]:
     """An inotify instance and its folders by watch; None when the system has none left or none at all."""
     try:
-        inotify = inotify_simple.INotify(nonblocking=True)
+        inotify = inotify_simple.INotify()
     except OSError:
         return None, {}
     try:

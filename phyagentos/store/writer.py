@@ -52,14 +52,14 @@ class SegmentWriter:
             self.segment = cursor.segment
 
     def append(self, data: bytes, cursor: Follower) -> None:
-        """Write all of it behind the cursor, or nothing; raises `JOURNAL_WRITE_FAILED`."""
+        """Write all of it behind the cursor, or nothing; raises `WRITE_FAILED`."""
         try:
             write_all(self._io, self._fd, data)
         except OSError as error:
             with contextlib.suppress(OSError):  # else the next writer finds a torn tail and cuts it
                 self.cut(cursor.offset)
             raise ExecutionError(
-                "JOURNAL_WRITE_FAILED", f"{cursor.path}: {error}. Nothing was recorded; free space, try again."
+                "WRITE_FAILED", f"{cursor.path}: {error}. Nothing was recorded; free space, try again."
             ) from error
 
     def cut(self, offset: int) -> None:
@@ -83,7 +83,7 @@ class SegmentWriter:
         except SyncFailedError as error:
             raise self._fail(error) from error
         except OSError as error:
-            raise ExecutionError("JOURNAL_WRITE_FAILED", f"{self._folder}, segment {name}: {error}") from error
+            raise ExecutionError("WRITE_FAILED", f"{self._folder}, segment {name}: {error}") from error
         records = cursor.advance()
         self.open(cursor)
         return records

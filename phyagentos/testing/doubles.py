@@ -233,7 +233,7 @@ def compute_answer(request: MotionRequest) -> MotionAnswer:
 
 def refuse(request: MotionRequest) -> MotionAnswer:
     """No path, whatever the request."""
-    return NoPlan(code="NO_PATH_FOUND", message="the wall is in the way", timing=Timing(ms={}), rejected={"ik": 3})
+    return NoPlan(code="NO_PLAN", message="the wall is in the way", timing=Timing(ms={}), rejected={"ik": 3})
 
 
 def compute_line(start: Array, end: Array, speed_rad_s: float = 0.5) -> Trajectory:

@@ -19,6 +19,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from phyagentos.codes import get_present_name
 from phyagentos.errors import ExecutionError
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.targets import wire
@@ -110,14 +111,14 @@ class DriverSubject:
 
     def serve(self) -> "DriverClient":
         """A fresh driver, served in this process, or reached; every message travels as bytes."""
-        opened = self.open()
-        target: ServedTarget | ReachedTarget
-        if isinstance(opened, ReachedTarget):
-            target = opened
-        else:
-            target = ServedTarget(opened, ReceiveLog(None), is_estopped=lambda: self.estop)
-        self._targets.append(target)
-        return DriverClient(target, self)
+        target = self.open()
+        served: ServedTarget | ReachedTarget = (
+            target
+            if isinstance(target, ReachedTarget)
+            else ServedTarget(target, ReceiveLog(None), is_estopped=lambda: self.estop)
+        )
+        self._targets.append(served)
+        return DriverClient(served, self)
 
     def close(self) -> None:
         """Close every served target."""
@@ -211,7 +212,7 @@ def describes_itself(subject: DriverSubject) -> None:
 
 def is_nothing_before_a_scene(subject: DriverSubject) -> None:
     """Before a scene is loaded no session begins."""
-    _refuse(subject.serve().ask(wire.Begin(SESSION, EPOCH)), "NO_EPISODE")
+    _refuse(subject.serve().ask(wire.Begin(SESSION, EPOCH)), "REQUEST_INVALID")
 
 
 def keeps_an_episode(subject: DriverSubject) -> None:
@@ -219,8 +220,8 @@ def keeps_an_episode(subject: DriverSubject) -> None:
     client = subject.serve()
     first = _require(client.load(), wire.Loaded, "LoadScene")
     assert client.load() == first, "the same episode was begun anew"
-    _refuse(client.load(seed=2), "EPISODE_CONFLICT")
-    _refuse(client.load("f", may_reset=False), "RESET_FORBIDDEN")
+    _refuse(client.load(seed=2), "BUSY")
+    _refuse(client.load("f", may_reset=False), "NOT_PERMITTED")
     _require(client.load("f"), wire.Loaded, "LoadScene")
     _require(client.ask(wire.Begin(SESSION, EPOCH)), wire.Ack, "Begin")
     _refuse(client.load("g"), "NO_AUTHORITY")
@@ -276,7 +277,7 @@ def asks_for_authority(subject: DriverSubject) -> None:
     for changes, code in (
         ({"session": "other"}, "NO_AUTHORITY"),
         ({"epoch": EPOCH + 1}, "STALE_TOKEN"),
-        ({"sequence": 2}, "OUT_OF_SEQUENCE"),
+        ({"sequence": 2}, "NO_AUTHORITY"),
         ({"expires_at_s": -1.0}, "EXPIRED"),
     ):
         _refuse(client.send(client.make(**changes)), code)
@@ -296,7 +297,7 @@ def halts_in_the_middle(subject: DriverSubject) -> None:
     _require(client.ask(wire.Settle(SESSION, EPOCH, 0.5)), wire.Step, "Settle")
     _require(client.send(client.make()), wire.Step, "a command after a halt of category 2")
     _require(client.ask(wire.Halt(SESSION, EPOCH, category=1)), wire.Step, "Halt")
-    _refuse(client.send(client.make()), "DRIVES_OFF")
+    _refuse(client.send(client.make()), "SAFETY_STOP")
 
 
 def halts_when_its_client_is_gone(subject: DriverSubject) -> None:
@@ -409,4 +410,4 @@ def _require(reply: Any, kind: type, what: str) -> Any:
 
 def _refuse(reply: Any, *codes: str) -> None:
     assert isinstance(reply, wire.Refused), f"not refused: {reply}; expected {' or '.join(codes)}"
-    assert reply.code in codes, f"refused with {reply}; expected {' or '.join(codes)}"
+    assert get_present_name(reply.code) in codes, f"refused with {reply}; expected {' or '.join(codes)}"

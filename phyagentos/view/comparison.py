@@ -132,7 +132,7 @@ def compare_runs(folders: Mapping[str, Path], first: str, second: str) -> Fields
     """Values of the template `runs`: the rows of two runs, and their pairs by seed.
 
     Raises:
-        DefinitionError: `UNKNOWN_NAME` for a run that the page was not opened with; `RUN_DIFFERS`.
+        DefinitionError: `UNKNOWN_NAME` for a run that the page was not opened with; `CHANGED`.
     """
     from phyagentos.bench.records import read_records
     from phyagentos.bench.suite_file import read_suite

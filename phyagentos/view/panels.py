@@ -188,7 +188,7 @@ def _read_world(documents: Documents, _: Query, status: Session) -> Fields:
     try:
         world = documents.read_world(status) or documents.read_world(None)
     except DefinitionError as error:
-        if error.problems[0].code != "NOTHING_OBSERVED":
+        if error.problems[0].code != "NOT_OBSERVED":
             raise
         world = None
     return {"world": world, "entities": list(world.entities.values()) if world is not None else []}

@@ -207,7 +207,7 @@ def test_what_a_predicate_names_is_not_among_what_fits_it(make_stage, write_grap
 @pytest.mark.parametrize(
     ("old", "new", "code", "line"),
     [
-        ("after: [first]\n        foreach", "foreach", "NOTHING_SEEN", 12),
+        ("after: [first]\n        foreach", "foreach", "NOT_OBSERVED", 12),
         ("inside(${thing}, red_tray)", "inside(*, red_tray)", "INVALID_VALUE", 13),
         ("inside(${thing}, red_tray)", "inside(${thing}, tub)", "UNKNOWN_NAME (object)", 13),
         ("inside(${thing}, red_tray)", "inside(${thing}", "SYNTAX", 13),
@@ -272,13 +272,13 @@ def amend(make_stage, write_graph):
         pytest.param(
             (HEAD + OTHER).replace("red_cube", "yellow_cube"),
             ["first", "next"],
-            r"refused: .*node 'first': CONTRADICTS_DONE: found it is active, by changing-7\.first; changed: arguments",
+            r"refused: .*node 'first': CHANGED: found it is active, by changing-7\.first; changed: arguments",
             id="what contradicts what has begun",
         ),
         pytest.param(
             HEAD.replace("first:", "begun:") + OTHER.replace("[first]", "[begun]"),
             ["first", "next"],
-            r"refused: .*node 'first': CONTRADICTS_DONE: found it is active, by changing-7\.first, and was taken out",
+            r"refused: .*node 'first': CHANGED: found it is active, by changing-7\.first, and was taken out",
             id="what has begun cannot be taken out",
         ),
         pytest.param(

@@ -125,7 +125,7 @@ def test_outputs_fill_parameters_with_values_and_predicates_with_text(compiler):
 
 
 def test_a_missing_output_is_an_error_that_names_it(compiler):
-    with pytest.raises(DefinitionError, match=r"OUTPUT_MISSING: found no value for red\.outputs\.place_site"):
+    with pytest.raises(DefinitionError, match=r"MISSING_VALUE: found no value for red\.outputs\.place_site"):
         compiler.compile_node("blue", outputs={"red": {}})
 
 

@@ -21,7 +21,7 @@ def begun(make_stage, tidy):
     """A stage on which the runtime was lost in the middle of goal tidy-7."""
     stage = make_stage()
     stage.runtime.paused = True
-    with pytest.raises(ExecutionError, match="RUNTIME_LOST"):
+    with pytest.raises(ExecutionError, match="NOT_RUNNING"):
         stage.make_mission(is_runtime_alive=lambda _: False).run(tidy, seed=7)
     stage.runtime.paused = False
     stage.runtime.on_change(None, None)
@@ -40,7 +40,7 @@ ANOTHER = {
 def test_an_open_goal_is_not_gone_on_with_for_another_graph(begun, write_graph, text, goal):
     graph = write_graph(text, "other.yaml")
     before = begun.make_mission().ledger.seq
-    with pytest.raises(DefinitionError, match=r"other.yaml: GOAL_DIFFERS: found .* goal tidy-7") as caught:
+    with pytest.raises(DefinitionError, match=r"other.yaml: CHANGED: found .* goal tidy-7") as caught:
         begun.make_mission().run(graph, seed=7, goal=goal)
 
     (problem,) = caught.value.problems
@@ -49,7 +49,7 @@ def test_an_open_goal_is_not_gone_on_with_for_another_graph(begun, write_graph, 
 
 
 def test_an_override_makes_another_graph_of_the_same_file(begun, tidy):
-    with pytest.raises(DefinitionError, match="GOAL_DIFFERS"):
+    with pytest.raises(DefinitionError, match="CHANGED"):
         begun.make_mission().run(tidy, seed=7, overrides={"objective": "Something else."})
 
 
@@ -64,7 +64,7 @@ def test_the_same_graph_goes_on_however_its_file_is_written_and_says_so(begun, t
 def test_a_goal_with_overrides_goes_on_with_the_same_overrides(make_stage, tidy):
     stage, overrides = make_stage(), {"objective": "2001-09-09 is the day, é", "sessions.red.timeout_s": "1e-5"}
     stage.runtime.paused = True
-    with pytest.raises(ExecutionError, match="RUNTIME_LOST"):
+    with pytest.raises(ExecutionError, match="NOT_RUNNING"):
         stage.make_mission(is_runtime_alive=lambda _: False).run(tidy, seed=7, overrides=overrides)
     stage.runtime.paused = False
     stage.runtime.on_change(None, None)
@@ -97,7 +97,7 @@ def make_world_again(stage):
 def test_a_goal_that_is_over_is_not_reported_for_another_graph(make_stage, tidy, write_graph):
     stage = make_stage()
     stage.make_mission().run(tidy, seed=1, goal="job-1")
-    with pytest.raises(DefinitionError, match="GOAL_DIFFERS"):
+    with pytest.raises(DefinitionError, match="CHANGED"):
         stage.make_mission().run(write_graph(ANOTHER["node"], "other.yaml"), seed=1, goal="job-1")
 
 

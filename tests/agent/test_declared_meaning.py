@@ -158,7 +158,7 @@ def clear(tell: Tell, catalogue: Catalogue) -> object:
 
 
 def take_other_means(tell: Tell, catalogue: Catalogue) -> object:
-    return repair(tell, catalogue, Cause.IMPOSSIBLE, code="TOO_WIDE")
+    return repair(tell, catalogue, Cause.IMPOSSIBLE, code="NOT_GRASPABLE")
 
 
 def resume_held(tell: Tell, catalogue: Catalogue) -> object:

@@ -211,7 +211,7 @@ def test_what_closed_fingers_push_is_not_moved_by_somebody_else(x):
 
 
 def test_what_a_lost_runner_may_have_carried_is_not_given_up_as_taken_away():
-    bundle = make_bundle(moved(0.3, 0.0, 0.5), ended=Ended.RUNNER_LOST, code="HEARTBEAT_LOST")
+    bundle = make_bundle(moved(0.3, 0.0, 0.5), ended=Ended.RUNNER_LOST, code="RUNNER_LOST")
     assert ask(bundle).is_hopeless  # its trace tells that the hand had not closed
     diagnosis = ask(msgspec.structs.replace(bundle, trace=()))
     assert (diagnosis.cause, diagnosis.is_hopeless) == (Cause.RUNNER_LOST, False)

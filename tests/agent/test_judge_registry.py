@@ -118,7 +118,7 @@ def test_a_package_that_does_not_load_is_refused_only_to_those_who_ask_for_it(an
     announce(code="import nothing_of_this_name")
     make_verifier("verification: {judges: [predicates, holds]}")
     with pytest.raises(
-        DefinitionError, match=r"BROKEN_PLUGIN: found 'haste' .* of package haste_judge raised ModuleNotFoundError"
+        DefinitionError, match=r"BROKEN_PYTHON: found 'haste' .* of package haste_judge raised ModuleNotFoundError"
     ):
         make_verifier("verification: {judges: [predicates, haste]}")
 

@@ -34,7 +34,7 @@ from .test_repair import make_table_world as make_repair_world
 TEXTS = {"message", "because", "reason", "detail"}
 OF_PROBLEMS = {"found", "expected", "hint", "triggered_by"}
 POOL = [*CODES, "visible(red_cube)", "holding(", "inside(red_cube, red_tray)", "MODEL_", "red_cube", "true", "moved"]
-OFTEN = ["TOO_WIDE", "NO_FREE_SITE", "TARGET_UNAVAILABLE", "PRECONDITION_UNMET", "LOOKAHEAD_LOW", "GRASP_LOST"]
+OFTEN = ["NOT_GRASPABLE", "NO_FREE_SITE", "TARGET_LOST", "PRECONDITION_UNMET", "LOOKAHEAD_LOW", "GRASP_LOST"]
 
 
 class Babble:
@@ -82,7 +82,7 @@ def violated(bundle):
 MORE = [
     (make_bundle(make_world(), code="NO_IK"), judge_all, CauseClass.PLANNING),
     (make_bundle(make_world(), ended="timed_out", code="TIMED_OUT"), judge_all, CauseClass.TIMEOUT),
-    (make_bundle(make_world(), ended="safety_stop", code="HOLD_VIOLATED"), violated, CauseClass.SAFETY),
+    (make_bundle(make_world(), ended="safety_stop", code="CONSTRAINT_VIOLATED"), violated, CauseClass.SAFETY),
     (make_bundle(make_world(), code="A_CODE_OF_NOBODY"), judge_all, CauseClass.OTHER),
 ]
 RECORDED = [

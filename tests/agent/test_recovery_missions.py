@@ -103,7 +103,7 @@ def see_again(world, session):
 
 
 def still_unseen(world, session):
-    return Play(world=world, ended=Ended.SKILL_FAILED, code="NOT_VISIBLE", leaf="inspect/look")
+    return Play(world=world, ended=Ended.SKILL_FAILED, code="OBJECT_HIDDEN", leaf="inspect/look")
 
 
 def be_blocked(world, session):
@@ -302,7 +302,7 @@ def test_what_preflight_does_not_see_is_looked_at_and_then_tried_again(make_stag
     assert "two-7.red.r1 has prepared it" in tried_again.reason  # the node was not done by the look
 
 
-@pytest.mark.parametrize(("code", "looks"), [("TOO_WIDE", False), ("TOO_HEAVY", False), ("NO_FREE_SITE", True)])
+@pytest.mark.parametrize(("code", "looks"), [("NOT_GRASPABLE", False), ("TOO_WIDE", False), ("NO_FREE_SITE", True)])
 def test_nobody_looks_for_a_thing_that_cannot_be_carried(make_stage, two, code, looks):
     stage = make_stage(world=hide(make_world(), "red_cube"), refuse={"red": Problem(code=code, address="dry run")})
     assert any(session.skill == "inspect" for session in stage.pursue(two).sessions) == looks
@@ -310,7 +310,7 @@ def test_nobody_looks_for_a_thing_that_cannot_be_carried(make_stage, two, code, 
 
 def test_what_the_goal_asks_of_a_thing_that_was_never_perceived_stays_unknown_and_says_so(make_stage, write_graph):
     graph = write_graph(GRAPH.replace("BUDGET", "").replace("accept: [", 'accept: ["upright(bottle)", '))
-    refused = Problem(code="UNKNOWN_ENTITY", address="parameters.object", found="bottle was never perceived")
+    refused = Problem(code="OBJECT_GONE", address="parameters.object", found="bottle was never perceived")
     stage = make_stage(world=remove(make_world(sensing="perceived"), "bottle"), refuse={"red.r1": refused})
     nodes, sessions = {"green": "done", "red": "done"}, [GREEN, ("red", "succeeded"), ("red.r1", "rejected")]
     reasons = {"": "upright(bottle) is unknown"}

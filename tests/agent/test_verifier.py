@@ -193,8 +193,9 @@ def test_what_none_of_the_judges_answers_is_unknown_and_never_met(judges, unansw
         (make_world(), failed("GRASP_MISSED"), Cause.GRASP_MISSED, Layer.EXECUTION, Verdict.REPLAN),
         (put(make_world(), "red_cube", AWAY), failed("GRASP_MISSED"), Cause.OBJECT_MOVED, Layer.WORLD, Verdict.REPLAN),
         (remove(make_world(), "red_cube"), failed("GRASP_MISSED"), Cause.OBJECT_GONE, Layer.WORLD, Verdict.FAILURE),
-        (make_world(), failed("NO_PATH_FOUND"), Cause.NO_PLAN, Layer.PLANNING, Verdict.REPLAN),
-        (make_world(), failed("TOO_WIDE"), Cause.IMPOSSIBLE, Layer.PLANNING, Verdict.REPLAN),
+        (make_world(), failed("NO_PLAN"), Cause.NO_PLAN, Layer.PLANNING, Verdict.REPLAN),
+        (make_world(), failed("NO_PATH_FOUND"), Cause.NO_PLAN, Layer.PLANNING, Verdict.REPLAN),  # of an earlier release
+        (make_world(), failed("NOT_GRASPABLE"), Cause.IMPOSSIBLE, Layer.PLANNING, Verdict.REPLAN),
         (make_world(), failed("SOMETHING_OF_A_PLUGIN"), Cause.UNKNOWN, Layer.EXECUTION, Verdict.REPLAN),
         (make_world(), {"ended": Ended.STALLED, "leaf": "pick/move"}, Cause.STALLED, Layer.EXECUTION, Verdict.REPLAN),
         (make_world(), {"ended": Ended.TIMED_OUT}, Cause.TIMED_OUT, Layer.RUNTIME, Verdict.REPLAN),

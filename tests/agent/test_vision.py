@@ -84,7 +84,7 @@ def test_its_answer_is_weighed_like_any_other(serve, bundle, said, truth):
     ("facts", "because"),
     [
         *(
-            ({"answer": answer}, "MODEL_MALFORMED")
+            ({"answer": answer}, "MODEL_FAILED")
             for answer in (
                 "Yes, it is.",
                 '```json\n{"truth": "true", "because": "x"}\n```',
@@ -93,8 +93,8 @@ def test_its_answer_is_weighed_like_any_other(serve, bundle, said, truth):
                 '{"truth": "true", "because": "x", "score": 0.9}',
             )
         ),
-        *(({"body": body}, "MODEL_MALFORMED") for body in (b"{}", b'{"choices": []}', b"\xff\xfe")),
-        ({"body": b"[" * (MAX_BYTES + 1)}, "MODEL_MALFORMED: looker-1 at 127.0.0.1 answered with more than"),
+        *(({"body": body}, "MODEL_FAILED") for body in (b"{}", b'{"choices": []}', b"\xff\xfe")),
+        ({"body": b"[" * (MAX_BYTES + 1)}, "MODEL_FAILED: looker-1 at 127.0.0.1 answered with more than"),
         ({"status": 500}, "MODEL_FAILED: looker-1 at 127.0.0.1 answered with status 500"),
         ({"status": 302}, "MODEL_FAILED: looker-1 at 127.0.0.1 answered with status 302"),
     ],
@@ -110,8 +110,8 @@ def test_an_answer_of_another_form_than_the_one_asked_for_is_unknown(serve, bund
     ("way", "code", "what"),
     [
         ("a drip of headers", "MODEL_FAILED", "in 0.2 s"),
-        ("a body without end", "MODEL_MALFORMED", "more than"),
-        ("a gzip, gzip bomb", "MODEL_MALFORMED", "encoding"),
+        ("a body without end", "MODEL_FAILED", "more than"),
+        ("a gzip, gzip bomb", "MODEL_FAILED", "encoding"),
         ("redirect", "MODEL_FAILED", "not followed"),
     ],
 )
@@ -208,7 +208,7 @@ def test_no_model_is_asked_what_cannot_be_kept_or_is_too_long(serve, bundle):
     model = serve(YES)
     (bundle.folder / "shown").write_text("no folder")
     (criterion,) = make_judge(model.url).judge(bundle)
-    assert (criterion.truth, criterion.failure) == (Truth.UNKNOWN, "EVIDENCE_UNWRITABLE")
+    assert (criterion.truth, criterion.failure) == (Truth.UNKNOWN, "WRITE_FAILED")
     (bundle.folder / "shown").unlink()
     long = msgspec.structs.replace(bundle, session=make_session(accept=("visible(red_cube) and " * 600 + "true",)))
     (criterion,) = make_judge(model.url).judge(long)

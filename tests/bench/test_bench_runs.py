@@ -130,7 +130,7 @@ def test_a_run_that_is_killed_goes_on_without_repeating_or_losing_an_episode(tmp
     assert read_lines(run) == lines
     graph = folder / "goal_graphs" / "lift.yaml"
     graph.write_text(graph.read_text().replace("Three", "Four"))
-    assert "lift.yaml: RUN_DIFFERS" in paos("bench", "resume", "r").err
+    assert "lift.yaml: CHANGED" in paos("bench", "resume", "r").err
 
 
 def read_lines(run):

@@ -134,7 +134,7 @@ def test_what_is_not_here_is_missing_and_says_why(read, monkeypatch, tmp_path):
     assert "tidy.own.here.0" not in codes
     assert codes["tidy.own.there.0"] == ["EXTRA_MISSING"]
     assert codes["tidy.own.module.0"] == ["EXTRA_MISSING"]
-    assert codes["tidy.served.here.0"] == codes["tidy.begun.here.0"] == ["POLICY_MISSING"]
+    assert codes["tidy.served.here.0"] == codes["tidy.begun.here.0"] == ["POLICY_UNREACHABLE"]
     assert "paos bench setup other" in str(plan.missing["tidy.own.there.0"][0])
 
 
@@ -182,7 +182,7 @@ def test_a_line_that_stands_twice_counts_once_and_no_record_or_two_of_an_episode
     assert [record.id for record in read_records(tmp_path)] == ["a.1", "a.2"]
     for wrong, number in (([*lines, line("a.2", verdict="failure")], 4), ([b"{}\n"], 1)):
         (tmp_path / "episodes.jsonl").write_bytes(b"".join(wrong))
-        with pytest.raises(DefinitionError, match=rf"episodes\.jsonl:{number}: RUN_DIFFERS"):
+        with pytest.raises(DefinitionError, match=rf"episodes\.jsonl:{number}: CHANGED"):
             read_records(tmp_path)
 
 
@@ -191,7 +191,7 @@ def test_a_gap_in_the_second_run_is_a_regression():
 
     assert compare(*runs).is_regression()
     assert not compare(runs[1], runs[0]).is_regression()
-    with pytest.raises(DefinitionError, match="RUN_DIFFERS"):
+    with pytest.raises(DefinitionError, match="INVALID_VALUE"):
         compare(runs[0], [make_record("b.9", seed=9)])
 
 

@@ -84,7 +84,7 @@ def test_a_dry_run_records_nothing(workspace, wanted, paos):
             [("object: red_cube, destination: red_tray", "object: red_cube, destination: blue_tray")],
             "changed: arguments",
         ),
-        ([("goal: tidy_table", "goal: other")], "GOAL_DIFFERS"),
+        ([("goal: tidy_table", "goal: other")], "CHANGED"),
         ([("skill: pick_and_place", "skill: pick_and_plaice")], "Did you mean 'pick_and_place'?"),
     ],
 )

@@ -58,7 +58,7 @@ def test_nobody_who_answers_no_starts_anything(paos, place, monkeypatch):
 def test_a_denied_proposal_cannot_be_approved(paos, place):
     name = propose(place)
     assert paos("deny", name, "-w", place.root, "--reason", "no").code == 0
-    assert_refused(paos("approve", name, "-w", place.root, "--yes"), "PROPOSAL_CHANGED")
+    assert_refused(paos("approve", name, "-w", place.root, "--yes"), "ALREADY_OVER")
     assert paos("deny", name, "-w", place.root).code == ExitCode.INVALID_INPUT
 
 
@@ -67,8 +67,8 @@ def test_a_changed_proposal_is_not_approved(paos, place):
     file = place.proposals / "new" / f"{name}.yaml"
     file.write_bytes(file.read_bytes().replace(b"seed: 0", b"seed: 1"))
     result = paos("approve", name, "-w", place.root, "--yes")
-    assert (result.code, "PROPOSAL_CHANGED" in result.err) == (ExitCode.INVALID_INPUT, True)
-    assert "PROPOSAL_CHANGED" in paos("approve", "-w", place.root).out
+    assert (result.code, "CHANGED" in result.err) == (ExitCode.INVALID_INPUT, True)
+    assert "CHANGED" in paos("approve", "-w", place.root).out
 
 
 def test_a_goal_that_names_another_graph_is_not_approved(paos, tmp_path):
@@ -76,7 +76,7 @@ def test_a_goal_that_names_another_graph_is_not_approved(paos, tmp_path):
     graph = {"goal": "count", "objective": "Tidy up.", "scene": "tabletop/cubes_and_trays"}
     name = propose(place, graph=graph | {"sessions": {"all": {"include": "tidy_table"}}})
     result = paos("approve", name, "-w", place.root, "--yes")
-    assert (result.code, "PROPOSAL_CHANGED" in result.err) == (ExitCode.INVALID_INPUT, True)
+    assert (result.code, "CHANGED" in result.err) == (ExitCode.INVALID_INPUT, True)
     assert not (place.proposals / "decisions").exists()
 
 

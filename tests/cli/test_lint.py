@@ -152,7 +152,7 @@ LIMITS, UNSOURCED = read("protocol/safety.yaml"), re.compile("source: .*")
         pytest.param(
             "shopping.yaml",
             "tre: [milk]\n",
-            [":1:1: WRONG_KIND: found top-level keys tre", "Did you mean 'tree'?"],
+            [":1:1: INVALID_VALUE: found top-level keys tre", "Did you mean 'tree'?"],
             id="a file of no kind names the kinds",
         ),
         pytest.param("nowhere.yaml", None, [": UNREADABLE_FILE"], id="a missing file"),
@@ -237,7 +237,7 @@ def test_one_of_two_alike_things_is_warned_of_with_both_names(paos, write):
     path = write("goal_graphs/broken.yaml", text)
     result = paos("lint", path)
     assert (result.code, "1 file checked, no problem") == (ExitCode.GOAL_MET, result.out.strip())
-    assert f"warning: {path}:10:14: ALIKE: found 'red_cube', which looks as blue_cube does" in result.err
+    assert f"warning: {path}:10:14: AMBIGUOUS: found 'red_cube', which looks as blue_cube does" in result.err
 
     agreed = write("goal_graphs/broken.yaml", text + "interchangeable: [[red_cube, blue_cube]]\n")
     assert paos("lint", agreed).err == ""
@@ -263,7 +263,7 @@ def test_what_the_cameras_of_a_rig_cannot_tell_is_warned_of_with_numbers(paos, w
     assert (result.code, "1 file checked, no problem") == (ExitCode.GOAL_MET, result.out.strip())
     expected = (
         "NOT_OBSERVED: found 'far', which no standing camera sees; expected a place in view of one of left",
-        "ALIKE: found 'tin', which has the colours of far, red_cube and sides that differ by less than 2 mm",
+        "AMBIGUOUS: found 'tin', which has the colours of far, red_cube and sides that differ by less than 2 mm",
         "UNDECIDABLE: found 1 mm in 'at(green_cube, red_tray, 0.001)'; expected more than ±3 mm",
     )
     assert [each for each in expected if each not in result.err] == []

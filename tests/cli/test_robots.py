@@ -39,7 +39,7 @@ def test_a_draft_names_its_model_below_the_folder_of_models(paos, model, monkeyp
     monkeypatch.setenv("PHYAGENTOS_MODELS", str(model.parents[1]))
     assert paos("robot", "new", model, "--name", "arm").code == ExitCode.GOAL_MET
     checked = paos("robot", "check", "arm")
-    assert "MODEL_MISSING" not in checked.out
+    assert "UNREADABLE_FILE" not in checked.out
     assert "robots/arm/target.yaml" in checked.err
 
 
@@ -47,7 +47,7 @@ def test_without_that_folder_the_variable_to_set_is_named(paos, model, monkeypat
     monkeypatch.delenv("PHYAGENTOS_MODELS", raising=False)
     drafted = paos("robot", "new", model)
     assert f"set PHYAGENTOS_MODELS to {model.parent}" in drafted.out + drafted.err
-    assert "MODEL_MISSING" in paos("robot", "check", "scara").out
+    assert "UNREADABLE_FILE" in paos("robot", "check", "scara").out
 
 
 def test_a_run_refuses_of_a_robot_of_the_project_what_its_check_refuses(paos, model, monkeypatch):

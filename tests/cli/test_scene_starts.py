@@ -49,7 +49,7 @@ def write_scene(tmp_path):
 @pytest.mark.sim
 def test_a_thing_inside_the_robot_is_told_with_the_link(write_scene):
     path = write_scene(BLOCK, "place: {position_m: [0.0, 0.0, 0.1]}")
-    problems = [str(each) for each in find_start_problems(path, 0, ROBOT) if each.code == "OVERLAP"]
+    problems = [str(each) for each in find_start_problems(path, 0, ROBOT) if each.kind == "overlap"]
     assert "inside of 'link0', which is the robot's; expected bodies that touch at most" in problems[0]
 
 

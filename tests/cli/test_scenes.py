@@ -48,9 +48,9 @@ def test_a_check_names_what_floats_what_overlaps_and_what_is_far_at_its_line(pao
     assert found.code == ExitCode.INVALID_INPUT
     for code, name in (
         ("SCENE_INVALID", "red_cube"),
-        ("OVERLAP", "blue_cube"),
+        ("SCENE_INVALID", "blue_cube"),
         ("OUT_OF_REACH", "green_cube"),
-        ("NOT_VISIBLE", "green_cube"),
+        ("OBJECT_HIDDEN", "green_cube"),
     ):
         assert [each for each in problems if each["code"] == code and name in each["found"]], (code, name)
     assert all("bad.yaml:" in each["address"] for each in problems)

@@ -109,7 +109,7 @@ def test_a_session_without_a_verdict_is_refused(paos, run):
     run.execute(run.submit("red"))
     assert_refused(
         paos("verify", SESSION, "-w", run.workspace.root),
-        "NOT_JUDGED: found state awaiting_verification",
+        "NOT_EXECUTED: found state awaiting_verification",
         "'paos judge' judges what waits for a verdict",
     )
 

@@ -275,7 +275,7 @@ def test_hostile_commands_of_every_kind_are_refused_and_move_nothing(motor):
 
 def test_who_has_no_token_another_version_or_too_much_to_say_is_not_admitted(served):
     endpoint = served.start()
-    for token, code in ((mint(make_key()), "BAD_TOKEN"), (served.key, "BAD_TOKEN")):
+    for token, code in ((mint(make_key()), "NOT_SECURED"), (served.key, "NOT_SECURED")):
         with pytest.raises(ExecutionError, match=code):
             greet(connect_websocket(endpoint), token)
     for greeting, code in (

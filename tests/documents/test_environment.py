@@ -101,7 +101,7 @@ def test_two_snapshots_differ_in_the_lines_that_changed():
 def test_an_environment_that_nobody_observed_says_so():
     text = render_environment(None)
     assert "Nothing has been observed yet." in text
-    with pytest.raises(DefinitionError, match=r"ENVIRONMENT.md:1:1: NOTHING_OBSERVED.*at the end of its first session"):
+    with pytest.raises(DefinitionError, match=r"ENVIRONMENT.md:1:1: NOT_OBSERVED.*at the end of its first session"):
         read_environment(text)
 
 

@@ -63,7 +63,7 @@ def test_every_problem_of_every_block_is_told_at_its_place():
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        (("phy: lessons/1", "phy: lesson/1"), "F.md:2:1: WRONG_KIND: found 'lesson/1'; expected 'lessons/1'"),
+        (("phy: lessons/1", "phy: lesson/1"), "F.md:2:1: INVALID_VALUE: found 'lesson/1'; expected 'lessons/1'"),
         (("---\nphy: lessons/1\n---\n", ""), "F.md:1:1: MISSING_VALUE"),
         (("phy:", "colour: red\nphy:"), "F.md:2:1: UNKNOWN_NAME (key): found 'colour'; expected phy"),
         (("id: grip", "id: grap"), "INVALID_VALUE: found 'grap'; expected its heading 'grip'"),

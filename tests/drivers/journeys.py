@@ -1,12 +1,10 @@
 """A watched workspace in which a goal moves an emulated robot, and what can be done to it meanwhile."""
 
 import json
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
-from phyagentos.assembly.agent_plane import MemoryUse, open_agent
+from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from tests.following import wait_until
 
@@ -21,17 +19,8 @@ class Journey:
         self.workspace, self.target = workspace, target
         self.goal = tmp_path / "goal.yaml"
         self.goal.write_text(GOAL.read_text().replace("TARGET", target))
-        command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(workspace.root), "--trust-python"]
-        with (workspace.logs / "watch.log").open("wb") as log:
-            self.process = subprocess.Popen([*command, "--no-pictures"], stdout=log, stderr=log)
-        self._agent = open_agent(
-            workspace,
-            SystemClock(),
-            by="journey",
-            memory_use=MemoryUse.NONE,
-            is_runtime_alive=lambda _: self.process.poll() is None,
-        )
-        self.mission = self._agent.__enter__().mission
+        self._planes = open_bench(workspace, SystemClock())
+        self.mission = self._planes.__enter__().mission
 
     def begin(self):
         """Pursue the goal in a thread, until the robot has been commanded for a while."""
@@ -52,6 +41,4 @@ class Journey:
         return sum(json.loads(line)["kind"] == kind for line in written.splitlines())
 
     def close(self):
-        self.process.terminate()
-        self.process.wait(30)
-        self._agent.__exit__(None, None, None)
+        self._planes.__exit__(None, None, None)

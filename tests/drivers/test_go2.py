@@ -93,7 +93,7 @@ def test_while_the_sport_mode_commands_a_session_is_stopped_and_none_begins(subj
     assert step.stopped == "PROTECTIVE_STOP"
     client.ask(End(SESSION, EPOCH))
     refused = client.ask(Begin("next", EPOCH))
-    assert refused.code == "TARGET_BUSY"
+    assert refused.code == "BUSY"
     assert refused.message.startswith(
         "lo: another program commands the legs on rt/lowcmd; release the sport mode first"
     )

@@ -96,7 +96,9 @@ def test_after_an_emergency_stop_no_session_begins_until_a_person_has_reset_the_
     driver.begin("s", 1)
     driver.emergency_stop()
     frames = len(arm.bus.frames)
-    with pytest.raises(ExecutionError, match=f"RESET_NEEDED: {arm.channel}: the arm is in its emergency stop; support"):
+    with pytest.raises(
+        ExecutionError, match=f"PROTECTIVE_STOP: {arm.channel}: the arm is in its emergency stop; support"
+    ):
         driver.begin("t", 2)
 
     assert arm.is_stopped

@@ -100,9 +100,9 @@ def test_a_folder_that_is_moved_away_stops_writers_and_readers_and_loses_nothing
         assert watch.wait(10.0)  # so a reader that waits comes to look
 
     for _ in range(2):
-        with pytest.raises(ExecutionError, match=rf"JOURNAL_WRITE_FAILED: {agent.folder}.* open it again"):
+        with pytest.raises(ExecutionError, match=rf"WRITE_FAILED: {agent.folder}.* open it again"):
             agent.commit([make_submit("c")])
-    with pytest.raises(ExecutionError, match="JOURNAL_WRITE_FAILED"):
+    with pytest.raises(ExecutionError, match="WRITE_FAILED"):
         runtime.read_new()
 
     (memory / "elsewhere").rename(place)
@@ -121,9 +121,9 @@ def test_a_writer_in_a_moved_folder_does_not_fork_the_truth(memory):
     new, _ = open_two(root, ManualClock(NOON_S))
     told = [identify(record) for record in new.commit([make_submit("b")])]
 
-    with pytest.raises(ExecutionError, match="JOURNAL_WRITE_FAILED"):
+    with pytest.raises(ExecutionError, match="WRITE_FAILED"):
         old.commit([make_submit("c")])
-    with pytest.raises(ExecutionError, match="JOURNAL_WRITE_FAILED"):
+    with pytest.raises(ExecutionError, match="WRITE_FAILED"):
         reader.read_new()
 
     check_order(memory / "elsewhere", before)
@@ -140,7 +140,7 @@ def test_a_file_that_was_replaced_under_an_open_journal_stops_its_writers(memory
     (memory / "copy").replace(path)  # as an editor saves it, or `git checkout` does
 
     for journal, entry in ((agent, make_submit("b")), (runtime, Entry("a", "claim"))):
-        with pytest.raises(ExecutionError, match=rf"JOURNAL_WRITE_FAILED: {path.parent}.* open it again"):
+        with pytest.raises(ExecutionError, match=rf"WRITE_FAILED: {path.parent}.* open it again"):
             journal.commit([entry])
 
     check_order(memory, told)

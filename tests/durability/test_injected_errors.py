@@ -163,7 +163,7 @@ def check_failure(bench, calls, name):
                     journal.commit([make_submit("late")])
             bench.close(bench.last_side)
     elif code:
-        assert (code, calls.failed in SYNCS) == ("JOURNAL_WRITE_FAILED", False)
+        assert (code, calls.failed in SYNCS) == ("WRITE_FAILED", False)
     return code
 
 
@@ -171,7 +171,7 @@ def test_the_nth_read_fails(memory, figures):
     def check(bench, calls, name):
         before = dict(bench.told)
         code = attempt(bench, name)
-        assert code in {"", "JOURNAL_UNREADABLE"}
+        assert code in {"", "UNREADABLE_FILE"}
         if code:
             assert calls.failed
             assert attempt(bench, name) == ""  # it was only once
@@ -203,7 +203,7 @@ def test_the_disk_is_full_from_the_nth_write_on_until_there_is_room(memory, figu
         code = attempt(bench, name)
         if name in {"checkpoint", "archive"} and not code:  # what is left for the next time says nothing
             return code
-        assert code == ("JOURNAL_WRITE_FAILED" if calls.failed and not calls.has_room else "")
+        assert code == ("WRITE_FAILED" if calls.failed and not calls.has_room else "")
         if code:
             before = dict(bench.told)
             assert attempt(bench, name) == code

@@ -34,7 +34,7 @@ def test_a_table_of_tasks_becomes_a_suite_of_goal_graphs(tmp_path, monkeypatch):
     assert [order.task for order in plan.orders] == [generate.name_of(task) for task in few]
     assert {problem.code for each in plan.missing.values() for problem in each} == {
         "EXTRA_MISSING",
-        "POLICY_MISSING",
+        "POLICY_UNREACHABLE",
     }
 
 

@@ -199,9 +199,11 @@ def test_a_policy_of_lerobot_carries_out_a_session(systems, tmp_path):
 
 def test_an_observation_of_another_shape_is_refused_in_words(systems):
     few = SHOWN | {"joint_state": np.zeros(6)}
-    with open_client(systems.endpoint) as client, pytest.raises(ExecutionError, match=r"the shapes.*\(6,\)") as error:
+    with (
+        open_client(systems.endpoint) as client,
+        pytest.raises(ExecutionError, match=r"POLICY_FAILED: .*the shapes.*\(6,\)"),
+    ):
         ask(client, shown=few)
-    assert error.value.code == "POLICY_FAULT"
 
 
 def test_a_server_that_is_killed_is_named_within_the_heartbeat_and_served_again_once_it_is_back(systems):

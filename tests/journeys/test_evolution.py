@@ -41,7 +41,6 @@ def test_a_seed_that_was_learned_from_helps_on_another_and_the_gain_goes_with_th
             return is_there, bool(agent.mission.ledger.sessions[first.id].contract.advised_by), report.verdict
 
     with start_watch(workspace, pictures=False, sense=Sensing.PERCEIVED).running(clock) as plane:
-        assert run("before", 1, MemoryUse.READ, once) == (False, False, "failure")
         assert run("adaptation", 0, MemoryUse.LEARN)[2] == "success"
         assert run("after", 1, MemoryUse.READ, once) == (True, True, "success")
         workspace.memory.rename(tmp_path / "memory-set-aside")

@@ -4,13 +4,33 @@ from pathlib import Path
 
 import pytest
 
+from phyagentos.agent.judging.review import review_session
+from phyagentos.agent.judging.verifier import SessionVerifier
+from phyagentos.assembly.agent_plane import open_agent
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.settings.verification_mode import VerificationMode
+from phyagentos.store.journal import Journal
+
 HERE = Path(__file__).parent
+CLOCK = SystemClock()
 
 pytestmark = pytest.mark.journey
 
 
 def read_facts(report):
     return [(each.id, each.state, each.verdict) for each in report.sessions]
+
+
+def review(plane, report):
+    """Review every session of a goal that has just ended; the states that they were left in."""
+    journal = Journal(plane.workspace.root, side=Side.AGENT, by="reviewer", clock=CLOCK)
+    sessions = journal.open_ledger().sessions
+    ended = [sessions[each.id] for each in report.sessions]
+    for status in ended:
+        assert review_session(plane.workspace, journal, status, SessionVerifier()).is_review
+    journal.close()
+    return {status.state for status in ended}
 
 
 @pytest.mark.parametrize(
@@ -31,6 +51,7 @@ def test_a_recoverable_fault_is_named_and_ends_in_a_child_that_succeeds(plane, f
     assert parent.decision.cause == cause
     assert child.contract.parent == parent.contract.id
     assert child.contract.seed != parent.contract.seed
+    assert review(plane, report) == {"replanned", "succeeded"}
 
 
 def test_what_a_session_out_of_time_holds_is_put_down_by_the_next_one(plane, tmp_path):
@@ -64,3 +85,10 @@ def test_a_skill_whose_leaves_all_succeed_and_move_nothing_ends_failed(plane):
     assert report.verdict == "failure"
     assert report.sessions[-1].state == "failed"
     assert "red_cube is not inside red_tray" in report.sessions[-1].reason
+    assert "failed" in review(plane, report)
+
+
+def test_verdicts_are_skipped_where_verification_is_off_and_can_be_given_by_a_review(plane):
+    with open_agent(plane.workspace, CLOCK, by="unverified", verify=VerificationMode.OFF) as agent:
+        report = agent.mission.run(HERE / "goal.yaml", seed=3, goal="calm-3")
+    assert review(plane, report) == {"unverified"}

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
@@ -26,9 +25,10 @@ pytestmark = pytest.mark.journey
 
 POLICY = find_shipped_root() / "examples" / "projects" / "03_policy_server"
 SCENE = "tabletop/cubes_and_trays"
-WAITS_S = 2.0  # for a server, by the settings of these workspaces
+WAITS_S = 2.0  # for a server, by the settings of this workspace
 LIMIT_S = 40.0  # of a whole goal on a busy machine
 DRIP, BOMB, SILENCE = "a drip of a body", "a gzip bomb", "silence"
+JUDGED = {"role": "assistant", "content": '{"truth": "true", "because": "it is there"}'}
 GRAPH = f"""
 goal: hostile
 objective: Put the red cube into the red tray.
@@ -66,51 +66,61 @@ class Turncoat(HostileServer):
 
 
 class Stand:
-    """A workspace whose planes run, and the server that it asks; each goal is of one session in a world of its own."""
+    """A workspace whose planes run, and the servers that it asks; each goal is of one session in a world of its own."""
 
-    def __init__(self, root, server, workspace, mission, skill) -> None:
-        self.server, self.workspace, self._mission, self._count = server, workspace, mission, 0
-        self._graph = root / "goal.yaml"
+    def __init__(self, root, stack) -> None:
+        skill, _ = read_skill(POLICY / "skills" / "imitate" / "SKILL.md")
+        replies = {
+            "policy": lambda data: wire.encode(answer(wire.decode_request(data), Rest(), skill.policy)),
+            "detector": detect_by_colour(),
+            "judge": lambda _: json.dumps({"choices": [{"message": JUDGED}]}).encode(),
+        }
+        self.servers = {name: Turncoat(reply) for name, reply in replies.items()}
+        self.workspace = workspace = Workspace.create(root / "w", Library.open(POLICY))
+        registry, contract = workspace.skill_registry, workspace.runtime_contract
+        registry.write_text(registry.read_text().replace(skill.policy.endpoint, self.servers["policy"].url))
+        with workspace.perception.open("a") as file:
+            settings = f"{{url: '{self.servers['detector'].url}', timeout_s: {WAITS_S}}}"
+            file.write(f"detector: {{name: http, settings: {settings}}}\n")
+        model = f"{{url: '{self.servers['judge'].url}', model: looker, timeout_s: {WAITS_S}}}"
+        rest = contract.read_text().split("verification:")[0]
+        contract.write_text(f"{rest}verification: {{judges: [predicates, vision], vision: {model}}}\n")
+        self._mission = stack.enter_context(open_bench(workspace, SystemClock())).mission
+        self._graph, self._count = root / "goal.yaml", 0
+
+    def run(self, skill):
         self._graph.write_text(GRAPH.replace("pick_and_place", skill))
-
-    def run(self):
         self._count += 1
         report = self._mission.run(self._graph, seed=1, goal=f"goal-{self._count}")
         assert report.wall_s < LIMIT_S
         (session,) = report.sessions
         return report, session
 
-    def run_against(self, way, after):
+    def run_against(self, name, way, after, skill="pick_and_place"):
         """With a server that turns hostile after so many requests; and then with one that is polite again.
 
         The session of the one, and the report of the other.
         """
-        before = self.server.requests
-        self.server.turn(way, after)
-        report, session = self.run()
-        assert self.server.requests > before + after
+        server = self.servers[name]
+        before = server.requests
+        server.turn(way, after)
+        report, session = self.run(skill)
+        assert server.requests > before + after
         assert report.exit_code == 1
-        self.server.turn_back()
-        next_report, next_session = self.run()
+        server.turn_back()
+        next_report, next_session = self.run(skill)
         assert next_session.ended == "completed"
         logs = self.workspace.logs.glob("*.log")
         assert [log.name for log in logs if "Traceback" in log.read_text()] == []
         return session, next_report
 
 
-@pytest.fixture
-def open_stand(tmp_path):
+@pytest.fixture(scope="module")
+def stand(tmp_path_factory):
     with contextlib.ExitStack() as stack:
-
-        def open_one(reply, change, *projects, skill="pick_and_place"):
-            root, server = tmp_path, Turncoat(reply)
-            stack.callback(server.close)
-            workspace = Workspace.create(root / "w", Library.open(*projects))
-            change(workspace, server.url)
-            agent = stack.enter_context(open_bench(workspace, SystemClock(), memory_use=MemoryUse.NONE))
-            return Stand(root, server, workspace, agent.mission, skill)
-
-        yield open_one
+        yield (stand := Stand(tmp_path_factory.mktemp("hostile"), stack))
+    for server in stand.servers.values():
+        server.close()
 
 
 class Rest:
@@ -123,18 +133,8 @@ class Rest:
         return np.tile(np.append(request.observations["joint_state"], 0.08), (25, 1)), request.sequence == 2
 
 
-def test_a_policy_server(open_stand):
-    skill, _ = read_skill(POLICY / "skills" / "imitate" / "SKILL.md")
-
-    def change(workspace, url):
-        text = workspace.skill_registry.read_text()
-        workspace.skill_registry.write_text(text.replace(skill.policy.endpoint, url))
-
-    def reply(data):
-        return wire.encode(answer(wire.decode_request(data), Rest(), skill.policy))
-
-    policy = open_stand(reply, change, POLICY, skill="imitate")
-    session, _ = policy.run_against(SILENCE, after=3)  # what it is, a start, one chunk
+def test_a_policy_server(stand):
+    session, _ = stand.run_against("policy", SILENCE, after=3, skill="imitate")  # what it is, a start, one chunk
 
     assert (session.ended, session.code, session.cause) == ("skill_failed", "POLICY_LOST", "POLICY_FAILED")
     assert session.ticks > 10, "it was in motion"
@@ -160,33 +160,20 @@ def detect_by_colour():
     return reply
 
 
-def test_a_detector(open_stand):
-    def change(workspace, url):
-        with workspace.perception.open("a") as file:
-            file.write(f"detector: {{name: http, settings: {{url: '{url}', timeout_s: {WAITS_S}}}}}\n")
-
-    detector = open_stand(detect_by_colour(), change)
-    session, next_report = detector.run_against(DRIP, after=5)  # a camera after the other: in the last look
+def test_a_detector(stand):
+    session, next_report = stand.run_against("detector", DRIP, after=5)  # a camera after the other: in the last look
 
     assert (session.ended, session.verdict, session.cause) == ("completed", "failure", "EVIDENCE_MISSING"), session
-    after = json.loads((detector.workspace.evidence_of(session.id) / evidence.AFTER).read_bytes())
+    after = json.loads((stand.workspace.evidence_of(session.id) / evidence.AFTER).read_bytes())
     found = {(each["status"], each["detail"].split(":")[0]) for each in after["sensors"].values()}
-    assert found == {("unread", "DETECTOR_FAILED")}
+    assert found == {("unread", "MODEL_FAILED")}
     assert next_report.verdict == "success"
 
 
-def test_a_judge_that_looks_at_pictures(open_stand):
-    def change(workspace, url):
-        path, model = workspace.runtime_contract, f"{{url: '{url}', model: looker, timeout_s: {WAITS_S}}}"
-        rest = path.read_text().split("verification:")[0]
-        path.write_text(f"{rest}verification: {{judges: [predicates, vision], vision: {model}}}\n")
-
-    message = {"role": "assistant", "content": '{"truth": "true", "because": "it is there"}'}
-    reply = json.dumps({"choices": [{"message": message}]}).encode()
-    judge = open_stand(lambda _: reply, change)
-    session, next_report = judge.run_against(BOMB, after=1)  # there are two criteria
+def test_a_judge_that_looks_at_pictures(stand):
+    session, next_report = stand.run_against("judge", BOMB, after=1)  # there are two criteria
 
     assert (session.ended, session.verdict, session.cause) == ("completed", "failure", "JUDGE_FAILED"), session
     answers = [(str(each.truth), each.because.split(":")[0]) for each in session.criteria if each.kind == "vision"]
-    assert answers == [("true", "it is there"), ("unknown", "MODEL_MALFORMED")]
+    assert answers == [("true", "it is there"), ("unknown", "MODEL_FAILED")]
     assert next_report.verdict == "success"

@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import socket
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +12,12 @@ from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
-from phyagentos.protocol.capabilities.skill_runtimes import read_skill
+from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.policies.exchanges import read_arrays, read_exchanges
 from phyagentos.runtime.policies.policy_server import serve_policy
+from tests.policies import serve
 
 pytestmark = pytest.mark.journey
 
@@ -103,15 +102,11 @@ def run(tmp_path_factory):
     (robot / "target.yaml").write_text(
         yaml.safe_dump(profile | {"observations": [*profile["observations"], "tool_pose"]})
     )
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        endpoint = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    policy = SKILL["policy"] | {"endpoint": "tcp://127.0.0.1:0"}
+    policy["endpoint"] = serve(serve_policy, Gripping(), PolicyDescriptor.model_validate(policy))
     path = root / "skills" / "grip" / "SKILL.md"
     path.parent.mkdir(parents=True)
-    path.write_text(f"---\n{yaml.safe_dump(SKILL | {'policy': SKILL['policy'] | {'endpoint': endpoint}})}---\n# Grip\n")
-    ready = threading.Event()
-    arguments = (Gripping(), read_skill(path)[0].policy, lambda _: ready.set())
-    threading.Thread(target=serve_policy, args=arguments, daemon=True).start()
-    assert ready.wait(10)
+    path.write_text(f"---\n{yaml.safe_dump(SKILL | {'policy': policy})}---\n# Grip\n")
     for each in (GRAPH, HELD):
         (root / f"{each['goal']}.yaml").write_text(yaml.safe_dump(each))
     workspace = Workspace.create(root / "w", Library.open(root, EXAMPLE))

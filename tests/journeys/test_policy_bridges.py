@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import socket
-import threading
 
 import numpy as np
 import pytest
@@ -15,14 +13,15 @@ from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace, describe_target_space
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.capabilities.registries import read_target_registry
-from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.actions.bridges.chain import compile_chain, list_bridges
 from phyagentos.runtime.actions.bridges.tool_poses import describe_frames
 from phyagentos.runtime.policies.exchanges import read_arrays, read_exchanges, replay_exchanges
 from phyagentos.runtime.policies.openpi_server import serve_openpi
+from tests.policies import serve
 
 pytestmark = pytest.mark.journey
 
@@ -143,13 +142,8 @@ def make_project(root, endpoint):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     root = tmp_path_factory.mktemp("bridges")
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        endpoint = f"openpi://127.0.0.1:{free.getsockname()[1]}"
-    make_project(root, endpoint)
-    descriptor = read_skill(root / "skills" / "columns" / "SKILL.md")[0].policy
-    ready = threading.Event()
-    threading.Thread(target=serve_openpi, args=(Mover(), descriptor, lambda _: ready.set()), daemon=True).start()
-    assert ready.wait(10)
+    descriptor = PolicyDescriptor.model_validate(POLICY | {"endpoint": "openpi://127.0.0.1:0"})
+    make_project(root, serve(serve_openpi, Mover(), descriptor))
     workspace = Workspace.create(root / "w", Library.open(root))
     sensors = workspace.sensors.read_text()
     provides = "provides: [joint_state, gripper_width]\n    signals:\n"

@@ -6,15 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.agent.judging.review import review_session
-from phyagentos.agent.judging.verifier import SessionVerifier
-from phyagentos.assembly.agent_plane import open_agent
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Limits
 from phyagentos.protocol.sessions.stop_signals import Signal, drop_signal
-from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.supervision import target_supervisor, watchdog
 from phyagentos.runtime.supervision.workers import Worker
@@ -193,18 +189,3 @@ def test_so_is_one_whose_session_is_cancelled_meanwhile(stand, monkeypatch):
     stand.cancel()
     events = [*STARTED, "halt", "request_cancel", "lose", "reconcile"]
     assert stand.wait_for("awaiting_verification") == events
-
-
-def test_verdicts_are_skipped_where_verification_is_off_and_every_verdict_can_be_reviewed(plane):
-    plane.run("slip-rare")
-    plane.run("lie-rare", "lie.yaml")
-    with open_agent(plane.workspace, CLOCK, by="unverified", verify=VerificationMode.OFF) as agent:
-        agent.mission.run(HERE / "goal.yaml", seed=3, goal="calm-rare")
-    journal = Journal(plane.workspace.root, side=Side.AGENT, by="reviewer", clock=CLOCK)
-    sessions = journal.open_ledger().sessions
-    by_state = {status.state: status for status in sessions.values() if status.contract.goal.endswith("-rare")}
-
-    assert set(by_state) == {"succeeded", "replanned", "failed", "unverified"}
-    for status in by_state.values():
-        assert review_session(plane.workspace, journal, status, SessionVerifier()).is_review
-    journal.close()

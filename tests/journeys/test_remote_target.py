@@ -12,6 +12,8 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.targets.handshake import make_key
 
+from .conftest import open_plane
+
 pytestmark = pytest.mark.journey
 
 
@@ -30,22 +32,22 @@ def served(tmp_path):
         assert process.wait(30) == 0
 
 
-def command_from_here(plane, endpoint, key):
+def command_from_here(workspace, endpoint, key):
     """The panda of this workspace is the one that is served there."""
-    registry = plane.workspace.target_registry
+    registry = workspace.target_registry
     told = f"target: panda\ndriver: remote\nendpoint: {endpoint}\n"
     registry.write_text(registry.read_text().replace("target: panda\n", told))
-    secret = plane.workspace.root / TOKENS / "panda"
+    secret = workspace.root / TOKENS / "panda"
     secret.parent.mkdir(parents=True)
     secret.touch(mode=0o600)
     secret.write_text(key)
 
 
-def test_a_session_over_websocket_has_the_bits_of_one_over_a_socket_whatever_ran_before(plane, make_plane, served):
+def test_a_session_over_websocket_has_the_bits_of_one_over_a_socket_whatever_ran_before(plane, tmp_path, served):
     endpoint, key, there = served
-    near, far = plane, make_plane()
-    command_from_here(far, endpoint, key)
-    reports = [plane.run("ws-3", seed=3) for plane in (near, far)]
+    near = plane
+    with open_plane(tmp_path / "far", prepare=lambda made: command_from_here(made, endpoint, key)) as far:
+        reports = [plane.run("ws-3", seed=3) for plane in (near, far)]
 
     assert [report.verdict for report in reports] == ["success", "success"]
     assert reports[0].criteria == reports[1].criteria

@@ -19,7 +19,7 @@ from phyagentos.store.journal import Journal
 
 pytestmark = pytest.mark.journey
 
-SEIZED = "version: 1\nfaults:\n  - {kind: stall, joint: joint1, when: {session: '*.red'}, duration_s: 3600}\n"
+SEIZED = "version: 1\nfaults:\n  - {kind: stall, joint: joint1, when: {session: 'one_tray*.red'}, duration_s: 3600}\n"
 ONE_TRAY = """
 goal: one_tray
 objective: Both arms bring a cube into the tray that both reach.
@@ -50,16 +50,14 @@ sessions:
 
 
 @contextmanager
-def open_table(root, faults=None):
+def open_table(root):
     """A project that is the example, served; a function that pursues a goal: its report, and the journal's records."""
     project = root / "project"
     shutil.copytree(find_shipped_root() / "examples" / "projects" / "04_two_arms", project)
     (project / "goal_graphs" / "one_tray.yaml").write_text(ONE_TRAY)
-    broken = root / "faults.yaml" if faults else None
-    if broken is not None:
-        broken.write_text(faults)
+    (faults := root / "faults.yaml").write_text(SEIZED)
     workspace, clock = open_project(root / "w", project), SystemClock()
-    with open_bench(workspace, clock, faults=broken, memory_use=MemoryUse.NONE) as agent:
+    with open_bench(workspace, clock, faults=faults, memory_use=MemoryUse.NONE) as agent:
 
         def pursue(graph):
             report = agent.mission.run(project / "goal_graphs" / f"{graph}.yaml", seed=1)
@@ -73,7 +71,7 @@ def open_table(root, faults=None):
 
 @pytest.fixture(scope="module")
 def pursue(tmp_path_factory):
-    """One warm table for the goals that break nothing."""
+    """One warm table for all goals."""
     with open_table(tmp_path_factory.mktemp("table")) as pursue:
         yield pursue
 
@@ -84,9 +82,8 @@ def list_events(workspace, report):
         yield from map(json.loads, file.read_text().splitlines() if file.exists() else ())
 
 
-def test_where_one_arm_is_disabled_in_the_middle_of_a_goal_the_other_one_finishes_it(tmp_path):
-    with open_table(tmp_path, SEIZED) as pursue:
-        workspace, report, records = pursue("one_tray")
+def test_where_one_arm_is_disabled_in_the_middle_of_a_goal_the_other_one_finishes_it(pursue):
+    workspace, report, records = pursue("one_tray")
     submitted = {record.id: record.body for record in records if record.ev == "submit"}
     red = [body for id, body in submitted.items() if ".red" in id]
 

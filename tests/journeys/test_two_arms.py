@@ -21,6 +21,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.admission import Entry
 from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Journal
+from tests.following import wait_until
 from tests.strangers import wait_in_the_backlog
 
 pytestmark = pytest.mark.journey
@@ -79,28 +80,23 @@ class TwoArms:
         self.journal.commit([Entry(session.id, "submit", msgspec.to_builtins(session))])
 
     def wait_for(self, id, *events):
-        deadline_s = CLOCK.now_s() + LIMIT_S
-        while not {(id, event) for event in events} & {*self.told}:
-            assert CLOCK.now_s() < deadline_s, f"{id} never came to {events}: {self.told}"
-            CLOCK.sleep(0.01)
+        def has_come():
             for record in self.follower.read_new():
                 told = record.id.removesuffix(f"-{self.round}")
                 self.told.append((told, record.ev))
                 if "execution" in (record.body or {}):
                     self.executions[told] = record.body["execution"]
+            return {(id, event) for event in events} & {*self.told}
+
+        wait_until(has_come, f"{id} {events}", LIMIT_S)
 
     def wait_until_both_move(self):
-        deadline_s = CLOCK.now_s() + LIMIT_S
-        while not all('"Command"' in self.read_log(arm)[self.logged[arm] :] for arm in ARMS):
-            assert CLOCK.now_s() < deadline_s
-            CLOCK.sleep(0.01)
+        wait_until(lambda: all('"Command"' in self.read_log(arm)[self.logged[arm] :] for arm in ARMS))
 
     def wait_until_both_stand(self):
         """One is paused, and the other waits for it."""
-        deadline_s, beats = CLOCK.now_s() + LIMIT_S, self.workspace.heartbeats
-        while {find_heartbeat(beats, arm).phase for arm in ARMS} != {"paused"}:
-            assert CLOCK.now_s() < deadline_s
-            CLOCK.sleep(0.01)
+        beats = self.workspace.heartbeats
+        wait_until(lambda: {find_heartbeat(beats, arm).phase for arm in ARMS} == {"paused"})
 
     def signal(self, kind, session):
         drop_signal(self.workspace.signals, Signal(kind=kind, session=self.name(session), by="test"), CLOCK)

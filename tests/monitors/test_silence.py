@@ -12,7 +12,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.testing import ManualClock, make_contract
 
-from .hook import iter_new_workspaces
+from .hook import find_workspaces
 from .silence import ESTOP_S, STOP_S, Kind, count_commands, find_violations
 
 BEGIN, END = {"kind": "Begin"}, {"kind": "End"}
@@ -225,12 +225,7 @@ def test_without_a_journal_the_order_of_the_log_is_judged_alone(tmp_path):
     assert count_commands(tmp_path) == 2
 
 
-def test_the_hook_sees_each_workspace_again_when_its_targets_received_more(running):
-    base = running.root.parent
+def test_the_hook_sees_each_workspace_whose_targets_received_something(running):
+    assert find_workspaces(running.root.parent) == set()
     assert running.judge() == []
-
-    assert list(iter_new_workspaces(base)) == [running.root]
-    assert list(iter_new_workspaces(base)) == []
-    running.command()
-    running.judge()
-    assert list(iter_new_workspaces(base)) == [running.root]
+    assert find_workspaces(running.root.parent) == {running.root}

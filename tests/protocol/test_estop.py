@@ -53,7 +53,7 @@ def test_a_reset_keeps_who_stopped_and_why_it_is_safe_again(tmp_path):
 
 
 def test_a_reset_needs_a_reason_and_something_to_reset(tmp_path):
-    with pytest.raises(DefinitionError, match="NOT_LATCHED"):
+    with pytest.raises(DefinitionError, match="ALREADY_OVER"):
         reset(tmp_path, "why not", ManualClock())
     latch(tmp_path, Latch(by="anna"))
     with pytest.raises(DefinitionError, match="MISSING_VALUE"):

@@ -10,7 +10,8 @@ from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
 from phyagentos.protocol.sessions import estop
-from phyagentos.protocol.settings.runtime_contract import declare_speed, read_runtime_contract
+from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
+from phyagentos.protocol.settings.settings_files import declare
 from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 
 SKILL = """---
@@ -232,6 +233,6 @@ def test_a_share_of_the_speed_limits_is_noted_once_and_nothing_else_changes(tmp_
     path = Workspace.create(tmp_path / "w", Library.open()).runtime_contract
     before = path.read_text()
     for speed in (1.0, 0.5, 0.25):
-        declare_speed(path, speed)
+        declare(path, speed=speed)
         assert read_runtime_contract(path).speed == speed
     assert path.read_text() == f"{before.rstrip()}\nspeed: 0.25\n"

@@ -67,6 +67,12 @@ def build_bench(tmp_path, library, registry, profile, limits):
 
 
 @pytest.fixture
+def gripping(profile):
+    """A perfect target whose fingers close on the red cube."""
+    return PerfectTarget(profile, [make_cube(), make_cube("red_tray", (0.5, 0.3, 0.0))], graspable="red_cube")
+
+
+@pytest.fixture
 def plant(tmp_path):
     """A library with one more tree."""
 

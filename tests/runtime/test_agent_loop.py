@@ -76,7 +76,7 @@ def test_a_call_that_does_not_fit_is_refused_and_moves_nothing(direct, call, cod
 
 def test_an_agent_that_does_not_finish_has_so_many_calls(direct):
     execution, _ = direct(*[{"call": "observe"}] * 9, max_calls=3)
-    assert (execution.ended, execution.code) == (Ended.SKILL_FAILED, "CALLS_SPENT")
+    assert (execution.ended, execution.code) == (Ended.SKILL_FAILED, "BUDGET")
 
 
 def test_an_agent_may_give_up(direct):

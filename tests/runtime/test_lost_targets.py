@@ -37,10 +37,7 @@ def lose_target(order: Run | Reconcile) -> Finished:
 
 
 def test_a_session_whose_target_is_lost_while_it_is_checked_waits_for_the_next(stand):  # noqa: F811
-    stand.watch(worker := ScriptedWorker(on_check=lose_checks(2)))
-    stand.submit(make_session())
-
-    stand.wait_for("g.a", "awaiting_verification")
+    worker = stand.pursue(ScriptedWorker(on_check=lose_checks(2)))
 
     assert [type(order) for order in worker.orders] == [Check, Check, Check, Run]
     assert worker.kills == [True, True]
@@ -49,25 +46,32 @@ def test_a_session_whose_target_is_lost_while_it_is_checked_waits_for_the_next(s
 
 
 def test_a_target_that_is_lost_at_every_check_rejects_its_session_with_the_code(stand):  # noqa: F811
-    stand.watch(worker := ScriptedWorker(on_check=lose_checks(99)))
-    stand.submit(make_session())
-
-    stand.wait_for("g.a", "rejected")
+    worker = stand.pursue(ScriptedWorker(on_check=lose_checks(99)), to="rejected")
 
     assert "TARGET_LOST" in stand.ledger.sessions["g.a"].reason
     assert 1 < len(worker.orders) < 10
 
 
-def test_a_target_lost_in_a_run_is_replaced_and_the_world_observed(stand):  # noqa: F811
-    stand.watch(worker := ScriptedWorker(on_run=lose_target))
-    stand.submit(make_session())
-
-    stand.wait_for("g.a", "awaiting_verification")
+@pytest.mark.parametrize(
+    ("on_run", "ended", "reason"),
+    [
+        (lambda _: "die", Ended.RUNNER_LOST, "the worker process ended"),
+        (lose_target, Ended.TARGET_LOST, "it was lost"),
+    ],
+)
+def test_a_worker_that_dies_or_loses_its_target_is_replaced_and_its_session_observed_not_repeated(
+    stand,  # noqa: F811
+    on_run,
+    ended,
+    reason,
+):
+    worker = stand.pursue(ScriptedWorker(on_run=on_run))
 
     assert stand.events("g.a") == ["submit", "claim", "check", "start", "lose", "reconcile"]
     assert [type(order) for order in worker.orders] == [Check, Run, Reconcile]
-    assert worker.orders[-1].ended is Ended.TARGET_LOST
-    assert worker.kills[0] is True
+    observed = worker.orders[-1]
+    assert (observed.ended, observed.epoch > worker.orders[0].epoch) == (ended, True)
+    assert (observed.reason, True in worker.kills) == (reason, ended is Ended.TARGET_LOST)
 
 
 def test_a_target_that_is_lost_again_and_again_ends_the_run_and_not_the_session_alone(stand):  # noqa: F811
@@ -80,7 +84,7 @@ def test_a_target_that_is_lost_again_and_again_ends_the_run_and_not_the_session_
 
     assert stand.ledger.sessions["g.a"].execution.ended is Ended.TARGET_LOST
     reason = stand.ledger.sessions["g.b"].reason
-    assert "TARGET_UNAVAILABLE" in reason
+    assert "TARGET_LOST" in reason
     assert "it was lost; lost 3 times in a row" in reason
     assert [type(order) for order in worker.orders] == [Check, Run, Reconcile, Reconcile]
 
@@ -103,10 +107,7 @@ class Witness(ScriptedWorker):
 @pytest.mark.slow
 @pytest.mark.parametrize("on_run", [lambda _: None, lambda _: "die", lose_target], ids=["silent", "dead", "lost"])
 def test_whoever_is_replaced_is_ended_before_its_loss_is_recorded(stand, on_run):  # noqa: F811
-    stand.watch(worker := Witness(stand.workspace.sessions, on_run=on_run))
-    stand.submit(make_session(heartbeat_s=0.3))
-
-    stand.wait_for("g.a", "awaiting_verification")
+    worker = stand.pursue(Witness(stand.workspace.sessions, on_run=on_run), make_session(heartbeat_s=0.3))
 
     assert worker.seen[0] == "start"
     assert "lose" in stand.events("g.a")
@@ -121,10 +122,7 @@ class LosesWorld(ScriptedWorker):
 
 @pytest.mark.slow
 def test_a_world_that_ends_while_nobody_needs_it_is_replaced(stand):  # noqa: F811
-    stand.watch(worker := LosesWorld())
-    stand.submit(make_session())
-
-    stand.wait_for("g.a", "awaiting_verification")
+    worker = stand.pursue(LosesWorld())
 
     assert worker.restarts == 1
 
@@ -139,13 +137,10 @@ class NeverAgain(ScriptedWorker):
 
 @pytest.mark.slow
 def test_a_session_that_nobody_can_look_after_ends_with_the_code_of_that(stand):  # noqa: F811
-    stand.watch(worker := NeverAgain(on_run=lambda _: "die"), rest_s=0.001)
-    stand.submit(make_session())
-
-    stand.wait_for("g.a", "awaiting_verification")
+    worker = stand.pursue(NeverAgain(on_run=lambda _: "die"), rest_s=0.001)
 
     execution = stand.ledger.sessions["g.a"].execution
-    assert (execution.ended, execution.code) == (Ended.TARGET_LOST, "TARGET_UNAVAILABLE")
+    assert (execution.ended, execution.code) == (Ended.TARGET_LOST, "TARGET_LOST")
     assert worker.restarts == 6
     assert stand.events("g.a") == ["submit", "claim", "check", "start", "lose", "reconcile"]
 
@@ -160,10 +155,7 @@ class StartsLate(ScriptedWorker):
 
 @pytest.mark.slow
 def test_a_worker_whose_start_fails_has_a_rest_before_the_next(stand):  # noqa: F811
-    stand.watch(worker := StartsLate(starts=False), rest_s=0.05)
-    stand.submit(make_session())
-
-    stand.wait_for("g.a", "awaiting_verification")
+    worker = stand.pursue(StartsLate(starts=False), rest_s=0.05)
 
     assert worker.restarts == 2
     assert stand.events("g.a") == ["submit", "claim", "check", "start", "halt", "finish"]
@@ -175,10 +167,9 @@ def test_a_target_that_answers_with_what_is_no_reply_is_lost(answer):
     theirs.send_bytes(answer)
     handle = TargetSessionHandle(ours, read_safety(find_shipped_root() / "protocol/safety.yaml").targets["panda"])
 
-    with pytest.raises(ExecutionError, match="bytes that are no reply") as lost:
+    with pytest.raises(ExecutionError, match=r"TARGET_LOST: .*bytes that are no reply"):
         handle.observe()
 
-    assert lost.value.code == "TARGET_LOST"
     assert ours.closed
 
 

@@ -136,7 +136,7 @@ def test_all_problems_of_a_contract_are_told_at_once():
         "NOT_OFFERED (observation)",
         "NOT_OFFERED (action)",
         "NOT_OFFERED (capability)",
-        "SENSOR_MISMATCH (missing)",
+        "OBSERVATION_MISMATCH (missing)",
     ]
 
 

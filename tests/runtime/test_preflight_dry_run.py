@@ -223,20 +223,6 @@ def test_a_grasp_that_leads_on_needs_no_further_question_about_the_place():
     assert [type(each) for each in planner.asked] == [FindGrasps]
 
 
-def test_nothing_stands_on_a_ball_although_the_planner_found_a_grasp_that_leads_on():
-    planner, now = Oracle(FindGrasps=msgspec.structs.replace(FOUND, leads_on=True)), make_world()
-    ball = Entity(name="ball", kind="ball", pose=Pose((0.4, 0.3, 0.02)), shapes=(Shape(ShapeKind.SPHERE, (0.02,)),))
-    now = msgspec.structs.replace(now, entities={**now.entities, "ball": ball})
-    dry_run = DryRun(
-        planner=planner, library=Library.open(), registry=REGISTRY, clock=ManualClock(), home_rad=HOME, reach=None
-    )
-    session = msgspec.structs.replace(SESSION, skill="stack", parameters={"object": "cube", "support": "ball"})
-
-    trials = dry_run.run(session, "stack", now, thorough=False)
-
-    assert [(trial.outcome, trial.code) for trial in trials] == [("possible", ""), ("impossible", "NO_SPACE")]
-
-
 def test_the_skill_asks_for_its_grasp_as_its_preflight_did(build_bench, build_session, library, registry):
     bench, session, oracle = build_bench(), build_session(), Oracle(FindGrasps=FOUND, FindPlacements=FOUND)
     bench.run(session)
@@ -256,16 +242,16 @@ def test_the_skill_asks_for_its_grasp_as_its_preflight_did(build_bench, build_se
 @pytest.mark.parametrize(
     ("answer", "outcome", "code"),
     [
-        (refuse("TOO_WIDE"), "impossible", "TOO_WIDE"),
+        (refuse("NOT_GRASPABLE"), "impossible", "NOT_GRASPABLE"),
         (refuse("NO_IK", ik=40), "impossible", "OUT_OF_REACH"),
-        (refuse("NO_IK", **{"ik": 39, "hand|workspace_box": 1}), "impossible", "OUTSIDE_WORKSPACE"),
-        (refuse("NO_IK", **{"hand|keep_out.column": 40, "occupied": 9}), "impossible", "OUTSIDE_WORKSPACE"),
+        (refuse("NO_IK", **{"ik": 39, "hand|workspace_box": 1}), "impossible", "OUT_OF_REACH"),
+        (refuse("NO_IK", **{"hand|keep_out.column": 40, "occupied": 9}), "impossible", "OUT_OF_REACH"),
         (refuse("NO_IK", ik=40, occupied=9), "undecided", "NO_IK"),
         (refuse("NO_IK", **{"hand|workspace_box": 39, "hand|wall": 1}), "undecided", "NO_IK"),
         (refuse("NO_IK", ik=39, line=1), "undecided", "NO_IK"),
         (refuse("NO_IK"), "undecided", "NO_IK"),
         (refuse("IN_COLLISION"), "undecided", "IN_COLLISION"),
-        (refuse("PLANNER_LOST"), "undecided", "PLANNER_LOST"),
+        (refuse("RUNNER_LOST"), "undecided", "RUNNER_LOST"),
         (refuse("CANCELLED"), "undecided", "CANCELLED"),
     ],
 )
@@ -276,7 +262,9 @@ def test_only_a_proof_makes_a_grasp_impossible(answer, outcome, code):
 
 
 def test_a_path_that_was_not_found_is_no_proof():
-    planner = Oracle(FindGrasps=FOUND, PlanMove=refuse("TOO_WIDE"), FindPlacements=FOUND, TimeLine=refuse("NO_MODEL"))
+    planner = Oracle(
+        FindGrasps=FOUND, PlanMove=refuse("NOT_GRASPABLE"), FindPlacements=FOUND, TimeLine=refuse("REQUEST_INVALID")
+    )
 
     assert [trial.outcome for trial in try_out(planner, thorough=True)[1:]] == ["possible", "undecided", "possible"]
 
@@ -353,6 +341,7 @@ def make_session(attempt=0, **changes):
     return replace(SESSION, scene=scene, attempt=attempt, accept=("inside(cube, tray)",), **changes)
 
 
+@pytest.mark.parametrize("leads_on", [False, True])
 @pytest.mark.parametrize(
     ("kind", "size_m", "turn", "outcome"),
     [
@@ -362,11 +351,11 @@ def make_session(attempt=0, **changes):
         (ShapeKind.CYLINDER, (0.03, 0.04), (0.5**0.5, 0.5**0.5, 0.0, 0.0), "impossible"),  # it lies
     ],
 )
-def test_nothing_stands_on_what_has_no_level_face(kind, size_m, turn, outcome):
+def test_nothing_stands_on_what_has_no_level_face_also_where_a_grasp_leads_on(kind, size_m, turn, outcome, leads_on):
     world = make_world()
     base = Entity(name="tray", kind="base", pose=Pose((0.4, 0.3, 0.03), turn), shapes=(Shape(kind, size_m),))
     now = replace(world, entities=world.entities | {"tray": base})
-    planner = Oracle(FindGrasps=FOUND, FindPlacements=FOUND)
+    planner = Oracle(FindGrasps=replace(FOUND, leads_on=leads_on), FindPlacements=FOUND)
     dry_run = DryRun(
         planner=planner, library=Library.open(), registry=REGISTRY, clock=ManualClock(), home_rad=HOME, reach=None
     )
@@ -402,7 +391,7 @@ def test_what_the_tree_moves_out_of_the_destination_is_no_obstacle(more, is_move
 
 
 def test_where_a_thing_lies_once_it_is_let_go_is_not_known_beforehand():
-    (found,) = examine(make_world(held_by="panda"), Oracle(FindGrasps=refuse("TOO_WIDE")), make_session(1))
+    (found,) = examine(make_world(held_by="panda"), Oracle(FindGrasps=refuse("NOT_GRASPABLE")), make_session(1))
 
     assert [trial.motion for trial in found.trials] == []
     assert found.plan is not None
@@ -412,16 +401,18 @@ def test_where_a_thing_lies_once_it_is_let_go_is_not_known_beforehand():
     ("cube", "speed_m_s", "refused", "asks"),
     [
         ((0.4, 0.3, 0.05), 0.0, "ALREADY_MET", False),
-        ((0.4, 0.3, 0.05), 0.1, "TOO_WIDE", True),  # it may come to rest where it is wanted
+        ((0.4, 0.3, 0.05), 0.1, "NOT_GRASPABLE", True),  # it may come to rest where it is wanted
         ((0.5, 0.0, 0.02), 0.0, "", True),
     ],
 )
 def test_what_may_be_met_already_is_granted_for_a_look(cube, speed_m_s, refused, asks):
-    planner = Oracle(FindGrasps=refuse("TOO_WIDE"))
+    planner = Oracle(FindGrasps=refuse("NOT_GRASPABLE"))
     (found,) = examine(make_world(cube, speed_m_s=speed_m_s), planner, make_session(unless_met=True))
 
     assert bool(planner.asked) is asks
-    assert [problem.code for problem in (found.plan.refused if refused else found.problems)] == [refused or "TOO_WIDE"]
+    assert [problem.code for problem in (found.plan.refused if refused else found.problems)] == [
+        refused or "NOT_GRASPABLE"
+    ]
 
 
 def test_an_arm_with_a_slide_has_no_such_bound():

@@ -34,7 +34,7 @@ def test_what_the_manifest_does_not_hold_never_reaches_the_wire():
     with pytest.raises(CommandRefused, match="'render' is not in the manifest") as refused:
         handle.render("top")
 
-    assert refused.value.code == "OPERATION_FORBIDDEN"
+    assert refused.value.code == "NOT_PERMITTED"
     assert refused.value.by == "handle"
     assert not handle.permits("render")
     assert connection.sent == []

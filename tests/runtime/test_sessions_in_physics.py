@@ -70,21 +70,35 @@ def load_terminal(folder):
     return data
 
 
+TO_RED = {"object": "red_cube", "destination": "red_tray"}
+TO_GREEN = {"object": "green_cube", "destination": "green_tray"}
+
+
 def is_in_tray(data, cube, tray):
     dx, dy, dz = data.body(cube).xpos - data.body(tray).xpos
     return abs(dx) < 0.06 and abs(dy) < 0.09 and 0.0 < dz < 0.05
 
 
-@pytest.mark.parametrize(("seed", "color"), [(2, "red"), (3, "green"), (5, "blue")])
-def test_a_cube_is_picked_and_ends_in_its_tray(build_world, build, seed, color):
-    bench = build_world()
-    session = build("pick_and_place", seed, object=f"{color}_cube", destination=f"{color}_tray")
+GENTLE = "metric(peak_force_n) <= 10"
+
+
+def judge_gently(bench, session):
     execution = bench.run(session)
+    bundle = read_bundle(bench.workspace / execution.evidence, session, execution)
+    (held,) = HoldJudge().judge(bundle)
+    return execution, held
+
+
+def test_a_cube_is_picked_and_ends_in_its_tray_put_down_softly(build_world, build):
+    bench = build_world()
+    session = msgspec.structs.replace(build("pick_and_place", 2, **TO_RED), hold=(GENTLE,))
+    execution, held = judge_gently(bench, session)
 
     assert execution.ended is Ended.COMPLETED, execution
     data = load_terminal(bench.workspace / execution.evidence)
-    assert is_in_tray(data, f"{color}_cube", f"{color}_tray")
-    assert execution.outputs["place_site"] == pytest.approx(data.body(f"{color}_cube").xpos, abs=0.003)
+    assert is_in_tray(data, "red_cube", "red_tray")
+    assert execution.outputs["place_site"] == pytest.approx(data.body("red_cube").xpos, abs=0.003)
+    assert (held.truth, held.evidence) == (Truth.TRUE, evidence.TRAJECTORY), held
     check_that_solvers_are_named(bench.workspace / execution.evidence)
 
 
@@ -105,29 +119,6 @@ def check_that_solvers_are_named(folder):
     assert any("grip_share" in stages.get("scaling", {}) for _, stages in answers)
 
 
-def test_the_same_seed_gives_the_same_bits(build_world, build):
-    states, traces = [], []
-    for _ in range(2):
-        bench = build_world()
-        execution = bench.run(build("pick_and_place", 4, object="red_cube", destination="red_tray"))
-        folder = bench.workspace / execution.evidence
-        with np.load(folder / evidence.TERMINAL) as arrays:
-            states.append(arrays["state"])
-        traces.append((folder / evidence.TRACE).read_bytes())
-
-    assert np.array_equal(states[0], states[1])
-    assert traces[0] == traces[1]
-
-
-def test_what_one_session_holds_the_next_one_places(build_world, build):
-    bench = build_world()
-    picked = bench.run(build("pick", 6, 0, object="green_cube"))
-    placed = bench.run(build("place", 6, 1, object="green_cube", destination="green_tray"))
-
-    assert (picked.ended, placed.ended) == (Ended.COMPLETED, Ended.COMPLETED), (picked, placed)
-    assert is_in_tray(load_terminal(bench.workspace / placed.evidence), "green_cube", "green_tray")
-
-
 @pytest.fixture
 def falls(monkeypatch):
     """Cube -> the longest way down that it went without touching a finger [m], by the physics engine's own state."""
@@ -144,10 +135,6 @@ def falls(monkeypatch):
 
     monkeypatch.setattr(JointController, "_sense", watch)
     return longest
-
-
-TO_RED = {"object": "red_cube", "destination": "red_tray"}
-TO_GREEN = {"object": "green_cube", "destination": "green_tray"}
 
 
 @pytest.mark.parametrize(
@@ -170,6 +157,8 @@ def test_what_an_earlier_session_holds_is_set_down_not_dropped(build_world, buil
     if skill == "pick_and_place":
         color, _, _ = parameters["object"].partition("_")
         assert is_in_tray(data, f"{color}_cube", f"{color}_tray")
+    else:
+        assert data.body("red_cube").xpos == pytest.approx(parameters["to"], abs=0.03)
     if parameters is not TO_GREEN:
         assert data.body("green_cube").xpos[2] == pytest.approx(0.02, abs=0.002)
         assert not any(is_in_tray(data, "green_cube", f"{color}_tray") for color in ("red", "green", "blue"))
@@ -201,26 +190,6 @@ def test_what_slips_out_while_it_is_set_down_leaves_the_hand_free_for_the_next_t
     assert is_in_tray(load_terminal(bench.workspace / after.evidence), "red_cube", "red_tray")
 
 
-def test_two_cubes_are_stacked(build_world, build):
-    bench = build_world()
-    execution = bench.run(build("stack", 7, object="red_cube", support="blue_cube"))
-
-    data = load_terminal(bench.workspace / execution.evidence)
-    gap = data.body("red_cube").xpos - data.body("blue_cube").xpos
-    assert gap == pytest.approx([0.0, 0.0, 0.04], abs=0.01)
-
-
-def test_a_push_brings_the_cube_to_the_point(build_world, build):
-    bench = build_world()
-    bench.handle.load(build("home", 32).scene)
-    x, y, _ = next(e for e in bench.handle.observe().entities if e.name == "red_cube").pose.position_m
-    execution = bench.run(build("push", 32, object="red_cube", to=[x - 0.06, y - 0.05, 0.0]))
-
-    assert execution.ended is Ended.COMPLETED, execution
-    after = load_terminal(bench.workspace / execution.evidence).body("red_cube").xpos
-    assert after[:2] == pytest.approx([x - 0.06, y - 0.05], abs=0.02)
-
-
 def test_a_drawer_that_is_closed_already_is_seen_to_be_and_left_alone(build_world, build):
     bench = build_world()
     scene = Scene(name="tabletop/drawer", seed=3, episode="tidy-3")
@@ -238,24 +207,6 @@ def test_a_drawer_that_is_closed_already_is_seen_to_be_and_left_alone(build_worl
     assert not {"close_gripper", "move_linear"} & set(done)
 
 
-def test_a_cube_that_slips_out_is_a_lost_grasp_and_stays_outside(build_world, build):
-    bench = build_world({"kind": "slip", "object": "red_cube"})
-    session = build("pick_and_place", 2, object="red_cube", destination="red_tray")
-    execution = bench.run(session)
-
-    assert (execution.ended, execution.code) == (Ended.SKILL_FAILED, "GRASP_LOST"), execution
-    folder = bench.workspace / execution.evidence
-    assert not is_in_tray(load_terminal(folder), "red_cube", "red_tray")
-    assert b'"slip"' in (folder / evidence.FAULTS).read_bytes().replace(b"'", b'"')
-
-
-def test_a_seized_motor_ends_the_session_as_stalled(build_world, build):
-    bench = build_world({"kind": "stall", "joint": "joint2", "object": "red_cube", "duration_s": 5.0})
-    execution = bench.run(build("pick_and_place", 2, object="red_cube", destination="red_tray"))
-
-    assert (execution.ended, execution.code) == (Ended.STALLED, "STALLED"), execution
-
-
 def test_a_level_transport_keeps_the_vessel_upright(build_world, build):
     bench = build_world()
     session = build("carry_level", 31, object="green_cube", destination="green_tray")
@@ -267,28 +218,10 @@ def test_a_level_transport_keeps_the_vessel_upright(build_world, build):
     assert carried.numbers["worst_tilt_rad"] <= 0.08 < carried.numbers["unshaped_worst_tilt_rad"]
 
 
-GENTLE = "metric(peak_force_n) <= 10"
-
-
-def judge_gently(bench, session):
-    execution = bench.run(session)
-    bundle = read_bundle(bench.workspace / execution.evidence, session, execution)
-    (held,) = HoldJudge().judge(bundle)
-    return execution, held
-
-
-def test_a_soft_placement_keeps_its_bound_of_the_contact_force(build_world, build):
-    session = build("pick_and_place", 2, object="red_cube", destination="red_tray")
-    execution, held = judge_gently(build_world(), msgspec.structs.replace(session, hold=(GENTLE,)))
-
-    assert execution.ended is Ended.COMPLETED, execution
-    assert (held.truth, held.evidence) == (Truth.TRUE, evidence.TRAJECTORY), held
-
-
 def test_a_session_whose_thing_is_pulled_at_ends_and_is_judged_by_its_force(build_world, build):
     bench = build_world({"kind": "move", "object": "red_cube", "when": {"lifted_m": 0.03}})
     session = build("pick_and_place", 2, object="red_cube", destination="red_tray")
     execution, held = judge_gently(bench, msgspec.structs.replace(session, hold=(GENTLE,)))
 
-    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "HOLD_VIOLATED"), execution
+    assert (execution.ended, execution.code) == (Ended.SAFETY_STOP, "CONSTRAINT_VIOLATED"), execution
     assert (held.truth, held.measured["peak_force_n"] > 10) == (Truth.FALSE, True), held

@@ -26,7 +26,7 @@ def test_the_end_of_a_runtime_removes_its_own_sockets_alone_and_a_copied_folder_
     assert make_socket_folder(tmp_path / "other").stat().st_mode & 0o077 == 0
     other.rmdir()
     other.symlink_to(tmp_path)
-    with pytest.raises(ExecutionError, match="SOCKETS_UNSAFE"):
+    with pytest.raises(ExecutionError, match="NOT_SECURED"):
         make_socket_folder(tmp_path / "other")
 
 

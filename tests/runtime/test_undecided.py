@@ -89,12 +89,9 @@ def test_the_target_waits_for_the_verdict_of_a_session_that_is_undecided():
     assert target.is_free(SessionState.REPLANNED)
 
 
-def test_it_does_not_wait_for_an_agent_that_is_gone():
-    assert Target("red_cube").is_free(SessionState.AWAITING_VERIFICATION, VERDICT_S)
-
-
-def test_it_does_not_wait_when_everything_was_seen():
-    assert Target().is_free(SessionState.AWAITING_VERIFICATION)
+@pytest.mark.parametrize(("undecided", "after_s"), [(("red_cube",), VERDICT_S), ((), 0.1)])
+def test_it_does_not_wait_for_an_agent_that_is_gone_nor_when_everything_was_seen(undecided, after_s):
+    assert Target(*undecided).is_free(SessionState.AWAITING_VERIFICATION, after_s)
 
 
 @pytest.mark.parametrize("ended", [Ended.RUNNER_LOST, Ended.TARGET_LOST, Ended.SAFETY_STOP, Ended.STALLED])

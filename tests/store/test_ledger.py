@@ -54,11 +54,11 @@ def test_the_problems_of_a_rejection_stay_typed_and_stand_in_the_view(open_journ
     open_journal().commit([submit("s")])
     journal = open_journal(Side.RUNTIME)
     unmet = Problem(code="PRECONDITION_UNMET", address="requires", subject="visible(red_cube)")
-    plain = {"code": "TOO_WIDE", "address": "dry run", "found": "0.1 m", "expected": "", "hint": ""}
+    plain = {"code": "NOT_GRASPABLE", "address": "dry run", "found": "0.1 m", "expected": "", "hint": ""}
     journal.commit([Entry("s", "reject", {"reason": "r", "problems": [msgspec.to_builtins(unmet), plain]})])
     ledger = fold(journal.read_new())
 
-    problems = (unmet, Problem(code="TOO_WIDE", address="dry run", found="0.1 m"))
+    problems = (unmet, Problem(code="NOT_GRASPABLE", address="dry run", found="0.1 m"))
     assert ledger.sessions["s"].problems == problems
     assert read_document(render_sessions(ledger), SESSIONS).blocks["s"].problems == problems
 

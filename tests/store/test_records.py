@@ -103,7 +103,7 @@ def test_a_record_behind_a_gap_of_stray_text_is_damage():
 
 
 def test_a_record_that_is_too_large_names_the_way_out():
-    with pytest.raises(DefinitionError, match=r"s1: submit: RECORD_TOO_LARGE.*at most 999999.*evidence folder"):
+    with pytest.raises(DefinitionError, match=r"s1: submit: TOO_LARGE.*at most 999999.*evidence folder"):
         encode_record(make_record(1, markdown="x" * 1_000_000))
 
 

@@ -109,9 +109,7 @@ def test_a_writer_goes_on_behind_a_repair_and_one_that_ran_meanwhile_stops(open_
     mend(journal.folder)
 
     for running in (journal, asleep):
-        with pytest.raises(
-            ExecutionError, match=r"JOURNAL_DAMAGED|JOURNAL_WRITE_FAILED: .* moved, replaced or deleted"
-        ):
+        with pytest.raises(ExecutionError, match=r"JOURNAL_DAMAGED|WRITE_FAILED: .* moved, replaced or deleted"):
             running.commit([make_submit("late")])
     assert open_journal(segment_bytes=3000).commit([make_submit("next")])[0].seq == 25
     assert agree(journal.folder) == 25
@@ -154,7 +152,7 @@ def test_what_a_checkpoint_knows_is_missed_at_the_end(open_journal, agree):
     mend(journal.folder)
 
     assert (finding.code, finding.message) == ("JOURNAL_DAMAGED", "records 6 to 9 are lost, at least")
-    assert (unused.code, unused.is_damage) == ("CHECKPOINT_UNUSED", False)
+    assert (unused.code, unused.is_damage) == ("JOURNAL_LEFTOVER", False)
     assert agree(journal.folder) == 10
     assert inspect_partition(journal.folder).findings == ()
 

@@ -290,7 +290,7 @@ def test_a_clean_up_that_dies_at_any_call_leaves_no_bundle_that_lacks_a_file_wit
         assert not list(store.workspace.evidence.rglob("*.tmp"))
         assert not names_in(folders[0]) & HEAVY
         store.close()
-        assert died in {"", "EVIDENCE_UNWRITABLE"}
+        assert died in {"", "WRITE_FAILED"}
         if not died:
             assert fault.calls < at
             break

@@ -338,7 +338,7 @@ def test_a_proposal_is_shown_by_its_own_bytes_and_no_other_hides_it(documents, t
     assert small.data.decode() in html.unescape(shown)
     assert "objective: after" not in shown
     assert "of another file" not in shown
-    assert shown.count("PROPOSAL_CHANGED") + shown.count("UNREADABLE_FILE") == 2
+    assert shown.count("CHANGED") + shown.count("UNREADABLE_FILE") == 2
 
 
 def test_a_document_of_400_mb_stops_no_panel_and_a_link_is_not_followed(documents, tmp_path):

@@ -42,22 +42,22 @@ class Probe:
     def __call__(self, frame: FrameType, event: str, arg: Any) -> None:
         """The interpreter's profile function: called at every call and return."""
         if event == "c_call":
-            if getattr(arg, "__name__", "") == STEP:
+            if arg.__name__ == STEP:
                 self._note(STEP, frame)
-            return
-        code = frame.f_code
-        kind = self._kinds.get(code)
-        if kind is None:
-            kind = self._kinds[code] = self._classify(code)
-        if event == "call":
+        elif event == "call":
+            code = frame.f_code
+            kind = self._kinds.get(code)
+            if kind is None:
+                kind = self._kinds[code] = self._classify(code)
             if kind[0]:
                 self._numbers[id(frame)] = next(self._count)
             if kind[1] and kind[1] != RECEIVE:
                 self._note(kind[1], frame, frame.f_locals["buf"] if kind[1] == SEND else None)
         elif event == "return":
-            if kind[1] == RECEIVE and arg is not None:
+            counts, name = self._kinds.get(frame.f_code, (False, ""))
+            if name == RECEIVE and arg is not None:
                 self._note(RECEIVE, frame, arg.getvalue())
-            if kind[0]:
+            if counts:
                 self._numbers.pop(id(frame), None)
 
     def _note(self, name: str, frame: FrameType | None, message: bytes | None = None) -> None:
@@ -75,7 +75,22 @@ class Probe:
         self._write(record)
 
 
+def load_unprofiled(load: Any) -> Any:
+    """Modules are loaded without the profile function: that is most of what a process does, and no way leads there."""
+
+    def load_one(spec: Any) -> Any:
+        sys.setprofile(None)
+        try:
+            return load(spec)
+        finally:
+            sys.setprofile(_probe)
+
+    return load_one
+
+
 if "phyagentos" in " ".join(sys.orig_argv):
     _probe = Probe()
+    _bootstrap: Any = sys.modules["_frozen_importlib"]
+    _bootstrap._load_unlocked = load_unprofiled(_bootstrap._load_unlocked)
     threading.setprofile(_probe)
     sys.setprofile(_probe)

@@ -210,9 +210,8 @@ _REMEDIES: Mapping[str, _Remedies] = {
     "OBJECT_MOVED": (_arrive_otherwise, _place_elsewhere, _grasp_otherwise, _go_slower),
     "WITHOUT_EFFECT": (_grasp_otherwise,),
     "CONSTRAINT_VIOLATED": (_go_slower, _place_elsewhere, _grasp_otherwise),
-    "HOLD_VIOLATED": (_go_slower, _place_elsewhere, _grasp_otherwise),
     "STILL_HELD": (_place_elsewhere,),
     **dict.fromkeys(("STALLED", "PROTECTIVE_STOP"), (_go_slower,)),
     **dict.fromkeys(("COLLISION_STOP", "TARGET_LIMIT"), (_grasp_otherwise, _place_elsewhere, _go_slower)),
-    **dict.fromkeys(("NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE"), _UNPLANNED),
+    **dict.fromkeys(("NO_IK", "IN_COLLISION", "NO_PLAN", "NO_FREE_SITE"), _UNPLANNED),
 }

@@ -64,7 +64,7 @@ class ReceiveLog:
         """Refuse what could not be recorded."""
         self._write()
         if self._unwritten:
-            raise Refusal("LOG_UNWRITABLE", "the receive log cannot be written; what cannot be recorded is not done")
+            raise Refusal("WRITE_FAILED", "the receive log cannot be written; what cannot be recorded is not done")
 
     def _write(self) -> None:
         try:
@@ -213,11 +213,11 @@ class Served:
             if request["episode"] == standing["episode"] and not request["snapshot"]:
                 known, asked = [(each["scene"], each["seed"]) for each in (standing, request)]
                 if known != asked:
-                    raise Refusal("EPISODE_CONFLICT", f"episode {request['episode']} is {known}, not {asked}")
+                    raise Refusal("BUSY", f"episode {request['episode']} is {known}, not {asked}")
                 return loaded
             if not request["may_reset"]:
                 message = f"episode {request['episode']} would end episode {standing['episode']}; no reset is permitted"
-                raise Refusal("RESET_FORBIDDEN", message)
+                raise Refusal("NOT_PERMITTED", message)
         self.body.beat = client.beat
         self.body.load(request["scene"], request["seed"], request["snapshot"])
         self._scene = request
@@ -228,9 +228,9 @@ class Served:
         self._log.check()
         session, epoch = request["session"], request["epoch"]
         if not hmac.compare_digest(request["token"], mint(self._key, session, epoch)):
-            raise Refusal("BAD_TOKEN", f"the token is not that of epoch {epoch} of {session}")
+            raise Refusal("NOT_SECURED", f"the token is not that of epoch {epoch} of {session}")
         if self._scene is None:
-            raise Refusal("NO_EPISODE", "no scene is loaded; send LoadScene first")
+            raise Refusal("REQUEST_INVALID", "no scene is loaded; send LoadScene first")
         if self.look_for_stops():
             raise Refusal("ESTOPPED", f"the emergency stop is set; remove {self._stop_file} to reset it")
         if not session:
@@ -258,7 +258,7 @@ class Served:
         if self._stopped:
             raise Refusal(self._stopped, f"{self.session} was stopped; another session must begin first")
         if request["sequence"] != self._sequence + 1:
-            raise Refusal("OUT_OF_SEQUENCE", f"number {request['sequence']} after {self._sequence}")
+            raise Refusal("NO_AUTHORITY", f"number {request['sequence']} after {self._sequence}")
         if not body.time_s <= request["expires_at_s"]:  # also when the expiry is NaN
             raise Refusal("EXPIRED", f"it is {body.time_s:.3f} s, the command expired at {request['expires_at_s']} s")
 
@@ -314,7 +314,7 @@ class Served:
         elif kind == "Halt":
             self.body.halt(request["category"])
             if request["category"] == 1:
-                self._stopped = self._stopped or "DRIVES_OFF"
+                self._stopped = self._stopped or "SAFETY_STOP"
         else:
             if not 0.0 <= request["duration_s"] <= SETTLE_MAX_S:  # also when it is NaN
                 raise Refusal("MALFORMED", f"a settling time of {request['duration_s']} s; 0 to {SETTLE_MAX_S} s")

@@ -102,7 +102,7 @@ def _admit(client: Connection, key: bytes) -> None:
     try:
         version, token = wire.decode_greeting(client.receive())
         if not hmac.compare_digest(token, wire.mint(key)):
-            raise Refusal("BAD_TOKEN", "the token is not that of the present commander")
+            raise Refusal("NOT_SECURED", "the token is not that of the present commander")
         if version != VERSION:
             raise Refusal("VERSION_MISMATCH", f"the client speaks version {version} of the wire, this kit {VERSION}")
     except Refusal as refusal:

@@ -45,7 +45,7 @@ def find_contradictions(old: GoalGraph, new: GoalGraph, status: GoalStatus) -> I
     for key in ("goal", "scene", "targets", "worlds"):
         before, after = getattr(old.spec, key), getattr(new.spec, key)
         if before != after:
-            yield Problem("GOAL_DIFFERS", f"{new.source}: {key}", repr(after), repr(before))
+            yield Problem("CHANGED", f"{new.source}: {key}", repr(after), repr(before))
     for name, node in status.nodes.items():
         if not node.sessions or name not in old.nodes:
             continue
@@ -53,10 +53,10 @@ def find_contradictions(old: GoalGraph, new: GoalGraph, status: GoalStatus) -> I
         if name not in new.nodes:
             if node.state not in _TAKEN_OUT:
                 hint = "Undo it by a node that comes after it."
-                yield Problem("CONTRADICTS_DONE", where, f"{found}, and was taken out", f"node {name!r}", hint)
+                yield Problem("CHANGED", where, f"{found}, and was taken out", f"node {name!r}", hint)
         elif changed := [*_iter_changed(old, new, name)]:
             hint = "Leave it as it is, and add another node."
-            yield Problem("CONTRADICTS_DONE", where, f"{found}; changed: {', '.join(changed)}", "as it was", hint)
+            yield Problem("CHANGED", where, f"{found}; changed: {', '.join(changed)}", "as it was", hint)
 
 
 def _iter_changed(old: GoalGraph, new: GoalGraph, name: str) -> Iterator[str]:

@@ -117,7 +117,7 @@ class Checks:
         path: Path = (*node.path, "when" if node.spec.when else "foreach")
         if (node.spec.when or node.is_open) and not node.predecessors:
             hint = "Let it come after a node that looks: `inspect`, or any other session."
-            yield self.located.problem("NOTHING_SEEN", path, "no node before it", "'after'", hint)
+            yield self.located.problem("NOT_OBSERVED", path, "no node before it", "'after'", hint)
         for key, text in node.spec.foreach.items():
             if isinstance(text, str) and (found := set(REFERENCE.findall(text))) != {key}:
                 given = ", ".join(f"${{{name}}}" for name in sorted(found)) or "no variable"
@@ -175,7 +175,9 @@ class Checks:
             if not any({name, *others} <= names for names in agreed):
                 hint = "Mark one of them, ask for a number of them, or write them into 'interchangeable'."
                 found = f"{name!r}, which looks as {', '.join(others)} does"
-                yield self.located.problem("ALIKE", used[name], found, "an object that differs from the others", hint)
+                yield self.located.problem(
+                    "AMBIGUOUS", used[name], found, "an object that differs from the others", hint
+                )
 
     def _iter_predicates(self) -> Iterator[tuple[Path, str]]:
         yield from ((("constraints", index), text) for index, text in enumerate(self.spec.constraints))

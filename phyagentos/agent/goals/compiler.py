@@ -206,7 +206,7 @@ def _wants_state(skill: SkillRuntime, spec: NodeSpec) -> bool:
 def _check_resolved(parameters: Mapping[str, object], goal: GoalId, node: str) -> None:
     expected = "an output that the session before left"
     problems = [
-        Problem("OUTPUT_MISSING", f"{goal}.{node}: {'.'.join(map(str, path))}", f"no value for {reference}", expected)
+        Problem("MISSING_VALUE", f"{goal}.{node}: {'.'.join(map(str, path))}", f"no value for {reference}", expected)
         for path, text in iter_strings(parameters)
         for reference in REFERENCE.findall(text)
     ]

@@ -1,20 +1,22 @@
 """The authoring formats of goal graphs and of goals without a plan, as frozen models that also give the JSON Schema."""
 
 import re
+from functools import partial
 from typing import Annotated, Any, Literal
 
 import pydantic
 
-from phyagentos.protocol.capabilities.forecasters import DEFAULT, check_forecasters
+from phyagentos.protocol.capabilities.forecasters import DEFAULT, find_forecaster
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter
 from phyagentos.protocol.documents.plain_data import Fields
-from phyagentos.protocol.documents.schema import Authored
+from phyagentos.protocol.documents.schema import Authored, check_each
 from phyagentos.protocol.predicates.syntax import HUMAN
 from phyagentos.protocol.sessions.session import PRIORITY_MAX, ResetPolicy
 
 NODE_NAME = r"^[a-z][a-z0-9_]*$"
 NAME_MAX = 80  # letters of a goal or node as authored; ids add a seed, or the values of a fan-out
 REFERENCE = re.compile(r"\$\{\s*([^{}]+?)\s*\}")
+_Forecasters = Annotated[tuple[str, ...], pydantic.AfterValidator(partial(check_each, check=find_forecaster))]
 
 
 class Promise(Authored):
@@ -34,8 +36,8 @@ class LookaheadSpec(Authored):
 
     samples: int = pydantic.Field(default=16, ge=1, le=1000)
     threshold: float = pydantic.Field(default=0.7, ge=0.0, le=1.0)
-    forecasters: Annotated[tuple[str, ...], pydantic.AfterValidator(check_forecasters)] = pydantic.Field(
-        default=(DEFAULT,), min_length=1, validate_default=True
+    forecasters: Annotated[tuple[str, ...], pydantic.AfterValidator(partial(check_each, check=find_forecaster))] = (
+        pydantic.Field(default=(DEFAULT,), min_length=1, validate_default=True)
     )
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from enum import StrEnum
 
+from phyagentos.codes import get_present_name
 from phyagentos.errors import Problem
 
 
@@ -82,13 +83,13 @@ class Cause(StrEnum):
 
 
 _OF_REFUSALS = {  # of preflight: what a repair can answer; no means gives a destination room
-    Cause.IMPOSSIBLE: {"TOO_WIDE", "TOO_HEAVY", "OUT_OF_REACH", "OUTSIDE_WORKSPACE", "TOO_SLIPPERY"},
+    Cause.IMPOSSIBLE: {"NOT_GRASPABLE", "OUT_OF_REACH"},
     Cause.NO_PLAN: {"NO_FREE_SITE"},
-    Cause.TARGET_LOST: {"TARGET_UNAVAILABLE", "TARGET_LOST", "PROTOCOL_BROKEN"},
+    Cause.TARGET_LOST: {"TARGET_LOST", "PROTOCOL_BROKEN"},
 }
 
 
 def find_refusal(problems: Iterable[Problem]) -> Cause | None:
     """The cause for which preflight refused a session; None where a repair has no answer to it."""
-    codes = {problem.code for problem in problems}
+    codes = {get_present_name(problem.code) for problem in problems}
     return next((cause for cause, known in _OF_REFUSALS.items() if codes & known), None)

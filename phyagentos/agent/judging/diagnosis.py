@@ -14,7 +14,7 @@ from phyagentos.agent.judging.deciding import describe_what_decides
 from phyagentos.agent.judging.judges.judge_registry import FORESEEN
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage, compute_move, find_failed_leaf
-from phyagentos.codes import CODES, Retry
+from phyagentos.codes import CODES, Retry, get_present_name
 from phyagentos.protocol.predicates.builtins import MOVED_M
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import read_statement
@@ -34,30 +34,30 @@ FELL_M = 0.1  # nor is one that lies so much lower
 ROLLED_M = 0.2  # what slides or rolls off where it was put down comes no further
 
 _OF_SKILLS = {  # cause -> codes with which skills fail
-    Cause.OBJECT_GONE: {"OBJECT_GONE", "UNKNOWN_ENTITY"},
-    Cause.OBJECT_HIDDEN: {"NOT_VISIBLE"},
+    Cause.OBJECT_GONE: {"OBJECT_GONE"},
+    Cause.OBJECT_HIDDEN: {"OBJECT_HIDDEN"},
     Cause.GRASP_MISSED: {"GRASP_MISSED"},
     Cause.GRASP_LOST: {"GRASP_LOST"},
     Cause.STILL_HELD: {"STILL_HELD"},
-    Cause.STALLED: {"STALLED", "NO_PROGRESS", "NOT_AT_START"},
-    Cause.TIMED_OUT: {"OUT_OF_TIME"},
-    Cause.RUNNER_LOST: {"PLANNER_LOST"},
-    Cause.UNMET: {"UNMET", "COOLING_DOWN"},
+    Cause.STALLED: {"STALLED", "NOT_AT_START"},
+    Cause.TIMED_OUT: {"TIMED_OUT"},
+    Cause.RUNNER_LOST: {"RUNNER_LOST"},
+    Cause.UNMET: {"UNMET"},
     Cause.POLICY_FAILED: {"GRIPPER_WIDTH"},
-    Cause.IMPOSSIBLE: {"NO_SPACE", "OUT_OF_REACH", "TOO_HEAVY", "TOO_SLIPPERY", "TOO_TALL", "TOO_WIDE"},
-    Cause.NO_PLAN: {"NO_IK", "IN_COLLISION", "NO_PATH_FOUND", "NO_FREE_SITE", "NO_PLAN", "MOTION_CONFLICT"},
+    Cause.IMPOSSIBLE: {"IMPOSSIBLE", "NO_SPACE", "NOT_GRASPABLE", "OUT_OF_REACH"},
+    Cause.NO_PLAN: {"NO_IK", "IN_COLLISION", "NO_PLAN", "NO_FREE_SITE", "MOTION_CONFLICT"},
 }
 _OF_POLICIES = {  # stale sensors; a chunk of another form than declared, refused before any adapter
     Cause.SENSOR_STALE: {"OBSERVATION_UNAVAILABLE"},
     Cause.POLICY_FAILED: {"WRONG_SHAPE", "NOT_FINITE", "ROTATION_INVALID"},
 }
 _OF_STOPS = {  # nothing about the motion was wrong; to go slower would only give the next one more occasions
-    Cause.RUNNER_LOST: {"LEASE_LOST"},  # its supervisor was gone
+    Cause.RUNNER_LOST: {"LEASE_LOST", "RUNNER_LOST"},  # its supervisor was gone
     Cause.STALLED: {"DEADMAN"},  # a command came too late
 }
 _OF_ADAPTERS = {
     Cause.ADAPTER_REFUSED: _OF_POLICIES[Cause.POLICY_FAILED]
-    | {"TARGET_LIMIT", "DISCONTINUOUS", "POSE_UNREACHABLE", "SET_POINTS_DISAGREE", "CHUNK_LENGTH", "RATE"}
+    | {"TARGET_LIMIT", "DISCONTINUOUS", "POSE_UNREACHABLE", "SET_POINTS_DISAGREE", "ACTION_SPACE_MISMATCH", "RATE"}
 }
 _UNSEEN = {Cause.EVIDENCE_MISSING, Cause.OBJECT_HIDDEN, Cause.SENSOR_STALE, Cause.OBJECT_GONE}
 _OF_MACHINE = {Ended.RUNNER_LOST, Ended.TARGET_LOST, Ended.CANCELLED}
@@ -178,7 +178,7 @@ def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], timeline: Manipul
 
 
 def _look_up(table: Mapping[Cause, set[str]], code: str) -> Cause | None:
-    return next((cause for cause, codes in table.items() if code in codes), None)
+    return next((cause for cause, codes in table.items() if get_present_name(code) in codes), None)
 
 
 def _find_violated(criteria: Sequence[Criterion]) -> list[Criterion]:

@@ -93,7 +93,7 @@ class Evidence:
     def _read(self, status: SessionStatus, with_course: bool) -> Bundle:
         session, execution = status.contract, status.execution
         if execution is None:
-            raise ExecutionError("EXECUTION_MISSING", f"session {session.id} is {status.state} and was never executed")
+            raise ExecutionError("NOT_EXECUTED", f"session {session.id} is {status.state} and was never executed")
         folder = self.root / execution.evidence
         try:
             return read_bundle(folder, session, execution, with_course=with_course)

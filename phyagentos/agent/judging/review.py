@@ -77,14 +77,14 @@ def review_session(
     """Judge a session once more and record it; earlier judgements and the session's state stay.
 
     Of the `lineage`, the sessions of its node, it takes over the conditions that these could not see; judges are shown
-    what became of them, and the lessons in force. Raises DefinitionError `NOT_JUDGED` where it has no verdict yet, or
+    what became of them, and the lessons in force. Raises DefinitionError `NOT_EXECUTED` where it has no verdict yet, or
     was never executed.
     """
     id = status.contract.id
     if REVIEW not in list_triggers(status.state) or status.execution is None:
         expected = "a session that was executed and has its verdict"
         hint = "'paos judge' judges what waits for a verdict." if status.execution is not None else ""
-        raise DefinitionError.of("NOT_JUDGED", f"session {id}", f"state {status.state}", expected, hint)
+        raise DefinitionError.of("NOT_EXECUTED", f"session {id}", f"state {status.state}", expected, hint)
     evidence = Evidence(workspace.root)
     bundle = evidence.read(status)
     carried = carry_conditions(status.contract, bundle.after, lineage, evidence)

@@ -9,6 +9,7 @@ import msgspec
 from phyagentos.agent.memory.entries import Entry, name_objects
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.scopes import compute_id, compute_scope
+from phyagentos.codes import get_present_name
 from phyagentos.protocol.sessions.lessons import Lesson
 from phyagentos.protocol.sessions.memory_entries import EntryState, Risk
 
@@ -20,7 +21,7 @@ class Caution(Entry, frozen=True, kw_only=True, omit_defaults=True):
     """One kind of safety event in one scope; a session in which it happened speaks for it.
 
     Attributes:
-        code: What happened (`ESTOPPED`, `HOLD_VIOLATED`, a broken limit).
+        code: What happened (`ESTOPPED`, `CONSTRAINT_VIOLATED`, a broken limit).
     """
 
     code: str
@@ -29,7 +30,7 @@ class Caution(Entry, frozen=True, kw_only=True, omit_defaults=True):
 
     def add(self, episode: Episode, seq: int) -> "Caution":
         """The caution after one more session in its scope."""
-        if self.code not in episode.safety:
+        if self.code not in map(get_present_name, episode.safety):
             return msgspec.structs.replace(self, count=self.count.add(success=False))
         return msgspec.structs.replace(
             self,
@@ -64,5 +65,5 @@ def begin(episode: Episode) -> list[Caution]:
     scope = msgspec.structs.replace(compute_scope(episode), risk=None)  # it holds whatever else is at stake
     return [
         Caution(id=compute_id("caution", scope, code, {}), scope=scope, code=code, objective=episode.objective)
-        for code in episode.safety
+        for code in dict.fromkeys(map(get_present_name, episode.safety))
     ]

@@ -85,7 +85,7 @@ class ExperienceLog:
     def append(self, events: Sequence[Event]) -> None:
         """Record all of these, or none.
 
-        Raises ExecutionError: `JOURNAL_WRITE_FAILED`, `JOURNAL_DAMAGED`, `BUSY`.
+        Raises ExecutionError: `WRITE_FAILED`, `JOURNAL_DAMAGED`, `BUSY`.
         """
         if not events:
             return

@@ -92,7 +92,7 @@ def compose(
     """The skill of this name that a lesson has proved on some starts, as a snapshot of `memory` knows it.
 
     Raises:
-        DefinitionError: `NOT_PROMOTED`: the lesson is no sequence, does not count, or its test is not decided for it.
+        DefinitionError: `NOT_PERMITTED`: the lesson is no sequence, does not count, or its test is not decided for it.
     """
     _check(lesson, skills, find_seq(memory))
     last = skills[lesson.means.skill or lesson.scope.skill]
@@ -134,7 +134,7 @@ def _check(lesson: Correction, skills: Mapping[str, SkillRuntime], seq: int) -> 
     found = f"{state} {why}; {lesson.trial.rank} after {lesson.applied} first attempts"
     found += f"; no tree carries out {strangers[0]}" if strangers else "" if lesson.means.prepare else "; one session"
     expected = "a lesson in force with something that comes first, promoted by the test of first attempts"
-    raise DefinitionError.of("NOT_PROMOTED", lesson.id, found, expected, "Let it advise more runs, on other seeds.")
+    raise DefinitionError.of("NOT_PERMITTED", lesson.id, found, expected, "Let it advise more runs, on other seeds.")
 
 
 def _collect(steps: Sequence[Step], what: str) -> tuple[str, ...]:

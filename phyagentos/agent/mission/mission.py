@@ -95,8 +95,8 @@ class Mission:
         Its id is `<graph>-<seed>` by default, with a further number when that one has its verdict.
 
         Raises:
-            DefinitionError: With every problem of the graph; `INVALID_VALUE`; `GOAL_DIFFERS`. Nothing was recorded.
-            ExecutionError: `RUNTIME_LOST`, or an error of the journal.
+            DefinitionError: With every problem of the graph; `INVALID_VALUE`; `CHANGED`. Nothing was recorded.
+            ExecutionError: `NOT_RUNNING`, or an error of the journal.
         """
         catalogue = self._read_catalogue()
         graph = read_goal_graph(graph_file, catalogue, overrides)
@@ -171,7 +171,7 @@ class Mission:
         if not is_over:
             hint = f"Run that one to continue it, cancel it with 'paos cancel {goal}', or name another with --goal."
         found = f"another graph (overrides included) than that of goal {goal}, which is {'over' if is_over else 'open'}"
-        raise DefinitionError.of("GOAL_DIFFERS", str(graph_file), found, expected, hint)
+        raise DefinitionError.of("CHANGED", str(graph_file), found, expected, hint)
 
     def _pursue(self, goal: GoalController) -> MissionReport:
         begin_s, refused = self._clock.now_s(), 0
@@ -229,7 +229,7 @@ class Mission:
             message = f"goal {goal.goal} is cancelled, but no watchdog brings {waiting} to rest"
             remedy = f"Start 'paos watch', and the agent again with '--goal {goal.goal}': that ends them."
         if waiting:
-            raise ExecutionError("RUNTIME_LOST", f"{message}. {remedy}")
+            raise ExecutionError("NOT_RUNNING", f"{message}. {remedy}")
 
     def _read(self, goal: GoalController | None = None) -> int:
         """Take in new records; how many there were."""

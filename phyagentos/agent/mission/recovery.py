@@ -38,7 +38,7 @@ from phyagentos.store.admission import Entry, GoalEvent
 _UNMET = "PRECONDITION_UNMET"  # preflight's code for a precondition that is false or unknown
 
 _OF_WORLD = {Cause.NO_PLAN, Cause.PLACED_WRONG, Cause.WITHOUT_EFFECT}  # another way through the world may help
-_NEVER_CARRIED = {"TOO_WIDE", "TOO_HEAVY"}  # no look helps with an object that cannot be carried at all
+_NEVER_CARRIED = "NOT_GRASPABLE"  # no look helps with an object that cannot be carried at all
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -279,7 +279,7 @@ class Recovery:
         world = self.evidence.find_latest(subject.contract.scene.episode)
         if world is None or "AMBIGUOUS" in codes:  # no look tells which is meant
             return None
-        if not codes & _NEVER_CARRIED and (Meaning.VISIBLE in unmet or "NOT_OBSERVED" in codes):
+        if _NEVER_CARRIED not in codes and (Meaning.VISIBLE in unmet or "NOT_OBSERVED" in codes):
             is_unseen = bool(looking.list_unseen(subject.contract, world) or self.facts.count_looks(subject.contract))
             cause = Cause.OBJECT_HIDDEN if is_unseen else None
         elif Meaning.HOLDING in unmet:

@@ -12,7 +12,7 @@ from phyagentos.store.ledger import Ledger
 
 CANCELLED = "cancelled"
 
-_FOUND = frozenset({"PRECONDITION_UNMET", "HOLD_BROKEN", "NOT_OBSERVED"})  # in the world, not on paper
+_FOUND = frozenset({"PRECONDITION_UNMET", "CONSTRAINT_VIOLATED", "NOT_OBSERVED"})  # in the world, not on paper
 
 
 class SessionReport(msgspec.Struct, frozen=True, kw_only=True):

@@ -114,7 +114,7 @@ class Proposals:
     def read(self, name: str) -> Proposed:
         """One proposal; its bytes are read once, and everything that follows is about these.
 
-        Raises DefinitionError `UNKNOWN_NAME`; `PROPOSAL_CHANGED` unless they are those that its name stands for.
+        Raises DefinitionError `UNKNOWN_NAME`; `CHANGED` unless they are those that its name stands for.
         """
         if not self.has(name):
             raise DefinitionError.unknown("proposal", str(self._new), name[:100], self.list_waiting())
@@ -122,26 +122,26 @@ class Proposals:
         proposed = encode_proposal(proposal)
         if proposed.data != data or proposed.name != name:
             expected = "the bytes that its name stands for"
-            raise DefinitionError.of("PROPOSAL_CHANGED", name, "other bytes", expected, "Propose it again.")
+            raise DefinitionError.of("CHANGED", name, "other bytes", expected, "Propose it again.")
         return proposed
 
     def decide(
         self, proposed: Proposed, decision: Literal["approved", "denied"], *, by: str, at: str, reason: str
     ) -> None:
-        """Write the decision on a proposal; the first one stays: raises DefinitionError `PROPOSAL_CHANGED`."""
+        """Write the decision on a proposal; the first one stays: raises DefinitionError `ALREADY_OVER`."""
         facts = Decision(decision=decision, proposal=proposed.name, sha256=proposed.sha256, by=by, at=at, reason=reason)
         if not create_durably(self._decisions / f"{proposed.name}.yaml", _dump(facts)):
-            raise DefinitionError.of("PROPOSAL_CHANGED", proposed.name, "another decision", "the first one stays")
+            raise DefinitionError.of("ALREADY_OVER", proposed.name, "another decision", "the first one stays")
 
     def find_decision(self, proposed: Proposed) -> Decision | None:
-        """The decision on exactly these bytes, None while it waits; raises DefinitionError `PROPOSAL_CHANGED`."""
+        """The decision on exactly these bytes, None while it waits; raises DefinitionError `CHANGED`."""
         path = self._decisions / f"{proposed.name}.yaml"
         if not os.path.lexists(path):
             return None
         decision, _ = _read(path, Decision)
         if (decision.proposal, decision.sha256) != (proposed.name, proposed.sha256):
             expected = f"a decision on {proposed.sha256}"
-            raise DefinitionError.of("PROPOSAL_CHANGED", str(path), f"one on {decision.sha256}", expected)
+            raise DefinitionError.of("CHANGED", str(path), f"one on {decision.sha256}", expected)
         return decision
 
     def count_approvals(self, by: str, since: str) -> int:

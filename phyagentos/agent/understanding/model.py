@@ -14,6 +14,7 @@ import msgspec
 import pydantic
 
 from phyagentos.agent.context.context import Section, build_context
+from phyagentos.agent.understanding.grounding import choose_statements, find_disagreements
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,
@@ -28,12 +29,14 @@ from phyagentos.agent.understanding.vocabulary import ROLE, Vocabulary
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.network.chat import Completion
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Authored
 from phyagentos.protocol.predicates.library import get_predicate_library
 
 LETTERS_A_TOKEN = 3  # fewer than any tokenizer needs for English and JSON, so that an estimate is not too low
 ANSWER_TOKENS = 1500
 PROBLEMS_MAX = 8  # of one answer
+ITEMS_MAX = 8  # of each list of one answer, so that a model that repeats itself comes to an end
 _SYSTEM = " ".join(Path(__file__).with_name("model_instruction.txt").read_text(encoding="utf-8").split())
 
 
@@ -65,12 +68,6 @@ class ModelAnswer(Authored):
         if sum(map(bool, (self.goal, self.questions, self.missing))) != 1:
             raise ValueError("exactly one of goal, questions and missing")
         return self
-
-
-RESPONSE_FORMAT = {
-    "type": "json_schema",
-    "json_schema": {"name": "understanding", "schema": ModelAnswer.model_json_schema(), "strict": False},
-}
 
 
 class AnswerFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -119,6 +116,7 @@ class ModelUnderstander:
             return refuse(RequestProblemKind.MODEL, str(error))
         self.shown[context.sha256] = context.text
         messages = [{"role": "system", "content": _SYSTEM}, {"role": "user", "content": context.text}]
+        form = build_response_format(request, vocabulary)
         started_s, spent, problems = self.clock.now_s(), 0, ["no answer within the limits"]
         for _ in range(self.rounds):
             asked = sum(len(message["content"]) for message in messages) // LETTERS_A_TOKEN
@@ -128,7 +126,7 @@ class ModelUnderstander:
                 problems.append(f"stopped at {spent} tokens, {self.time_s - left_s:.0f} s")
                 break
             try:
-                found = self.complete(messages, max_tokens=room, response_format=RESPONSE_FORMAT, timeout_s=left_s)
+                found = self.complete(messages, max_tokens=room, response_format=form, timeout_s=left_s)
             except ExecutionError as error:
                 return refuse(RequestProblemKind.MODEL, str(error))
             self.kept.append(found)
@@ -140,6 +138,29 @@ class ModelUnderstander:
             correction = msgspec.json.encode({"problems": problems, "task": "Answer again, corrected."}).decode()
             messages += [{"role": "assistant", "content": found.text}, {"role": "user", "content": correction}]
         return refuse(RequestProblemKind.MODEL, *problems)
+
+
+def build_response_format(request: str, vocabulary: Vocabulary) -> Fields:
+    """The schema of `ModelAnswer` over a scene, whose statements and names a server can hold a model to."""
+    statements, words, names = choose_statements(request, vocabulary), {"type": "string"}, sorted(vocabulary.things)
+    wanted = _build_list(statements["wanted"], least=1)
+    goal = {"constraints": _build_list(statements["kept"]), "steps": _build_list(wanted), "accept": wanted}
+    question = {"words": words, "candidates": _build_list({"enum": names}, least=2)}
+    answers = {
+        "goal": _build_object(goal, "accept"),
+        "questions": _build_list(_build_object(question, *question), least=1),
+        "missing": _build_list(words, least=1),
+    }
+    schema = {"type": "object", "anyOf": [_build_object({name: form}, name) for name, form in answers.items()]}
+    return {"type": "json_schema", "json_schema": {"name": "understanding", "schema": schema, "strict": False}}
+
+
+def _build_object(properties: Fields, *required: str) -> Fields:
+    return {"type": "object", "properties": properties, "required": list(required), "additionalProperties": False}
+
+
+def _build_list(items: Fields, least: int = 0) -> Fields:
+    return {"type": "array", "items": items, "minItems": least, "maxItems": ITEMS_MAX}
 
 
 def write_answers(path: Path, request: str, scene: str, model: ModelUnderstander) -> None:
@@ -201,8 +222,9 @@ def _read(text: str, request: str, vocabulary: Vocabulary, answers: Mapping[str,
         return refuse(RequestProblemKind.CAPABILITY, *answer.missing)
     if answer.goal is not None:
         found = conclude(request, vocabulary, answer.goal.model_dump(), reasons=answer.reasons)
-        lacks = found.lacks if isinstance(found, Impossible) else ()
-        return [" ".join((each.kind, each.words, *each.nearest.split())) for each in lacks] or found
+        if isinstance(found, Impossible):
+            return [" ".join((each.kind, each.words, *each.nearest.split())) for each in found.lacks]
+        return find_disagreements(request, found.goal, vocabulary) or found
     named = (name for each in answer.questions for name in each.candidates)
     if strange := [f"no such thing: {name}" for name in named if name not in vocabulary.things]:
         return strange

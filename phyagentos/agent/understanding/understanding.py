@@ -191,9 +191,9 @@ def find_lacks(goal: WantedGoal, vocabulary: Vocabulary) -> tuple[RequestProblem
         lacks += _find_unknown(predicate, goal, vocabulary)
         if not lacks:
             calls = syntax.iter_calls(predicate.formula)
-            lacks += [lack for call in calls for lack in _find_unfit(call, vocabulary)]
+            lacks += [lack for call in calls for lack in find_unfit(call, vocabulary)]
         if text not in goal.constraints:
-            lacks += _find_incapable(predicate.formula, vocabulary)
+            lacks += find_incapable(predicate.formula, vocabulary)
     if lacks:
         return tuple(dict.fromkeys(lacks))
     constraints = [parsed[text].formula for text in goal.constraints]
@@ -211,7 +211,7 @@ def _find_unknown(predicate: Predicate, goal: WantedGoal, vocabulary: Vocabulary
             yield RequestProblem(kind=RequestProblemKind.THING, words=reference.name, nearest=near, possible=known)
 
 
-def _find_unfit(call: syntax.Call, vocabulary: Vocabulary) -> Iterator[RequestProblem]:
+def find_unfit(call: syntax.Call, vocabulary: Vocabulary) -> Iterator[RequestProblem]:
     """Objects of a predicate that cannot be used so, with those that can."""
     said = read_statement(call)
     demands = _DEMANDS.get(said.meaning, ()) if said.meaning is not None else ()
@@ -227,7 +227,7 @@ def _find_unfit(call: syntax.Call, vocabulary: Vocabulary) -> Iterator[RequestPr
         yield RequestProblem(kind=RequestProblemKind.FIT, words=syntax.render(call), possible=(str(most),))
 
 
-def _find_incapable(formula: syntax.Formula, vocabulary: Vocabulary) -> Iterator[RequestProblem]:
+def find_incapable(formula: syntax.Formula, vocabulary: Vocabulary) -> Iterator[RequestProblem]:
     """Literals that no skill brings about. To end a place is to bring the object to another."""
     able = vocabulary.capabilities
     places = {each.name for each in get_predicate_library() if each.meaning in _PLACES}

@@ -29,13 +29,3 @@ def find_forecaster(name: str) -> EntryPoint:
         raise DefinitionError.of("UNKNOWN_NAME", address, found, hint=hint, kind="forecaster")
     known = FORECASTERS if is_announced else replace(FORECASTERS, shipped={DEFAULT: KIT})
     return cast(EntryPoint, known.find(name, address))
-
-
-def check_forecasters(names: tuple[str, ...]) -> tuple[str, ...]:
-    """The names; raises ValueError for one that is no forecaster here."""
-    for name in names:
-        try:
-            find_forecaster(name)
-        except DefinitionError as error:
-            raise ValueError(str(error)) from error
-    return names

@@ -80,7 +80,7 @@ class PolicyExecution(Authored):
             time [s]. Without it a chunk ends with its last row.
         underrun: Where time goes on and rows run out before the next chunk is there. `wait`: nothing is commanded, the
             target holds by its own means. `brake`: the arm is brought to rest on a ramp. `continue`: the rows beyond
-            the horizon are carried out, then it brakes. `fail`: the session ends with `POLICY_UNDERRUN`. A
+            the horizon are carried out, then it brakes. `fail`: the session ends with `POLICY_LOST`. A
             `temporal_ensemble` carries out its rows beyond the horizon in any case.
         interruption: Where `paos pause` takes hold: after the present control period (`row`), or at the next horizon
             (`chunk`). The arm then brakes on a ramp, and the policy is shown what there is to see when it goes on.

@@ -290,15 +290,13 @@ def iter_nodes(node: Node) -> Iterator[Node]:
 def iter_short_references(tree: Tree) -> Iterator[Problem]:
     """Where a reference stands as it was written before."""
     for node in iter_nodes(tree.root):
-        data: Any = tree.located.data
-        for step in node.address:
-            data = data[step]
+        data = tree.located.at(node.address)
         fields = data if isinstance(data, dict) else {}
         places = [((*node.address, port), value) for port, value in fields.items()]
         places += [((*node.address, "with", port), value) for port, value in dict(fields.get("with") or {}).items()]
         for place, value in places:
             if isinstance(value, str) and _SHORT.fullmatch(value):
-                yield tree.located.problem("OLD_REFERENCE", place, value, f'"${{{value[1:]}}}"')
+                yield tree.located.problem("INVALID_VALUE", place, value, f'"${{{value[1:]}}}"')
 
 
 def find_references(text: str) -> tuple[str, ...]:
@@ -307,9 +305,7 @@ def find_references(text: str) -> tuple[str, ...]:
 
 
 def _build(located: Located, address: Address, problems: list[Problem], default_name: str = "") -> Node | None:
-    data: Any = located.data
-    for step in address:
-        data = data[step]
+    data = located.at(address)
     is_bare = isinstance(data, str)  # a leaf without ports
     if is_bare:
         data = {data: None}

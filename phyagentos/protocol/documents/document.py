@@ -199,7 +199,7 @@ def _read_front(text: str, format: DocumentFormat[Any], source: str) -> Front:
     located = parse_yaml(yaml, source, line)
     front = convert_located(format.front, located)
     if front.phy != format.phy:
-        raise DefinitionError(located.problem("WRONG_KIND", ("phy",), repr(front.phy), repr(format.phy)))
+        raise DefinitionError(located.problem("INVALID_VALUE", ("phy",), repr(front.phy), repr(format.phy)))
     return front
 
 

@@ -2,6 +2,7 @@
 
 import os
 import secrets
+from collections.abc import Callable
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError
@@ -44,10 +45,10 @@ def require_empty(folder: Path, hint: str = "Choose another name.") -> None:
         raise DefinitionError.of("WOULD_OVERWRITE", str(folder), found, "a folder that is missing or empty", hint)
 
 
-def sync_folder(folder: Path) -> None:
-    """Make the names in a folder durable; raises OSError."""
+def sync_folder(folder: Path, sync: Callable[[int], None] | None = None) -> None:
+    """Make the names in a folder durable, by `os.fsync` or `sync`; raises OSError, or what `sync` raises."""
     fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        os.fsync(fd)
+        (sync or os.fsync)(fd)
     finally:
         os.close(fd)

@@ -6,9 +6,10 @@ are refused and the JSON Schema for editors comes from the same source.
 
 import copy
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, reduce
+from operator import getitem
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
@@ -74,6 +75,10 @@ class Located:
     source: str
     marks: Mapping[Address, tuple[int, int]] = field(default_factory=dict)
     origins: dict[Address, tuple["Located", Address]] = field(default_factory=dict)
+
+    def at(self, path: Address) -> Any:
+        """The value at a path; raises KeyError where it is gone."""
+        return reduce(getitem, path, self.data)
 
     def address_of(self, path: Address) -> str:
         """`file:line:column` of the nearest enclosing value that is in the file."""
@@ -201,9 +206,7 @@ def _collect_marks(
 
 def validate(model: type[ModelT], located: Located, path: Address = ()) -> ModelT:
     """The frozen model of located YAML data at `path`; raises DefinitionError, each violation at file:line:column."""
-    data = located.data
-    for step in path:
-        data = data[step]
+    data = located.at(path)
     if not isinstance(data, dict):
         needed = [f"{name}: …" for name, field in model.model_fields.items() if field.is_required()]
         hint = f"Write {{{', '.join(needed)}}}." if needed else _STEPS["dict_type"]
@@ -279,6 +282,16 @@ def _check_rising(span: tuple[float, float]) -> tuple[float, float]:
     if span[0] > span[1]:
         raise misfit("", "the least value first, then the greatest", f"Write [{span[1]:g}, {span[0]:g}].")
     return span
+
+
+def check_each(texts: tuple[str, ...], check: Callable[[str], object]) -> tuple[str, ...]:
+    """The texts, in a validator of a model; raises ValueError with what is wrong with the first unsound one."""
+    for text in texts:
+        try:
+            check(text)
+        except DefinitionError as error:
+            raise ValueError(str(error)) from error
+    return texts
 
 
 Span = Annotated[tuple[float, float], pydantic.AfterValidator(_check_rising)]

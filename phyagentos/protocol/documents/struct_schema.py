@@ -24,9 +24,7 @@ _ATTRIBUTE = re.compile(r"^    (?P<name>\w+): (?P<text>.*(?:\n {8}.*)*)", re.MUL
 
 def convert_located(kind: type[StructT], located: Located, path: Address = ()) -> StructT:
     """The struct of located YAML data, begun at `path`; raises DefinitionError, each violation at file:line:column."""
-    value = located.data
-    for step in path:
-        value = value[step]
+    value = located.at(path)
     problems = list(_iter_problems(kind, value, located, path))
     if problems:
         raise DefinitionError(problems)

@@ -94,13 +94,13 @@ def reset(signals: Path, reason: str, clock: Clock) -> Path:
     """Let targets move again; the former latch is kept beside, with the reason it is safe; its path is returned.
 
     Raises:
-        DefinitionError: `MISSING_VALUE`; `NOT_LATCHED`.
+        DefinitionError: `MISSING_VALUE`; `ALREADY_OVER`.
     """
     if not reason.strip():
         raise DefinitionError.of("MISSING_VALUE", "reset", "no reason", "why it is safe to move again")
     held = read_latch(signals)
     if held is None:
-        raise DefinitionError.of("NOT_LATCHED", str(signals), "no latched emergency stop")
+        raise DefinitionError.of("ALREADY_OVER", str(signals), "no latched emergency stop")
     at = clock.wall_iso()
     kept = signals / _KEPT.format(stamp=at.replace(":", "").replace(".", ""))
     replace_durably(signals / LATCH, _encode(msgspec.structs.replace(held, reset_reason=reason.strip(), reset_at=at)))

@@ -215,7 +215,7 @@ def get_shown_name(sha256: str) -> str:
 
 
 def keep_shown(folder: Path, text: str) -> str:
-    """Keep in a bundle what a model is about to be shown; its SHA-256. Raises ExecutionError `EVIDENCE_UNWRITABLE`."""
+    """Keep in a bundle what a model is about to be shown; its SHA-256. Raises ExecutionError `WRITE_FAILED`."""
     sha256 = hashlib.sha256(text.encode()).hexdigest()
     path = folder / get_shown_name(sha256)
     try:
@@ -223,7 +223,7 @@ def keep_shown(folder: Path, text: str) -> str:
         if not path.exists():
             replace_durably(path, text.encode())
     except OSError as error:
-        raise ExecutionError("EVIDENCE_UNWRITABLE", f"{path}: {error}") from error
+        raise ExecutionError("WRITE_FAILED", f"{path}: {error}") from error
     return sha256
 
 

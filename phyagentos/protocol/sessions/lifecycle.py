@@ -149,7 +149,7 @@ class SessionEvent:
 
 
 def _find_condition(row: Row) -> Condition:
-    sides, is_earlier = frozenset(side.value for side in row.by), row.when == _RECORDED_EARLIER
+    sides, is_earlier = frozenset(map(str, row.by)), row.when == _RECORDED_EARLIER
 
     def may_fire(event: Any) -> bool:
         asked, before = event.model, event.state.name

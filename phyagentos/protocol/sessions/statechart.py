@@ -24,9 +24,9 @@ class Row:
     """One row of a table: `trigger` leads from each of `sources` to `dest`, by these sides, under a named condition."""
 
     trigger: str
-    sources: tuple[StrEnum, ...]
-    dest: StrEnum
-    by: tuple[StrEnum, ...] = ()
+    sources: tuple[str, ...]
+    dest: str
+    by: tuple[str, ...] = ()
     when: str = ""
 
 
@@ -67,8 +67,8 @@ class Statechart:
             transitions=[
                 {
                     "trigger": row.trigger,
-                    "source": [source.value for source in row.sources],
-                    "dest": row.dest.value,
+                    "source": [str(source) for source in row.sources],
+                    "dest": str(row.dest),
                     "conditions": find_condition(row),
                 }
                 for row in rows

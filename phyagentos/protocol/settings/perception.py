@@ -1,6 +1,5 @@
 """perception.yaml: how observations become the facts of ENVIRONMENT.md."""
 
-import re
 from enum import StrEnum
 from pathlib import Path
 from typing import Literal
@@ -8,8 +7,7 @@ from typing import Literal
 import pydantic
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.documents.markdown import publish
-from phyagentos.protocol.documents.schema import Authored, read_text, read_yaml, validate
+from phyagentos.protocol.documents.schema import Authored, read_yaml, validate
 from phyagentos.protocol.settings.sensors import read_sensors
 
 
@@ -105,16 +103,3 @@ def read_perception(path: Path) -> Perception:
         if problems:
             raise DefinitionError(problems)
     return perception
-
-
-def declare_sensing(path: Path, sensing: Sensing | None = None, prior: Prior | None = None) -> None:
-    """Write the choices into perception.yaml, which is hashed into the evidence; comments stay, and what is None."""
-    found = read_perception(path)
-    text = before = read_text(path)
-    if sensing is not None and found.sensing is not sensing:
-        text = re.sub(r"(?m)^sensing:[ \t]*[\"']?\w+[\"']?", f"sensing: {sensing}", text)
-    if prior is not None and found.prior is not prior:
-        text = re.sub(r"(?m)^prior:.*\n", "", text)
-        text = re.sub(r"(?m)^(sensing:.*\n)", rf"\1prior: {prior}\n", text)
-    if text != before:
-        publish(path, text)

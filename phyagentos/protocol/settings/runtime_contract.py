@@ -1,14 +1,12 @@
 """runtime_contract.yaml: what runtime and world agree on."""
 
-import re
 from enum import StrEnum
 from pathlib import Path
 from typing import Literal
 
 import pydantic
 
-from phyagentos.protocol.documents.markdown import publish
-from phyagentos.protocol.documents.schema import Authored, read_text, read_yaml, validate
+from phyagentos.protocol.documents.schema import Authored, read_yaml, validate
 from phyagentos.protocol.settings.operations import SESSION_OPERATIONS, Operation
 from phyagentos.protocol.settings.verification import Verification
 
@@ -120,20 +118,6 @@ class RuntimeContract(Authored):
             if periods < 0.999 or abs(periods - round(periods)) > 1e-6 * periods:
                 raise ValueError(f"record.rate_hz must be {1 / self.control_period_s:g} Hz divided by a whole number")
         return self
-
-
-def declare_world_mode(path: Path, mode: WorldMode) -> None:
-    """Write the mode into runtime_contract.yaml, which is hashed into the evidence; comments stay."""
-    if read_runtime_contract(path).world_mode is not mode:
-        text = re.sub(r"(?m)^world_mode:[ \t]*[\"']?\w+[\"']?", f"world_mode: {mode}", read_text(path))
-        publish(path, text)
-
-
-def declare_speed(path: Path, speed: float) -> None:
-    """Write the share of the speed limits into runtime_contract.yaml, as `declare_world_mode` does the mode."""
-    if read_runtime_contract(path).speed != speed:
-        text = re.sub(r"(?m)^speed:.*\n", "", read_text(path))
-        publish(path, f"{text.rstrip()}\nspeed: {speed}\n")
 
 
 def read_runtime_contract(path: Path) -> RuntimeContract:

@@ -4,11 +4,13 @@ Each is hashed into every evidence bundle. No skill, tree, prompt or memory can 
 """
 
 import hashlib
+import re
 from collections.abc import Callable
 from pathlib import Path
 
+from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.documents.regular_files import read_regular
-from phyagentos.protocol.documents.schema import Authored
+from phyagentos.protocol.documents.schema import Authored, read_text
 from phyagentos.protocol.settings.perception import Perception, read_perception
 from phyagentos.protocol.settings.runtime_contract import RuntimeContract, read_runtime_contract
 from phyagentos.protocol.settings.safety import Safety, read_safety
@@ -31,3 +33,21 @@ def compute_file_hash(path: Path) -> str:
 def check_settings(path: Path) -> None:
     """Check one of the settings files by its name; raises DefinitionError with every problem at file:line:column."""
     _FILES[path.name][1](path)
+
+
+def declare(path: Path, **values: object) -> None:
+    """Write values into one of the settings files, which is hashed into the evidence; comments stay, and what is None.
+
+    Raises DefinitionError with every problem of the file.
+    """
+    wanted = {key: value for key, value in values.items() if value is not None}
+    if not wanted:
+        return
+    found, text = _FILES[path.name][1](path), (before := read_text(path))
+    for key, value in wanted.items():
+        if getattr(found, key) != value:
+            line = f"{key}: {value}"
+            text, count = re.subn(rf"(?m)^{key}:[ \t]*[\"']?[\w.]+[\"']?", line, text)
+            text = text if count else f"{text.rstrip()}\n{line}\n"
+    if text != before:
+        publish(path, text)

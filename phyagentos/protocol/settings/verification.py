@@ -4,13 +4,14 @@ No data leaves the machine unless `vision` is configured here and named among th
 """
 
 from enum import StrEnum
+from functools import partial
 from typing import Annotated, Self
 
 import pydantic
 
-from phyagentos.errors import DefinitionError, format_hint, format_names
+from phyagentos.errors import format_hint, format_names
 from phyagentos.plugins import Plugins
-from phyagentos.protocol.documents.schema import Authored
+from phyagentos.protocol.documents.schema import Authored, check_each
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 
@@ -71,19 +72,9 @@ class Verification(Authored):
     judges: tuple[Annotated[str, pydantic.Field(pattern=r"^[a-z][a-z0-9_]*$")], ...] = pydantic.Field(
         default=DEFAULT_JUDGES, min_length=1
     )
-    criteria: tuple[str, ...] = ()
+    criteria: Annotated[tuple[str, ...], pydantic.AfterValidator(partial(check_each, check=parse_predicate))] = ()
     vision: VisionModel | None = None
     options: dict[str, dict[str, JudgeOption]] = pydantic.Field(default_factory=dict)
-
-    @pydantic.field_validator("criteria")
-    @classmethod
-    def _check_criteria(cls, texts: tuple[str, ...]) -> tuple[str, ...]:
-        for text in texts:
-            try:
-                parse_predicate(text)
-            except DefinitionError as error:
-                raise ValueError(str(error)) from error
-        return texts
 
     @pydantic.field_validator("judges")
     @classmethod

@@ -454,10 +454,10 @@ ENVIRONMENT = DocumentFormat(
 
 
 def read_environment(text: str, source: str = "") -> Snapshot:
-    """Read ENVIRONMENT.md; raises DefinitionError: every problem at file:line:column, `NOTHING_OBSERVED` when empty."""
+    """Read ENVIRONMENT.md; raises DefinitionError: every problem at file:line:column, `NOT_OBSERVED` when empty."""
     blocks = read_document(text, ENVIRONMENT, source).blocks
     if "Snapshot" not in blocks:
         address, found = f"{source or ENVIRONMENT.file}:1:1", "no block of YAML below '## Snapshot'"
         hint = "The worker of a target writes one at the end of its first session."
-        raise DefinitionError.of("NOTHING_OBSERVED", address, found, hint=hint)
+        raise DefinitionError.of("NOT_OBSERVED", address, found, hint=hint)
     return blocks["Snapshot"]

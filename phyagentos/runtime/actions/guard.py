@@ -15,12 +15,12 @@ from phyagentos.runtime.actions import guard_kernels
 from phyagentos.runtime.actions.guard_limits import ROUNDING, Box, GuardLimits
 from phyagentos.runtime.actions.set_points import Array
 from phyagentos.runtime.actions.tool_point import ToolPoint
-from phyagentos.runtime.actions.violations import Intervention, Violation, ViolationCode
+from phyagentos.runtime.actions.violations import CLAMPED, Intervention, Violation, ViolationCode
 from phyagentos.runtime.targets.wire import Command, Description, Step
 
 _FLOAT64 = np.dtype(np.float64)
 ENCODER_RAD = 0.001  # several deviations of any encoder here: two looks at a resting joint differ by less
-CLAMPED = {ViolationCode.JOINT_POSITION: "CLAMPED_JOINT", ViolationCode.GRIPPER_WIDTH: "CLAMPED_GRIPPER"}
+GRIPPER = "gripper"  # where an opening was clamped; elsewhere it was a joint
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,8 @@ class SafetyGuard:
             reaction = self._limits.reactions.get(violation.code, "refuse")
             if reaction != "clamp":
                 return Ruling(None, violation, reaction, interventions)
-            if any(each.code == CLAMPED[violation.code] for each in interventions):
+            is_gripper = violation.code is ViolationCode.GRIPPER_WIDTH
+            if any((each.where == GRIPPER) is is_gripper for each in interventions):
                 return Ruling(None, violation, "refuse", interventions)
             command, changed = self._clamp(command, violation.code)
             interventions += changed
@@ -232,13 +233,12 @@ class SafetyGuard:
             before = command.gripper_width_m
             after = np.clip(before, 0.0, self._limits.width_max_m - ROUNDING)
             rows = np.flatnonzero(before != after).tolist()
-            name = CLAMPED[code]
-            changed = tuple(Intervention(name, "gripper", r, float(before[r]), float(after[r])) for r in rows)
+            changed = tuple(Intervention(CLAMPED, GRIPPER, r, float(before[r]), float(after[r])) for r in rows)
             return msgspec.structs.replace(command, gripper_width_m=after), changed
         q = np.clip(command.q_rad, self._limits.q_min, self._limits.q_max)
         touched = q != command.q_rad
         changed = tuple(
-            Intervention(CLAMPED[code], f"joint {j + 1}", r, float(command.q_rad[r, j]), float(q[r, j]))
+            Intervention(CLAMPED, f"joint {j + 1}", r, float(command.q_rad[r, j]), float(q[r, j]))
             for r, j in np.argwhere(touched).tolist()
         )
         qd = np.where(touched, 0.0, command.qd_rad_s)

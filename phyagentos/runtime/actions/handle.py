@@ -108,7 +108,7 @@ class TargetSessionHandle:
         """Make the scene's episode the present world; no request is sent when it already is.
 
         A rerun starts from the driver's own `snapshot`. The target refuses to end another episode with
-        `RESET_FORBIDDEN` unless it `may_reset`.
+        `NOT_PERMITTED` unless it `may_reset`.
         """
         if not snapshot and self._loaded is not None and self._loaded[0] == scene:
             if not self._shares_time:
@@ -343,7 +343,7 @@ class TargetSessionHandle:
     def _check_permitted(self, operation: str) -> None:
         if operation and operation not in self._permitted:
             message = f"{operation!r} is not in the manifest of the session"
-            raise CommandRefused("OPERATION_FORBIDDEN", message, "handle")
+            raise CommandRefused("NOT_PERMITTED", message, "handle")
 
     @property
     def _shares_time(self) -> bool:

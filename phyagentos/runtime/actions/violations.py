@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+CLAMPED = "CLAMPED"  # the code of an intervention
+
 
 class ViolationCode(StrEnum):
     """Why a command was refused."""

@@ -203,9 +203,9 @@ class SessionLoop:
         self.ms["record"] += 1e3 * (now_s() - applied_s)
         if violated is None:
             return None
-        context.note("intervention", "HOLD_VIOLATED", predicate=violated.text, because=violated.because)
+        context.note("intervention", "CONSTRAINT_VIOLATED", predicate=violated.text, because=violated.because)
         message = f"{violated.text} does not hold any more: {violated.because}"
-        return Outcome(ended=Ended.SAFETY_STOP, code="HOLD_VIOLATED", leaf=sent.leaf, message=message)
+        return Outcome(ended=Ended.SAFETY_STOP, code="CONSTRAINT_VIOLATED", leaf=sent.leaf, message=message)
 
     def _describe_refusal(self, refusal: CommandRefused) -> Outcome:
         violation = refusal.violation
@@ -222,9 +222,8 @@ def describe_request(request: EndRequest) -> Outcome:
     """The outcome of an end that the watchdog, or its silence, requested."""
     if request.reason == LEASE_LOST:
         return Outcome(ended=Ended.SAFETY_STOP, code="LEASE_LOST", message="no watchdog has renewed the lease in time")
-    # a motor that does not follow is a leaf's finding
-    code = FailureCode.NO_PROGRESS if request.reason == Ended.STALLED else request.reason.upper()
-    return Outcome(ended=Ended(request.reason), code=code, message=request.why or "a stop was requested")
+    message = request.why or "a stop was requested"
+    return Outcome(ended=Ended(request.reason), code=request.reason.upper(), message=message)
 
 
 def _ended_by(code: str) -> Ended:
@@ -234,6 +233,5 @@ def _ended_by(code: str) -> Ended:
 def _judge_end(failure: Failure | None) -> Outcome:
     if failure is None:
         return Outcome(ended=Ended.COMPLETED)
-    stalled = failure.code in (FailureCode.STALLED, FailureCode.NO_PROGRESS)
-    ended = Ended.STALLED if stalled else Ended.SKILL_FAILED
+    ended = Ended.STALLED if failure.code == FailureCode.STALLED else Ended.SKILL_FAILED
     return Outcome(ended=ended, **asdict(failure))

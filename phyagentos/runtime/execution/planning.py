@@ -94,7 +94,7 @@ class PlanningLeaf(Leaf, Generic[AnswerT]):
             return self.wait_for(answer.neighbours) if answer.neighbours else self.on_refused(answer)
         if not isinstance(answer, self.EXPECTED):
             wanted, found = self.EXPECTED.__name__, type(answer).__name__
-            return self.fail(FailureCode.PLANNER_LOST, f"the planner answered {found}; expected {wanted}")
+            return self.fail(FailureCode.RUNNER_LOST, f"the planner answered {found}; expected {wanted}")
         return self.on_answer(cast("AnswerT", answer))
 
     def on_halted(self) -> None:

@@ -48,7 +48,7 @@ class SimulatedTimeout(Decorator):
         """The child's status, or FAILURE when time is up."""
         elapsed_s = self._context.time_s - self._began_s
         if self.decorated.status is Status.RUNNING and elapsed_s >= self._seconds:
-            self.code = FailureCode.OUT_OF_TIME
+            self.code = FailureCode.TIMED_OUT
             self.message = f"{self.decorated.name} still ran after {elapsed_s:.2f} s (limit {self._seconds} s)"
             return Status.FAILURE
         return self.decorated.status
@@ -69,7 +69,7 @@ class Cooldown(Decorator):
         """One tick of the child, or none."""
         rested_s = None if self._ended_s is None else self._context.time_s - self._ended_s
         if rested_s is not None and rested_s < self._seconds - 0.5 * self._context.profile.control_period_s:
-            self.code = FailureCode.COOLING_DOWN
+            self.code = FailureCode.UNMET
             self.message = f"{self.decorated.name} ended {rested_s:.2f} s ago, of {self._seconds} s"
             self.status = Status.FAILURE
             yield self

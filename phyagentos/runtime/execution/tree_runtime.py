@@ -82,7 +82,7 @@ class TreeSkillRuntime:
         """The deepest node that decided the failure."""
         if self._stuck:
             message = f"the tree ran {IDLE_TICKS_MAX} ticks without commanding or thinking"
-            return Failure(self._find_active(), FailureCode.NO_PROGRESS, message)
+            return Failure(self._find_active(), FailureCode.STALLED, message)
         if self._tree.root.status is not Status.FAILURE:
             return None
         decided = _find_decisive(self._tree.root)

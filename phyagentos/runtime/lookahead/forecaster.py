@@ -56,5 +56,5 @@ def open_forecaster(name: str, site: ForecasterSite) -> Forecaster:
         raise
     except Exception as error:  # foreign code
         found = f"forecaster {name!r}, which does not open: {type(error).__name__}: {error}"
-        raise DefinitionError.of("BROKEN_PLUGIN", "lookahead.forecasters", found) from error
+        raise DefinitionError.of("BROKEN_PYTHON", "lookahead.forecasters", found) from error
     return forecaster

@@ -43,7 +43,7 @@ def compile_model(spec: mujoco.MjSpec, *paths: Path) -> mujoco.MjModel:
     A mesh that encloses no volume counts as a shell, in `spec` too.
 
     Raises:
-        DefinitionError: `MODEL_INVALID`, `MODEL_MISSING`.
+        DefinitionError: `MODEL_INVALID`, `UNREADABLE_FILE`.
     """
     while True:
         try:
@@ -64,7 +64,7 @@ def explain(text: str, *paths: Path) -> Problem:
     line = (element[2] if element else tag[2] if tag else None) if path.suffix == ".xml" else None
     address = f"{path}:{line}" if line not in {None, "0"} else _locate(path, name if element else "")
     if opened := re.search(r"Error opening file '([^']*)'", text):
-        return Problem("MODEL_MISSING", address, f"no file {opened[1]!r}", "a file at that path from the model")
+        return Problem("UNREADABLE_FILE", address, f"no file {opened[1]!r}", "a file at that path from the model")
     for pattern, found, expected in _REFUSALS:
         if match := re.search(pattern, text):
             held = next((each for each in match.groups() if each), "")

@@ -42,7 +42,7 @@ def find_mesh(name: str, address: str, folders: list[Path], kinds: frozenset[str
             return Problem("MODEL_INVALID", address, f"{name!r}, which is not read as a solid", expected, hint)
     near = next((like for base, rest in places if (like := _find_like(base, rest))), "")
     hint = f"Did you mean {name[: len(name) - len(near)] + near!r}?" if near else ""
-    return Problem("MODEL_MISSING", address, f"no file {name!r}", "a mesh at that path from the model", hint)
+    return Problem("UNREADABLE_FILE", address, f"no file {name!r}", "a mesh at that path from the model", hint)
 
 
 def _iter_places(name: str, folders: list[Path]) -> Iterator[tuple[Path, str]]:
@@ -103,7 +103,7 @@ def settle_meshes(spec: mujoco.MjSpec, path: Path, folders: list[Path], replaced
     """Read text STL, and leave out pictures whose files are absent or of no kind that is read; their names.
 
     Raises:
-        DefinitionError: `MODEL_MISSING`, `MODEL_INVALID` for every such file of a solid.
+        DefinitionError: `UNREADABLE_FILE`, `MODEL_INVALID` for every such file of a solid.
     """
     problems: list[Problem] = []
     left_out: list[str] = []

@@ -71,7 +71,7 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     needs_file = is_beside(profile.model) and (profile.model != "" or profile.kind == "simulation")
     if needs_file and not (path.parent / profile.model).is_file():
         expected = f"a MJCF file in {path.parent}"
-        problems.append(located.problem("MODEL_MISSING", ("model",), repr(profile.model), expected))
+        problems.append(located.problem("UNREADABLE_FILE", ("model",), repr(profile.model), expected))
     steps = profile.control_period_s / profile.physics_step_s
     if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
         address = ("control_period_s",)
@@ -214,7 +214,7 @@ def read_model(path: Path, arguments: Mapping[str, str] = {}, replaced: Collecti
         replaced: Links of which a mesh may be absent even where it is solid.
 
     Raises:
-        DefinitionError: `MODEL_INVALID`, `MODEL_MISSING`, also for the file of a solid.
+        DefinitionError: `MODEL_INVALID`, `UNREADABLE_FILE`, also for the file of a solid.
     """
     if path.suffix in URDF:
         source = read_urdf(path, arguments, replaced)

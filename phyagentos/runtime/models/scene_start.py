@@ -24,6 +24,7 @@ SUNK_M = 0.003  # what physics pushes apart gently; resting bodies are sunk by l
 DROP_M = 0.03  # a fall that may be meant, into a tray for instance
 LEVEL = 0.9  # cosine between a contact's normal and the vertical: one body lies on the other
 SEEDS = (0, 1, 2)
+OVERLAP = "overlap"  # kind of a problem: what is sunk is thrown about
 _SOLID = np.array([1, 1, 0, 1, 1, 1], dtype=np.uint8)  # groups of geoms that touch; decor is in group 2
 ALIKE_RGB = 0.12  # of two colours that noise and shadow make one
 BAND_SHARE, IN_VIEW = 1.35, "in view"  # of the farthest that a robot grasps best: its reach, about
@@ -68,7 +69,8 @@ def _iter_overlaps(spec: SceneSpec, located: Located, model: mujoco.MjModel, dat
         found = f"{body!r}, {depth_m:.3f} m inside of {other!r}" + (", which is the robot's" if is_robot else "")
         lies = upright > LEVEL and other in spec.bodies and spec.bodies[other].fixed
         hint = f"Raise it by {depth_m:.3f} m." if lies else "Move one of them."
-        yield located.problem("OVERLAP", ("bodies", body, "place"), found, "bodies that touch at most", hint)
+        at = located.address_of(("bodies", body, "place"))
+        yield Problem("SCENE_INVALID", at, found, "bodies that touch at most", hint, kind=OVERLAP)
 
 
 def _iter_unsupported(
@@ -143,7 +145,7 @@ def find_remote(path: Path, seed: int, robot: Robot, sensors: Sensors) -> list[P
         reasons = dict.fromkeys(_find_reason(model, data, name, each) for each in cameras)
         if reasons and not any(each.startswith(IN_VIEW) for each in reasons):
             found = f"{name!r}: {'; '.join(reasons)}"
-            problems.append(located.problem("NOT_VISIBLE", at, found, "in view of a camera", "Move it, or a camera."))
+            problems.append(located.problem("OBJECT_HIDDEN", at, found, "in view of a camera", "Move it, or a camera."))
     return problems
 
 

@@ -25,7 +25,7 @@ def find_model(model: str, folder: Path, environ: Mapping[str, str] = os.environ
     """The file of a model; `folder` is the profile's.
 
     Raises:
-        DefinitionError: `MODEL_MISSING`, with the command that brings it; `LEADS_OUT`.
+        DefinitionError: `UNREADABLE_FILE`, with the command that brings it; `LEADS_OUT`.
     """
     if is_beside(model):
         return folder / model
@@ -38,7 +38,7 @@ def find_model(model: str, folder: Path, environ: Mapping[str, str] = os.environ
     near = sorted(each.name for each in place.parent.glob("*.xml")) if place is not None else []
     found = f"no file {place}" if place is not None else "no such source here"
     expected = format_names(near) if near else f"a MJCF or URDF file of {source}"
-    raise DefinitionError.of("MODEL_MISSING", f"model {model!r}", found, expected, hint)
+    raise DefinitionError.of("UNREADABLE_FILE", f"model {model!r}", found, expected, hint)
 
 
 def name_in_models(path: Path, environ: Mapping[str, str] = os.environ) -> tuple[str, Path | None]:
@@ -73,7 +73,7 @@ def find_models(profile: TargetProfile, folder: Path) -> list[Path]:
 
 
 def require_models(profile: TargetProfile, folder: Path) -> None:
-    """Raise `MODEL_MISSING`, `LEADS_OUT` or `MODEL_INVALID` unless the models that a profile names can be read."""
+    """Raise `UNREADABLE_FILE`, `LEADS_OUT` or `MODEL_INVALID` unless the models that a profile names can be read."""
     for path in find_models(profile, folder):
         require_reader(path)
 

@@ -49,13 +49,15 @@ def read_urdf(path: Path, arguments: Mapping[str, str] = {}, replaced: Collectio
     A visual whose mesh is absent or of no kind that is read is left out; so is any of `replaced` links.
 
     Raises:
-        DefinitionError: `MODEL_INVALID`, `MODEL_MISSING` for a collision mesh, `UNKNOWN_NAME`, each at its line.
+        DefinitionError: `MODEL_INVALID`, `UNREADABLE_FILE` for a collision mesh, `UNKNOWN_NAME`, each at its line.
     """
     try:
         text = expand_xacro(path, arguments) if path.suffix == ".xacro" else path.read_bytes()
         document = _Document.parse(text, path)
     except OSError as error:
-        raise DefinitionError.of("MODEL_MISSING", str(path), str(error.strerror), "a file that can be read") from error
+        raise DefinitionError.of(
+            "UNREADABLE_FILE", str(path), str(error.strerror), "a file that can be read"
+        ) from error
     except expat.ExpatError as error:
         address = f"{path}:{error.lineno}"
         raise DefinitionError.of("MODEL_INVALID", address, "no whole XML", "every tag closed") from error

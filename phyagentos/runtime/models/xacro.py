@@ -30,7 +30,7 @@ def expand_xacro(path: Path, arguments: Mapping[str, str]) -> str:
     """Expand a file; packages that it names are searched among the folders above it and below that of models.
 
     Raises:
-        DefinitionError: `MODEL_INVALID` for whatever cannot be expanded, `MODEL_MISSING` for an absent package.
+        DefinitionError: `MODEL_INVALID` for whatever cannot be expanded, `UNREADABLE_FILE` for an absent package.
     """
     require_reader(path)
     from xacrodoc import XacroDoc, packages  # type: ignore[import-not-found, import-untyped, unused-ignore]
@@ -60,7 +60,7 @@ def _explain(text: str, package: str, path: Path, arguments: Mapping[str, str]) 
     address = str(path)
     if package:
         hint = f"Put the folder {package} beside that of this file's package, or below that of PHYAGENTOS_MODELS."
-        return Problem("MODEL_MISSING", address, f"no package {package!r}", "a folder of this name", hint)
+        return Problem("UNREADABLE_FILE", address, f"no package {package!r}", "a folder of this name", hint)
     if missing := _UNKNOWN_ARGUMENT.findall(text):
         written = path.read_text(encoding="utf-8")
         names = sorted({*missing, *_USED.findall(written)} - {*_DECLARED.findall(written), *arguments})

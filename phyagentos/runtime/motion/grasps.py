@@ -96,7 +96,7 @@ def find_grasps(
         return Approaches(approaches=tuple(dead_ends[0]), timing=job.timing, stages=job.stages)
     if not ways and not solids and not poor:
         opens = f"the gripper opens ({gripper.max_width_m} m), less {1e3 * LEAST_CLEARANCE_M:.0f} mm of room"
-        return job.fail("TOO_WIDE", f"{entity.name} is wider than {opens}, and no edge that juts out is in reach.")
+        return job.fail("NOT_GRASPABLE", f"{entity.name} is wider than {opens}, and no edge that juts out is in reach.")
     avoided = f"; {', '.join(request.avoid)} avoided" if request.avoid else ""
     return job.fail("NO_IK", f"None of {len(tried)} ways to grasp {entity.name} works{avoided}.")
 

@@ -86,7 +86,7 @@ def plan_move(
         job.checkpoint()
         if path is None:
             job.crowded_by.update(scene.crowd)
-            return job.fail("NO_PATH_FOUND", f"No path to any of {len(prepared.goals)} goals was found in the budget.")
+            return job.fail("NO_PLAN", f"No path to any of {len(prepared.goals)} goals was found in the budget.")
         timed = _time_and_check(path, prepared, scene, time_rows, job)
         if timed is None and attempt == 0 and isinstance(prepared.checker, SphereChecker):
             larger = _fit(prepared.checker.arrays.grow(LARGER_M), prepared.query)

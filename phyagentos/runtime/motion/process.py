@@ -97,7 +97,7 @@ class NoModel:
 
     def answer(self, request: MotionRequest, should_cancel: Callable[[], bool] | None = None) -> NoPlan:
         """Refuse it."""
-        return _refuse("NO_MODEL", "The target has no model to plan with.")
+        return _refuse("REQUEST_INVALID", "The target has no model to plan with.")
 
 
 class PlannerProcess:
@@ -152,7 +152,7 @@ class PlannerProcess:
             self._child.channel.send_bytes(_REQUESTS.encode(request))
 
     def poll(self) -> MotionAnswer | None:
-        """The answer, once; of a dead process `NoPlan` with code PLANNER_LOST, of a cancelled request CANCELLED."""
+        """The answer, once; of a dead process `NoPlan` with code RUNNER_LOST, of a cancelled request CANCELLED."""
         if not self._pending:
             return None
         answer: MotionAnswer | None = None
@@ -161,7 +161,7 @@ class PlannerProcess:
                 answer = _ANSWERS.decode(self._child.channel.recv_bytes())
         except (EOFError, OSError):
             code = self._replace()
-            answer = _refuse("PLANNER_LOST", f"The planner process ended with code {code}; another one was started.")
+            answer = _refuse("RUNNER_LOST", f"The planner process ended with code {code}; another one was started.")
         if self._deadline_s is not None:
             if answer is None and self._clock.now_s() >= self._deadline_s:
                 self._replace()

@@ -54,7 +54,7 @@ def find_push(
     goal_m = np.asarray(request.to_m)
     length_m = float(np.linalg.norm(goal_m - _find_middle(entity)))
     if length_m < SHORTEST_M:
-        return job.fail("TOO_SHORT", f"{entity.name} is {1e3 * length_m:.1f} mm from its goal.")
+        return job.fail("IMPOSSIBLE", f"{entity.name} is {1e3 * length_m:.1f} mm from its goal.")
     gripper, half_m = scene.robot.profile.gripper, measure_fingers(scene.robot)
     tall_m = sum(compute_reach(entity, (0.0, 0.0, sign)) for sign in (1.0, -1.0))
     box, palm_m = compute_entity_box(entity), gripper.palm_height_m - gripper.fingertip_m
@@ -64,7 +64,7 @@ def find_push(
     wanted_m = sorted({least_m, max(HIGH_SHARE * tall_m, least_m), max(tall_m - palm_m, least_m)})
     heights_m = [each for each in wanted_m if tall_m - palm_m <= each <= most_m]
     if not heights_m:  # the palm is wider than the fingers
-        return job.fail("TOO_TALL", f"{entity.name} is {1e3 * tall_m:.0f} mm tall, the hand would meet or topple it.")
+        return job.fail("IMPOSSIBLE", f"{entity.name} is {1e3 * tall_m:.0f} mm tall, the hand would meet or topple it.")
     bottom_m = compute_entity_box(settle(entity, request.world.entities)).bottom_m
     strokes = _Strokes(
         Screen(kinematics, request.q_rad, scene.robot.home_rad, request.seed).seeds,

@@ -373,7 +373,7 @@ class PostureCheck(msgspec.Struct, frozen=True, tag=True):
 class NoPlan(msgspec.Struct, frozen=True, tag=True):
     """No plan exists, or none was found within the budget.
 
-    `code` is `NO_IK`, `IN_COLLISION`, `NO_PATH_FOUND`, `NO_FREE_SITE`, `UNKNOWN_ENTITY`, `TOO_WIDE`, `CANCELLED`, ...
+    `code` is `NO_IK`, `IN_COLLISION`, `NO_PLAN`, `NO_FREE_SITE`, `OBJECT_GONE`, `NOT_GRASPABLE`, `CANCELLED`, ...
     Candidates are counted by the reason of rejection (`ik`, `line`, `link5|wall`); `neighbours` were in the way.
     """
 

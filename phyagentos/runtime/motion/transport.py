@@ -71,12 +71,12 @@ def shape_transport(request: ShapeTransport, chain: Chain, limits: JointLimits, 
         poses = chain.compute_tcp_path(drop_duplicates(rows, SPACING_RAD))
         lean = float(np.arccos(np.clip((poses[:, :3, :3] @ poses[0, :3, :3].T)[:, 2, 2].min(), -1.0, 1.0)))
         if request.method != "toppra" and lean >= MARGIN * request.tilt_max_rad:
-            return job.fail("TILT", f"The path itself tilts the vessel by {lean:.3f} rad of {request.tilt_max_rad}.")
+            return job.fail("NO_PLAN", f"The path itself tilts the vessel by {lean:.3f} rad of {request.tilt_max_rad}.")
         timed = time_carry(rows, limits, chain, care, is_shaped=request.method != "toppra")
         tilt_rad = timed.scaling.worst_tilt_rad
         if timed.scaling.solver == "casadi" and tilt_rad is not None and tilt_rad > request.tilt_max_rad:
             message = f"The carry tilts the vessel by {tilt_rad:.3f} rad of {request.tilt_max_rad} at its slowest."
-            return job.fail("TILT", message)
+            return job.fail("NO_PLAN", message)
     return Motion(trajectory=timed.trajectory, goal=0, timing=job.timing, stages=Stages(scaling=timed.scaling))
 
 

@@ -69,7 +69,7 @@ class RecordedFrames:
         """The next later moment; raises ExecutionError when there is none."""
         moment = next(self._moments, None)
         if moment is None:
-            raise ExecutionError("LOOK_DIFFERS", "perception now reads the target's state once more than it did then")
+            raise ExecutionError("CHANGED", "perception now reads the target's state once more than it did then")
         return _make_step(moment)
 
     def capture(self, cameras: tuple[str, ...] = (), crops: dict[str, Crop] | None = None, every: int = 1) -> Frames:
@@ -77,7 +77,7 @@ class RecordedFrames:
         asked = Capture(cameras=cameras, crops=crops or {}, every=every)
         then, frames = next(self._captures, (None, Frames(())))
         if then != asked:
-            raise ExecutionError("LOOK_DIFFERS", f"perception now asks for {asked}; then it asked for {then}")
+            raise ExecutionError("CHANGED", f"perception now asks for {asked}; then it asked for {then}")
         return frames
 
 

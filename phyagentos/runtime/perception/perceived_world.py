@@ -84,7 +84,7 @@ class PerceivedWorld(WorldModel):
         """The world of an earlier look, perceived again from its recorded readings.
 
         Raises:
-            ExecutionError: `LOOK_DIFFERS` where perception now reads something else.
+            ExecutionError: `CHANGED` where perception now reads something else.
         """
         self._handle = RecordedFrames(look)
         self._belief = look.before
@@ -305,7 +305,7 @@ class PerceivedWorld(WorldModel):
     def _find_state(self, time_s: float) -> TargetState:
         """The target's state nearest to a moment."""
         if not self._states:
-            raise ExecutionError("NO_EPISODE", "no state of the target has been read yet")
+            raise ExecutionError("REQUEST_INVALID", "no state of the target has been read yet")
         nearest = min(self._states, key=lambda each: abs(each[0] - time_s))
         look = self._look
         if look is not None and nearest[0] <= look.now[0] and nearest not in look.states:

@@ -85,7 +85,7 @@ class WorldModel(ABC):
         """The present world, with at least the needed content.
 
         Raises:
-            ExecutionError: `NO_EPISODE` before `enter`; `TARGET_LOST`.
+            ExecutionError: `REQUEST_INVALID` before `enter`; `TARGET_LOST`.
         """
 
     def plan_confirmation(self, things: frozenset[str], time_s: float) -> ConfirmationCapture | None:
@@ -144,7 +144,7 @@ class WorldModel(ABC):
     @property
     def _scene(self) -> Scene:
         if self._current_scene is None:
-            raise ExecutionError("NO_EPISODE", "no scene is observed; call enter() first")
+            raise ExecutionError("REQUEST_INVALID", "no scene is observed; call enter() first")
         return self._current_scene
 
     def _find_present(self, need: Need) -> Environment | None:

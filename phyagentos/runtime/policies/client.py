@@ -34,14 +34,14 @@ def ask_policy(endpoint: str) -> PolicyDescriptor | None:
     """The descriptor of the server at an endpoint, the handshake of preflight; None where it says nothing of itself.
 
     Raises:
-        ExecutionError: `POLICY_UNREACHABLE`, `POLICY_LOST` or `POLICY_FAULT`.
+        ExecutionError: `POLICY_UNREACHABLE`, `POLICY_LOST` or `POLICY_FAILED`.
     """
     service = open_service(endpoint, {})
     try:
         told = _exchange(service, wire.Introduce(), wire.Introduction, ASK_S, _UNLIMITED_S).descriptor
         return PolicyDescriptor.model_validate({**told, "endpoint": endpoint}) if told else None
     except pydantic.ValidationError as error:
-        raise ExecutionError("POLICY_FAULT", f"{endpoint} describes no policy: {error}") from error
+        raise ExecutionError("POLICY_FAILED", f"{endpoint} describes no policy: {error}") from error
     finally:
         service.close()
 
@@ -95,7 +95,7 @@ class PolicyClient:
         """The reply, once; None while it is outstanding.
 
         Raises:
-            ExecutionError: `POLICY_UNREACHABLE`, `POLICY_LOST`, `POLICY_STALLED` or `POLICY_FAULT`.
+            ExecutionError: `POLICY_UNREACHABLE`, `POLICY_LOST` or `POLICY_FAILED`.
         """
         if self._pending is None or not self._pending.done():
             return None
@@ -142,7 +142,7 @@ class PolicyClient:
             raise self._name_stall(error, silence_s) from error
         if chunk.sequence != request.sequence:
             message = f"chunk {chunk.sequence} came where {request.sequence} was asked for"
-            raise ExecutionError("POLICY_FAULT", message)
+            raise ExecutionError("POLICY_FAILED", message)
         return chunk
 
     def _watch(self, service: PolicyService, silence_s: float) -> None:
@@ -156,7 +156,7 @@ class PolicyClient:
         if error.code != "POLICY_LOST" or not isinstance(error.__cause__, TimeoutError) or silence_s > self._timeout_s:
             return error
         message = f"{self._endpoint}: {str(error).removeprefix('POLICY_LOST: ')}; heartbeat_s: {self._heartbeat_s:g}"
-        return ExecutionError("POLICY_STALLED", message)
+        return ExecutionError("POLICY_LOST", message)
 
 
 def _exchange(
@@ -166,12 +166,12 @@ def _exchange(
     if isinstance(reply, wire.Fault):
         message = reply.message[: wire.FAULT_MAX]
         raise (
-            DefectError("POLICY_FAULT", message, reply.place)
+            DefectError("POLICY_FAILED", message, reply.place)
             if reply.place
-            else ExecutionError("POLICY_FAULT", message)
+            else ExecutionError("POLICY_FAILED", message)
         )
     if not isinstance(reply, kind):
-        raise ExecutionError("POLICY_FAULT", f"{type(request).__name__} was answered by {type(reply).__name__}")
+        raise ExecutionError("POLICY_FAILED", f"{type(request).__name__} was answered by {type(reply).__name__}")
     return reply
 
 

@@ -110,7 +110,7 @@ class OpenpiService(PolicyService):
             return
         except ConnectionClosed as error:
             raise _explain_end(error) from error
-        raise ExecutionError("POLICY_FAULT", "the policy server sent an answer to no request")
+        raise ExecutionError("POLICY_FAILED", "the policy server sent an answer to no request")
 
     def _read(self, timeout_s: float, silence_s: float) -> dict[Any, Any]:
         """The next message; an answered ping is a sign of life, as long as `timeout_s` is not over."""
@@ -133,11 +133,11 @@ class OpenpiService(PolicyService):
         except ConnectionClosed as error:
             raise _explain_end(error) from error
         if isinstance(frame, str):
-            raise DefectError("POLICY_FAULT", f"the policy server reports: {frame[: wire.FAULT_MAX]}", self._endpoint)
+            raise DefectError("POLICY_FAILED", f"the policy server reports: {frame[: wire.FAULT_MAX]}", self._endpoint)
         try:
             return openpi_codec.decode(frame)
         except ExecutionError as error:
-            raise ExecutionError("POLICY_FAULT", str(error).removeprefix("MALFORMED: ")) from error
+            raise ExecutionError("POLICY_FAILED", str(error).removeprefix("MALFORMED: ")) from error
 
 
 def _read_chunk(answer: dict[object, Any], sequence: int, key: str) -> wire.Chunk:
@@ -148,7 +148,7 @@ def _read_chunk(answer: dict[object, Any], sequence: int, key: str) -> wire.Chun
     except (KeyError, TypeError, ValueError) as error:
         found = f"no array under {key!r}; its keys are {', '.join(map(str, answer))[:200]}"
         hint = f"name the one of the chunk at the end of `endpoint`: ?{openpi_codec.ACTIONS}=KEY"
-        raise ExecutionError("POLICY_FAULT", f"the policy server answered with {found}; {hint}") from error
+        raise ExecutionError("POLICY_FAILED", f"the policy server answered with {found}; {hint}") from error
     told = own.get("sequence", sequence)
     return wire.Chunk(
         sequence=told if isinstance(told, int) else -1,
@@ -160,5 +160,5 @@ def _read_chunk(answer: dict[object, Any], sequence: int, key: str) -> wire.Chun
 def _explain_end(error: ConnectionClosed) -> ExecutionError:
     """Too large an answer is a fault of the server; everything else is its loss."""
     if error.sent is not None and error.sent.code == 1009:
-        return ExecutionError("POLICY_FAULT", f"an answer of more than {REPLY_MAX_BYTES} bytes")
+        return ExecutionError("POLICY_FAILED", f"an answer of more than {REPLY_MAX_BYTES} bytes")
     return ExecutionError("POLICY_LOST", f"the policy server has gone: {error}")

@@ -228,7 +228,7 @@ class PolicySkillRuntime:
         if goes_on and (points := next(self._beyond, None)) is not None:
             return points
         if how == "fail":
-            self._fail("POLICY_UNDERRUN", f"no rows were left before chunk {self._chunks} came")
+            self._fail("POLICY_LOST", f"no rows were left before chunk {self._chunks} came")
         return self._brake() if how in {"brake", "continue"} else None
 
     def _brake(self) -> SetPoints | None:

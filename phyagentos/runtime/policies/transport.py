@@ -26,7 +26,7 @@ class Transport(Protocol):
         """Send one message, if there is one, and wait for the next whole reply, at most `timeout_s` [s].
 
         Raises:
-            ExecutionError: `POLICY_LOST`; `POLICY_FAULT` for a reply longer than any chunk.
+            ExecutionError: `POLICY_LOST`; `POLICY_FAILED` for a reply longer than any chunk.
         """
 
     def close(self) -> None:
@@ -61,7 +61,7 @@ class _Tcp:
             if length > REPLY_MAX_BYTES:
                 what = f"an answer of {length} bytes; at most {REPLY_MAX_BYTES} are possible"
                 other = f"; or another program listens there: it begins with {bytes(received)!r}"
-                raise ExecutionError("POLICY_FAULT", what + other)
+                raise ExecutionError("POLICY_FAILED", what + other)
             self._receive(received, _LENGTH.size + length, deadline)
         except TimeoutError as error:
             raise ExecutionError(
@@ -89,11 +89,11 @@ class _Http:
     def __init__(self, endpoint: str) -> None:
         from phyagentos.network.http import HttpClient  # a worker without such a policy needs none
 
-        self._client = HttpClient(endpoint, "POLICY_LOST", "POLICY_FAULT", f"the policy server at {endpoint}")
+        self._client = HttpClient(endpoint, "POLICY_LOST", "POLICY_FAILED", f"the policy server at {endpoint}")
 
     def exchange(self, message: bytes | None, timeout_s: float) -> bytes:
         if message is None:
-            raise ExecutionError("POLICY_FAULT", "an answer over HTTP that promises another one")
+            raise ExecutionError("POLICY_FAILED", "an answer over HTTP that promises another one")
         return self._client.post(message, timeout_s=timeout_s, max_bytes=REPLY_MAX_BYTES)
 
     def close(self) -> None:
@@ -103,8 +103,8 @@ class _Http:
 class PolicyService(Protocol):
     """A connection to one policy.
 
-    Every method raises ExecutionError `POLICY_LOST` or `POLICY_FAULT`; `POLICY_LOST` with a `TimeoutError` as its cause
-    where the server was silent.
+    Every method raises ExecutionError `POLICY_LOST` or `POLICY_FAILED`; `POLICY_LOST` has a `TimeoutError` as its
+    cause where the server was silent.
     """
 
     def exchange(self, request: wire.Request, timeout_s: float, silence_s: float) -> wire.Reply:

@@ -92,8 +92,8 @@ encode, decode_request = _REPLIES.encode, REQUESTS.decode
 
 
 def decode_reply(data: bytes) -> Reply:
-    """One reply; raises ExecutionError `POLICY_FAULT` for bytes that are none."""
+    """One reply; raises ExecutionError `POLICY_FAILED` for bytes that are none."""
     try:
         return _REPLIES.decode(data)
     except ExecutionError as error:
-        raise ExecutionError("POLICY_FAULT", str(error)) from error
+        raise ExecutionError("POLICY_FAILED", str(error)) from error

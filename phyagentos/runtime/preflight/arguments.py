@@ -154,7 +154,7 @@ def iter_precondition_problems(session: Session, now: Environment) -> Iterator[P
         except DefinitionError:
             continue  # reported by `iter_predicate_problems`
         if evaluation.truth is Truth.FALSE or (kind == "requires" and evaluation.truth is Truth.UNKNOWN):
-            code = "PRECONDITION_UNMET" if kind == "requires" else "HOLD_BROKEN"
+            code = "PRECONDITION_UNMET" if kind == "requires" else "CONSTRAINT_VIOLATED"
             code = "BROKEN_PYTHON" if evaluation.defect else code
             found, by = f"{text} is {evaluation.truth}", f"{kind}: {text}"
             yield make_problem(code, kind, found, "true", by, evaluation.because, text)

@@ -59,12 +59,11 @@ NUDGE_RAD = 0.01  # the shortest line that there is to time
 AROUND_M = 0.3  # tolerance of a place, and half of what is pushed there
 HAND_M = 0.05  # a tool point that grasps an object is this near to its solids at most
 PROOFS = {  # codes of the planner that prove a motion impossible -> code of the problem
-    "TOO_WIDE": "TOO_WIDE",
+    "NOT_GRASPABLE": "NOT_GRASPABLE",
     "NO_SPACE": "NO_SPACE",
     "NO_FREE_SITE": "NO_FREE_SITE",
-    "UNKNOWN_ENTITY": "NOT_OBSERVED",
+    "OBJECT_GONE": "NOT_OBSERVED",
 }
-REACH_REASONS = {"ik"}  # every candidate was rejected for reach alone, none for a contact
 ON_AXIS_M = 1e-6
 
 
@@ -378,10 +377,9 @@ def _judge(name: str, answer: MotionAnswer | None, ms: float, *, proves: bool = 
         return Trial(motion=name, outcome="possible", ms=ms)
     code = PROOFS.get(answer.code, "")
     walls = {each for each in answer.rejected if (met := Contact.parse(each)) and is_wall(met.other)}
-    if answer.code == "NO_IK" and answer.rejected and set(answer.rejected) <= REACH_REASONS:
+    bounds = walls | {"ik", "occupied", "far"} if walls else {"ik"}  # no candidate was rejected for a contact
+    if answer.code == "NO_IK" and answer.rejected and set(answer.rejected) <= bounds:
         code = "OUT_OF_REACH"
-    elif answer.code == "NO_IK" and walls and set(answer.rejected) <= walls | {"ik", "occupied", "far"}:
-        code = "OUTSIDE_WORKSPACE"
     if not proves or not code:
         return Trial(motion=name, outcome="undecided", code=answer.code, message=answer.message, ms=ms)
     return Trial(motion=name, outcome="impossible", code=code, message=answer.message, ms=ms)

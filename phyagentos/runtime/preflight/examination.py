@@ -23,7 +23,7 @@ from phyagentos.runtime.execution.criteria import weigh_before
 from phyagentos.runtime.execution.first_motions import Grasp
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.tree_check import check_tree
-from phyagentos.runtime.models.scene_start import explain_unseen, find_start_problems
+from phyagentos.runtime.models.scene_start import OVERLAP, explain_unseen, find_start_problems
 from phyagentos.runtime.models.world import Robot
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.perception.look import Look
@@ -116,7 +116,7 @@ class Examiner:
         if is_first and self.preflight.profile.model:  # what is sunk is thrown about: a flaw for every session
             path = self.library.get_scene(name_plain(session.scene.name))
             flaws = find_start_problems(path, session.scene.seed, self._robot)
-            self._flaws = tuple(each for each in flaws if each.code == "OVERLAP")
+            self._flaws = tuple(each for each in flaws if each.kind == OVERLAP)
         problems += locate(session, self._flaws)
         met = weigh_before(session, now)
         if met is Truth.TRUE and all(each.code == _UNMET for each in problems):

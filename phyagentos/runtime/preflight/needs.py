@@ -69,7 +69,7 @@ def iter_operation_problems(
         code, address, offered = "NOT_OFFERED", "target.operations", profile.operations
         fix = f"{profile.target} cannot do it; choose another target."
         if each in offered:
-            code, address, offered = "OPERATION_FORBIDDEN", "runtime_contract.yaml: operations", contract.operations
+            code, address, offered = "NOT_PERMITTED", "runtime_contract.yaml: operations", contract.operations
             fix = f"Permit {each!r} in runtime_contract.yaml, if sessions may do that here."
         if each not in offered:
             yield make_problem(code, address, repr(each), format_names(offered), by, fix)
@@ -110,14 +110,14 @@ def iter_payload_problems(
         if load_kg > carried_kg:
             fix = f"Choose another object or target; {profile.target} carries arm.payload_kg less gripper.mass_kg."
             found, expected = f"up to {load_kg:g} kg", f"at most {carried_kg:g} kg"
-            yield make_problem("TOO_HEAVY", f"{address}.mass_kg", found, expected, by, fix)
+            yield make_problem("NOT_GRASPABLE", f"{address}.mass_kg", found, expected, by, fix)
         body = spec.bodies[name]
         borne_n = 2.0 * press_n * body.grip_span[1] if body.grip_span is not None else math.inf
         if STANDARD_GRAVITY_M_S2 * least_kg > borne_n and body.interior is None:  # a vessel may hang on its rim
             found = f"at least {STANDARD_GRAVITY_M_S2 * least_kg:.1f} N of weight"
             expected = f"at most {borne_n:.1f} N, which two fingers of {press_n:g} N bear by friction"
             fix = "Choose another object, or a skill that does not lift it."
-            yield make_problem("TOO_SLIPPERY", f"{address}.grip_span", found, expected, by, fix)
+            yield make_problem("NOT_GRASPABLE", f"{address}.grip_span", found, expected, by, fix)
 
 
 def _find_lifted(name: str, bodies: Mapping[str, Body]) -> str:

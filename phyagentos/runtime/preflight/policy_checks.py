@@ -56,7 +56,7 @@ def iter_policy_problems(
     horizon, longest = policy.execution.horizon or 1, skill.action_space.chunk_length
     if horizon > longest:
         address, fix = "skill.policy.execution.horizon", "The next chunk must come before this one ends."
-        yield make_problem("CHUNK_LENGTH", address, f"{horizon} rows", f"1 to {longest} rows", by, fix)
+        yield make_problem("ACTION_SPACE_MISMATCH", address, f"{horizon} rows", f"1 to {longest} rows", by, fix)
     if policy.inference_s > chunk_s:
         address, found = "skill.policy.inference_s", f"{policy.inference_s:g} s"
         expected, by = f"at most {chunk_s:g} s, which one chunk lasts", f"{by}: chunk_length / rate_hz"
@@ -109,7 +109,7 @@ def _iter_stream_problems(
     if found is None:
         known = sorted({each for sensor in sensors.sensors.values() for each in sensor.provides})
         fix = f"Let a sensor of sensors.yaml provide {name!r}."
-        yield make_problem("SENSOR_MISMATCH", address, repr(name), format_names(known), by, fix, kind="missing")
+        yield make_problem("OBSERVATION_MISMATCH", address, repr(name), format_names(known), by, fix, kind="missing")
         return
     sensor = found[1]
     signal = sensor.signals.get(name) or _describe_picture(stream, sensor)
@@ -144,7 +144,13 @@ def _iter_lateness_problems(
         expected = f"at most {max(most_s, 0.0):.3g} s"
         fix = "A picture is older than embedded.max_age_s of perception.yaml and one period of the stream."
         yield make_problem(
-            "SENSOR_MISMATCH", address, f"{latency_s:g} s", expected, f"{by}: observations.{name}", fix, kind="rate"
+            "OBSERVATION_MISMATCH",
+            address,
+            f"{latency_s:g} s",
+            expected,
+            f"{by}: observations.{name}",
+            fix,
+            kind="rate",
         )
 
 

@@ -45,7 +45,7 @@ def iter_sensing_problems(
         if name not in read:
             fix = f"Name {name!r} in the pipeline that reads it, or drop what the skill needs of it."
             address = "perception.yaml: pipelines"
-            yield make_problem("SENSOR_MISMATCH", address, repr(name), format_names(read), by, fix, kind="unread")
+            yield make_problem("OBSERVATION_MISMATCH", address, repr(name), format_names(read), by, fix, kind="unread")
         yield from iter_sensor_problems(name, sensor, profile, contract, by)
 
 
@@ -75,7 +75,7 @@ def _make_missing(need: str, sensors: Sensors, perception: Perception, by: str) 
         fix = f"Let a sensor of sensors.yaml provide {need!r}."
         address = "sensors.yaml: sensors"
         known = sorted({name for sensor in sensors.sensors.values() for name in sensor.provides})
-    return make_problem("SENSOR_MISMATCH", address, repr(need), format_names(known), by, fix, kind="missing")
+    return make_problem("OBSERVATION_MISMATCH", address, repr(need), format_names(known), by, fix, kind="missing")
 
 
 def _iter_freshness_problems(cameras: dict[str, Sensor], perception: Perception, by: str) -> Iterator[Problem]:
@@ -91,7 +91,7 @@ def _iter_freshness_problems(cameras: dict[str, Sensor], perception: Perception,
             )
             fix = "Raise it, or embedded.max_age_s of perception.yaml: a picture is too old before the next one comes."
             address = f"sensors.yaml: sensors.{name}.rate_hz"
-            yield make_problem("SENSOR_MISMATCH", address, sensor.rate_hz, expected, by, fix, kind="rate")
+            yield make_problem("OBSERVATION_MISMATCH", address, sensor.rate_hz, expected, by, fix, kind="rate")
 
 
 def iter_sensor_problems(
@@ -105,12 +105,17 @@ def iter_sensor_problems(
         if sensor.modality != usual and not both:
             address = f"{place}.modality"
             yield make_problem(
-                "SENSOR_MISMATCH", address, sensor.modality, f"{usual}, for {each!r}", triggered_by, kind="modality"
+                "OBSERVATION_MISMATCH",
+                address,
+                sensor.modality,
+                f"{usual}, for {each!r}",
+                triggered_by,
+                kind="modality",
             )
     if sensor.modality == "simulator_state" and profile.kind == "real_robot":
         fix = "A real robot has no simulator; use a camera."
         yield make_problem(
-            "SENSOR_MISMATCH",
+            "OBSERVATION_MISMATCH",
             f"{place}.modality",
             sensor.modality,
             "a sensor of the robot",
@@ -123,12 +128,12 @@ def iter_sensor_problems(
         fix = "Raise it, or lower sampling_hz: conditions are sampled more often than this sensor measures."
         expected = f"at least {contract.sampling_hz:g} Hz"
         by = "runtime_contract.yaml: sampling_hz"
-        yield make_problem("SENSOR_MISMATCH", f"{place}.rate_hz", sensor.rate_hz, expected, by, fix, kind="rate")
+        yield make_problem("OBSERVATION_MISMATCH", f"{place}.rate_hz", sensor.rate_hz, expected, by, fix, kind="rate")
     elif sensor.rate_hz > fastest_hz * (1.0 + RATE_TOLERANCE):
         fix = "Lower it: nothing changes between two steps of the physics."
         asked_by = f"target {profile.target}: physics_step_s"
         yield make_problem(
-            "SENSOR_MISMATCH",
+            "OBSERVATION_MISMATCH",
             f"{place}.rate_hz",
             sensor.rate_hz,
             f"at most {fastest_hz:g} Hz",

@@ -23,13 +23,13 @@ OBSERVE_S = 60.0  # to observe what a lost session left
 
 
 class FaultKind(StrEnum):
-    """What is wrong with a worker; the value is the code under which its session ends."""
+    """What is wrong with a worker."""
 
-    SILENT = "HEARTBEAT_LOST"
+    SILENT = "silent"
     """Its heartbeats stopped."""
-    STALLED = "NO_PROGRESS"
+    STALLED = "stalled"
     """Its heartbeats go on, its control periods do not."""
-    INCONSISTENT = "HEARTBEAT_INCONSISTENT"
+    INCONSISTENT = "inconsistent"
     """Its heartbeats cannot be those of one worker."""
 
 
@@ -122,12 +122,11 @@ class Measure(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """A limit was reached; a session that is stopped ends under `code`, or that of `ended` when it is empty."""
+    """A limit was reached; a session that is stopped or lost is `ended`."""
 
     measure: Measure
     reason: str = ""
     ended: Ended = Ended.RUNNER_LOST
-    code: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,7 +172,7 @@ def _find_due_of_session(snapshot: SupervisionSnapshot, session: Session) -> Due
         if snapshot.age_s <= limits.preflight_s:
             return None
         why = f"it was checked for longer than {limits.preflight_s} s"
-        return Due(Measure.REFUSE, why, code="PREFLIGHT_TIMED_OUT")
+        return Due(Measure.REFUSE, why)
     if snapshot.age_s > limits.wall_timeout_s:
         why = f"the contract allows {limits.wall_timeout_s} s by the wall clock"
         return Due(Measure.STOP, why, ended=Ended.TIMED_OUT)
@@ -182,4 +181,4 @@ def _find_due_of_session(snapshot: SupervisionSnapshot, session: Session) -> Due
         return None
     if fault.kind is FaultKind.STALLED:
         return Due(Measure.STOP, fault.message, ended=Ended.STALLED)
-    return Due(Measure.LOSE, fault.message, code=fault.kind)
+    return Due(Measure.LOSE, fault.message)

@@ -22,7 +22,6 @@ from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Session, SessionId, SessionStatus
 from phyagentos.store.ledger import Ledger
 
-QUEUE_TIMED_OUT = "QUEUE_TIMED_OUT"
 RESOURCE_UNAVAILABLE = "RESOURCE_UNAVAILABLE"
 AGEING_PER_S = 1.0 / 60.0  # see `RuntimeContract.ageing_per_min`
 SLACK = 1000  # so many deadlines of sessions that no longer wait may be remembered before they are swept

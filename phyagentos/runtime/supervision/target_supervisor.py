@@ -93,7 +93,7 @@ class Lost:
         """Its execution when no worker starts that could observe the world."""
         message = f"{self.reason}; and no worker starts that could look at the world"
         evidence = f"evidence/{self.session.id}"
-        return Execution(ended=Ended.TARGET_LOST, evidence=evidence, code="TARGET_UNAVAILABLE", message=message)
+        return Execution(ended=Ended.TARGET_LOST, evidence=evidence, code="TARGET_LOST", message=message)
 
 
 class TargetSupervisor:
@@ -339,7 +339,7 @@ class TargetSupervisor:
 
     def _take_measure(self, due: Due) -> None:
         if due.measure is Measure.LOSE:
-            self._lose(due.reason, code=due.code)
+            self._lose(due.reason)
         elif due.measure is Measure.REPLACE:
             self._replace()
         elif self.session is not None and due.measure is Measure.STOP:
@@ -349,7 +349,7 @@ class TargetSupervisor:
             self.worker.send(Stop(session=self.session.id, reason=due.ended, why=due.reason))
             self._stop_by_s = self._clock.now_s() + STOP_GRACE_S
         elif self.session is not None:
-            self._refuse(self.session, Problem(due.code, str(self.session.id), due.reason))
+            self._refuse(self.session, Problem("TIMED_OUT", str(self.session.id), due.reason))
 
     def _show_check(self, session: Session) -> None:
         """Record that a session is being checked, as long as no other watchdog holds it."""
@@ -368,7 +368,7 @@ class TargetSupervisor:
 
 
 def compute_may_reset(session: Session, ledger: Ledger) -> bool:
-    """Whether another episode may end for this session; the target itself refuses with `RESET_FORBIDDEN`."""
+    """Whether another episode may end for this session; the target itself refuses with `NOT_PERMITTED`."""
     if session.reset_policy is not ResetPolicy.BETWEEN_GOALS:
         return session.reset_policy is ResetPolicy.ON_NEW_EPISODE
     return not any(

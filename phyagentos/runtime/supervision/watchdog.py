@@ -14,7 +14,7 @@ from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.supervision.limits import HeartbeatMonitor
 from phyagentos.runtime.supervision.operator_signals import OperatorSignals
-from phyagentos.runtime.supervision.queues import AGEING_PER_S, QUEUE_TIMED_OUT, Queues
+from phyagentos.runtime.supervision.queues import AGEING_PER_S, Queues
 from phyagentos.runtime.supervision.shared_time import SharedTime
 from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_entry, make_rejection
 from phyagentos.runtime.supervision.target_phase import Phase
@@ -193,7 +193,7 @@ class Watchdog:
         """Reject what waits for a target that is unknown or given up."""
         problem = Problem("UNKNOWN_NAME", target, expected="a target of TARGETS.md", kind="target")
         if supervisor is not None:
-            problem = Problem("TARGET_UNAVAILABLE", target, supervisor.explain_failure())
+            problem = Problem("TARGET_LOST", target, supervisor.explain_failure())
         while session := self._queues.take(target):
             self._journal.try_commit(make_rejection(session.id, problem))
 
@@ -210,7 +210,7 @@ class Watchdog:
     def _enforce_limits(self) -> None:
         for overdue in self._queues.pop_overdue():
             limit = f"a free target within {overdue.limits.queue_s} s"
-            late = Problem(QUEUE_TIMED_OUT, f"{overdue.id}: limits.queue_s", expected=limit)
+            late = Problem("TIMED_OUT", f"{overdue.id}: limits.queue_s", expected=limit)
             self._journal.try_commit(make_rejection(overdue.id, late))
         for supervisor in self._supervisors.values():
             supervisor.tick()

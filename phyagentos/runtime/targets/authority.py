@@ -55,7 +55,7 @@ class Authority:
         if refused is not None:
             return refused
         if command.sequence != self._sequence + n_before + 1:
-            return Refused("OUT_OF_SEQUENCE", f"number {command.sequence} after {self._sequence + n_before}")
+            return Refused("NO_AUTHORITY", f"number {command.sequence} after {self._sequence + n_before}")
         if not time_s <= command.expires_at_s:  # also when the expiry is NaN
             return Refused("EXPIRED", f"it is {time_s:.3f} s, the command expired at {command.expires_at_s:.3f} s")
         return None

@@ -45,7 +45,7 @@ class DriverSpec:
 
 
 def find_driver(drivers: Plugins[DriverSpec], profile: TargetProfile, address: str = "TARGETS.md") -> DriverSpec:
-    """The driver that moves a target; raises DefinitionError `NO_DRIVER`, or `BROKEN_PLUGIN` where it does not load."""
+    """The driver that moves a target; raises DefinitionError `NO_DRIVER`, or `BROKEN_PYTHON` where it does not load."""
     name = find_driver_name(profile)
     if name in drivers.names() and profile.kind in drivers.load(name).kinds:
         return drivers.load(name)

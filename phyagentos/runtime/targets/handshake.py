@@ -47,7 +47,7 @@ class Welcome(msgspec.Struct, frozen=True, tag=True):
 
 
 class Denied(msgspec.Struct, frozen=True, tag=True):
-    """The connection is refused. Codes: `BAD_TOKEN`, `VERSION_MISMATCH`, `MALFORMED`."""
+    """The connection is refused. Codes: `NOT_SECURED`, `VERSION_MISMATCH`, `MALFORMED`."""
 
     code: str
     message: str
@@ -127,11 +127,11 @@ class Tokens:
     def _judge(self, greeting: Hello | Grant, peer: int, key: bytes) -> Welcome | Denied:
         if isinstance(greeting, Grant):
             if not self._is_supervisor(peer):
-                return Denied("BAD_TOKEN", f"process {peer} does not supervise this target, so it grants no key")
+                return Denied("NOT_SECURED", f"process {peer} does not supervise this target, so it grants no key")
             self.renew(greeting.key, greeting.commander)
             return Welcome()
         if not key or not hmac.compare_digest(greeting.token, mint(key)):
-            return Denied("BAD_TOKEN", "the token is not that of the present commander")
+            return Denied("NOT_SECURED", "the token is not that of the present commander")
         if greeting.version != WIRE_VERSION:
             found = f"the client speaks version {greeting.version} of the wire, the target version {WIRE_VERSION}"
             return Denied("VERSION_MISMATCH", f"{found}; start both from the same installation")
@@ -142,7 +142,7 @@ def greet(channel: Channel, token: bytes) -> Welcome:
     """Open a connection, as a client.
 
     Raises:
-        ExecutionError: `BAD_TOKEN`, `VERSION_MISMATCH`; `TARGET_LOST` without an answer.
+        ExecutionError: `NOT_SECURED`, `VERSION_MISMATCH`; `TARGET_LOST` without an answer.
     """
     return _open(channel, Hello(version=WIRE_VERSION, token=token))
 
@@ -151,7 +151,7 @@ def grant(channel: Channel, key: bytes, commander: int = 0) -> None:
     """Give a running target its next key, and the process that it is for, as its supervisor.
 
     Raises:
-        ExecutionError: `BAD_TOKEN` when it has another supervisor; `TARGET_LOST` without an answer.
+        ExecutionError: `NOT_SECURED` when it has another supervisor; `TARGET_LOST` without an answer.
     """
     _open(channel, Grant(key=key, commander=commander))
 

@@ -71,8 +71,8 @@ class ReplyCheck:
     def judge_refusal(self, error: ExecutionError) -> tuple[str, str]:
         """Code and message of a refusal by the driver; `PROTOCOL_BROKEN` where its code is none."""
         message = clean(error.message)[: 10 * SHOWN]
-        if find_code(error.code) is not None:
-            return error.code, message
+        if (row := find_code(error.code)) is not None:
+            return row.name, message
         return "PROTOCOL_BROKEN", f"a refusal with the code {_show(error.code)}, which is none: {message}"
 
     def _find_fault(self, request: wire.Request, reply: wire.Reply) -> str:

@@ -197,10 +197,10 @@ class ServedTarget:
             if (request.scene, request.seed) != (standing.scene, standing.seed):
                 known = (standing.scene, standing.seed)
                 wanted = (request.scene, request.seed)
-                return wire.Refused("EPISODE_CONFLICT", f"episode {request.episode} is {known}, not {wanted}")
+                return wire.Refused("BUSY", f"episode {request.episode} is {known}, not {wanted}")
         elif not request.may_reset:
             message = f"episode {request.episode} would end episode {standing.episode}; no reset is permitted"
-            return wire.Refused("RESET_FORBIDDEN", message)
+            return wire.Refused("NOT_PERMITTED", message)
         return None
 
     def _is_present(self, request: wire.LoadScene) -> bool:
@@ -211,9 +211,9 @@ class ServedTarget:
         self._refuse_unlogged()
         if not self._permits(request.session, request.epoch, request.token):
             message = f"the token is not that of epoch {request.epoch} of {request.session}"
-            return wire.Refused("BAD_TOKEN", message)
+            return wire.Refused("NOT_SECURED", message)
         if self._scene is None:
-            return wire.Refused("NO_EPISODE", "no scene is loaded; send LoadScene first")
+            return wire.Refused("REQUEST_INVALID", "no scene is loaded; send LoadScene first")
         if self.look_for_stops():
             return wire.Refused("ESTOPPED", "the emergency stop is latched; `paos estop --reset` ends it")
         return self._authority.check_begin(request.session, request.epoch)
@@ -256,7 +256,7 @@ class ServedTarget:
             case wire.Halt(is_emergency=True), wire.Step():
                 self._authority.stop("ESTOPPED")
             case wire.Halt(category=1), wire.Step() if not self._authority.stopped:
-                self._authority.stop("DRIVES_OFF")
+                self._authority.stop("SAFETY_STOP")
             case _, wire.Ended():
                 self._authority.end()
 
@@ -269,7 +269,7 @@ class ServedTarget:
 
     def _refuse_unlogged(self) -> None:
         if self._log.is_behind:
-            raise ExecutionError("LOG_UNWRITABLE", LOG_BEHIND)
+            raise ExecutionError("WRITE_FAILED", LOG_BEHIND)
 
     def note_event(self, kind: str) -> None:
         """An event without a request."""

@@ -49,7 +49,7 @@ class Ack(msgspec.Struct, frozen=True, tag=True):
 
 
 class Refused(msgspec.Struct, frozen=True, tag=True):
-    """Not done; nothing moved. Codes: `STALE_TOKEN`, `NO_AUTHORITY`, `OUT_OF_SEQUENCE`, `EXPIRED`, `MALFORMED`, ..."""
+    """Not done; nothing moved. Codes: `STALE_TOKEN`, `NO_AUTHORITY`, `EXPIRED`, `MALFORMED`, ..."""
 
     code: str
     message: str
@@ -234,7 +234,7 @@ class Frame(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Frames(msgspec.Struct, frozen=True, tag=True):
-    """Frames in the order of the request; `missing`: `FRAME_DROPPED`, `CAMERA_SILENT` or `NO_GRAPHICS` by camera."""
+    """Frames in the order of the request; `missing`: `OBSERVATION_UNAVAILABLE` or `NO_GRAPHICS` by camera."""
 
     frames: tuple[Frame, ...]
     missing: dict[str, str] = {}

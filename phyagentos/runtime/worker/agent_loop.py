@@ -73,7 +73,7 @@ class AgentLoopRuntime:
             self._commands += 1
             return TickResult(SkillStatus.RUNNING, self.context.commands.take(), LEAF)
         if self._turn > self.loop.calls and not self._is_over:
-            self._fail("CALLS_SPENT", f"{self.loop.calls} calls were made, and the agent did not finish")
+            self._fail("BUDGET", f"{self.loop.calls} calls were made, and the agent did not finish")
         if self._is_over:
             return TickResult(SkillStatus.SUCCEEDED if self._failure is None else SkillStatus.FAILED, None, LEAF)
         if (given := self._decide()) is None:

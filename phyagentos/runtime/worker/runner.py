@@ -38,7 +38,7 @@ from phyagentos.runtime.worker.orders import Reconcile
 from phyagentos.runtime.worker.recorder import Bundles, Recorder
 
 LOOK_ON_S = 2.0  # of simulated time: the most that is waited for objects to rest and for marginal criteria
-_UNSEEN = frozenset({FailureCode.OBJECT_GONE, FailureCode.NOT_VISIBLE})  # the reason comes with the pictures
+_UNSEEN = frozenset({FailureCode.OBJECT_GONE, FailureCode.OBJECT_HIDDEN})  # the reason comes with the pictures
 SETTLE_S = 0.3  # of simulated time, within which released objects come to rest
 PublishHeartbeat = Callable[..., None]
 """Publishes what a session does, as `HeartbeatWriter.beat`."""

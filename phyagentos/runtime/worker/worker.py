@@ -98,7 +98,7 @@ class WorkerLoop:
                     )
                 else:
                     done = Execution(
-                        ended=Ended.SKILL_FAILED, evidence="", code="NOT_CHECKED", message="run without preflight"
+                        ended=Ended.SKILL_FAILED, evidence="", code="NOT_PERMITTED", message="run without preflight"
                     )
                 if self._gate is not None:
                     self._gate.file_result(self._workspace.root / order.evidence)

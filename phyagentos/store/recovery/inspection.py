@@ -30,7 +30,7 @@ class Finding:
     """Something that is not as it should be.
 
     Attributes:
-        code: `JOURNAL_DAMAGED`; no damage are `END_TORN`, `SEGMENT_TWICE` and `CHECKPOINT_UNUSED`.
+        code: `JOURNAL_DAMAGED`; `JOURNAL_LEFTOVER` is no damage.
         offset: Where in the file of the segment [bytes].
     """
 
@@ -118,7 +118,7 @@ def iter_frame_findings(survey: Survey) -> Iterator[Finding]:
         size = f"{len(gap.data)} bytes"
         if gap.is_torn:
             what = f"{size} of a batch that was never acknowledged; the next writer cuts them"
-            yield Finding("END_TORN", survey.name, gap.offset, what)
+            yield Finding("JOURNAL_LEFTOVER", survey.name, gap.offset, what)
         elif gap.data:
             yield Finding(_DAMAGED, survey.name, gap.offset, f"{size} are not as they were written; {gap}")
         else:
@@ -165,7 +165,7 @@ class _Replay:
         """Whether the checkpoint is one, and whether it equals the fold of the records."""
         if self._checkpoint is None:
             if (folder / CHECKPOINT).exists():
-                yield Finding("CHECKPOINT_UNUSED", CHECKPOINT, 0, "it fits no place in the journal; it may be deleted")
+                yield Finding("JOURNAL_LEFTOVER", CHECKPOINT, 0, "it fits no place in the journal; it may be deleted")
         elif self._is_other:
             seq = self._checkpoint.position.seq
             what = f"what it holds is not what the records up to {seq} lead to; delete it and run `paos store compact`"
@@ -224,4 +224,6 @@ def _iter_doubles(folder: Path) -> Iterator[Finding]:
     for name in list_segments(folder):
         archived = locate_archived(folder, name)
         if archived.exists():
-            yield Finding("SEGMENT_TWICE", name, 0, f"stands in {folder} and in {archived.parent}; the former counts")
+            yield Finding(
+                "JOURNAL_LEFTOVER", name, 0, f"stands in {folder} and in {archived.parent}; the former counts"
+            )

@@ -106,7 +106,7 @@ class _Plan:
         """Read every segment and write those that must change into temporary files."""
         for survey in iter_surveys(self._folder, known_seq=find_seen_seq(self._folder)):
             if survey.refusal:  # what it holds is unknown, so nothing is written in its place
-                raise ExecutionError("JOURNAL_UNREADABLE", f"{survey.path}: {survey.refusal}; move it away first")
+                raise ExecutionError("UNREADABLE_FILE", f"{survey.path}: {survey.refusal}; move it away first")
             front = Front(self._folder.name, survey.name, self._seq + 1, self._before, self._sealed)
             self._note(survey)
             after = survey.sha256

@@ -46,6 +46,13 @@ def test_one_safety_event_is_a_lesson_at_once_with_its_bundle(memory):
     assert memory.warn(ask(stopped, scene="elsewhere")) == ()
 
 
+def test_events_that_an_earlier_release_recorded_count_under_their_present_code(memory):
+    for code in ("HOLD_VIOLATED", "CONSTRAINT_VIOLATED", "HOLD_BROKEN"):
+        memory.record([make_episode(**STOPPED | {"safety": (code,)})])
+    (lesson,) = memory.experience.list_lessons()
+    assert (lesson.cause, lesson.supported) == ("CONSTRAINT_VIOLATED", 3)
+
+
 def test_a_caution_lapses_once_many_sessions_passed_without_another_event(memory):
     memory.record([make_episode(**STOPPED)])
     memory.record([make_episode() for _ in range(20)])

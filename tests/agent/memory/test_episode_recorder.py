@@ -236,7 +236,7 @@ def make_like(episode, number, strategy, verdict):
 
 def test_a_memory_that_cannot_be_written_ends_no_mission(lab, monkeypatch):
     def refuse(self, events):
-        raise ExecutionError("JOURNAL_WRITE_FAILED", "the disk is full")
+        raise ExecutionError("WRITE_FAILED", "the disk is full")
 
     monkeypatch.setattr(Memory, "record", refuse)
     report, _ = lab.run(1)

@@ -64,14 +64,14 @@ def test_a_changed_file_is_refused(proposals, folder, change):
     decide(proposals, proposed)
     file = folder / "new" / f"{proposed.name}.yaml"
     file.write_bytes(change(proposed.data))
-    assert refuse(proposals.read, proposed.name) == "PROPOSAL_CHANGED"
+    assert refuse(proposals.read, proposed.name) == "CHANGED"
 
 
 def test_a_decision_is_made_once(proposals):
     proposed = make()
     proposals.put(proposed)
     decide(proposals, proposed, "denied")
-    assert refuse(decide, proposals, proposed) == "PROPOSAL_CHANGED"
+    assert refuse(decide, proposals, proposed) == "ALREADY_OVER"
     assert proposals.find_decision(proposed).decision == "denied"
     assert proposals.list_waiting() == []
 
@@ -83,9 +83,9 @@ def test_an_approval_of_other_bytes_is_none(proposals, folder):
     decide(proposals, first)
     approval = (folder / "decisions" / f"{first.name}.yaml").read_text()
     (folder / "decisions" / f"{second.name}.yaml").write_text(approval)
-    assert refuse(proposals.find_decision, second) == "PROPOSAL_CHANGED"
+    assert refuse(proposals.find_decision, second) == "CHANGED"
     (folder / "decisions" / f"{second.name}.yaml").write_text(approval.replace(first.name, second.name))
-    assert refuse(proposals.find_decision, second) == "PROPOSAL_CHANGED"
+    assert refuse(proposals.find_decision, second) == "CHANGED"
 
 
 @pytest.mark.parametrize("name", ["../x", "x", "", "/etc/passwd", "tidy-0123456789abcdef/../y", "a" * 300, "tidy-\0"])

@@ -182,3 +182,56 @@ def test_answers_are_plain_json(serve, tmp_path):
     assert REQUEST in shown
     assert kept["model"] == "m-1 at 127.0.0.1"
     assert (kept["answers"][0]["tokens"], json.loads(kept["answers"][0]["text"])) == (77, RIGHT)
+
+
+def test_what_a_model_may_choose_is_what_skills_bring_about_over_the_scene(serve):
+    server = serve(RIGHT)
+    ask(server)
+    schema = server.asked[0]["response_format"]["json_schema"]["schema"]
+    goal = schema["anyOf"][0]["properties"]["goal"]["properties"]
+
+    assert {"inside(red_cube, red_tray)", "on(red_cube, blue_cube)"} <= {*goal["accept"]["items"]["enum"]}
+    assert not {"inside(wall, red_tray)", "inside(red_cube, wall)", "near(red_cube)"} & {
+        *goal["accept"]["items"]["enum"]
+    }
+    assert "upright(bottle)" in goal["constraints"]["items"]["enum"]
+    for text in goal["accept"]["items"]["enum"]:
+        assert isinstance(ask(serve({"goal": {"accept": [text]}})), Understood), text
+
+
+def test_a_number_in_a_request_leaves_the_statements_to_the_model(serve):
+    server = serve({"goal": {"accept": ["contains(red_tray, 3)"]}})
+    ask(server, "the red tray wants 3 of them")
+    schema = server.asked[0]["response_format"]["json_schema"]["schema"]
+
+    assert "enum" not in schema["anyOf"][0]["properties"]["goal"]["properties"]["accept"]["items"]
+
+
+@pytest.mark.parametrize(
+    ("request_", "wrong", "problem"),
+    [
+        ("pop the red cube in the red tray", "inside(blue_cube, red_tray)", "the goal says nothing of 'red cube'"),
+        ("pop the red cube in the red tray", "inside(red_cube, green_tray)", "no word of the request means green_tray"),
+        ("the bottle wants to be in a tray", "inside(green_cube, red_tray)", "the goal says nothing of 'bottle'"),
+    ],
+)
+def test_a_goal_that_contradicts_the_words_goes_back(serve, request_, wrong, problem):
+    server = serve({"goal": {"accept": [wrong]}})
+
+    assert isinstance(ask(server, request_), Impossible)
+    assert problem in json.loads(server.asked[1]["messages"][-1]["content"])["problems"]
+
+
+@pytest.mark.parametrize(
+    ("request_", "right"),
+    [
+        ("pop all the cubes in the red tray", "inside(green_cube, red_tray)"),
+        ("the brick that is red belongs in the tray that is red", "inside(red_cube, red_tray)"),
+        ("whatever is crimson has to end up in what is crimson", "inside(red_cube, red_tray)"),
+    ],
+)
+def test_a_goal_that_agrees_with_the_words_counts_at_once(serve, request_, right):
+    server = serve({"goal": {"accept": [right]}})
+
+    assert isinstance(ask(server, request_), Understood)
+    assert len(server.asked) == 1

@@ -76,7 +76,7 @@ def test_the_arc_is_followed_within_a_tenth_of_a_millimetre():
 def test_what_neither_slides_nor_turns_is_refused():
     status, leaf, _ = find(None, TAB)
 
-    assert (status, leaf.code) == (Status.FAILURE, "NO_SLIDE")
+    assert (status, leaf.code) == (Status.FAILURE, "IMPOSSIBLE")
     assert "door neither slides nor turns" in leaf.message
 
 

@@ -32,8 +32,6 @@ class Returns(Leaf):
     """Answers what it is told."""
 
     ROLE = Role.WAIT
-    INPUT_PORTS = {}
-    OUTPUT_PORTS = {}
     answer = None
 
     def on_start(self):

@@ -32,7 +32,7 @@ def test_a_sound_tree_has_no_problem(check):
 def test_a_reference_of_before_means_the_same_as_one_in_braces(check, tmp_path, reference):
     assert check([f"locate: {{object: {reference}}}"]) == []
     found = [str(each) for each in iter_short_references(read_tree(tmp_path / "trees" / "mine.yaml"))]
-    warned = ['mine.yaml:7:18: OLD_REFERENCE: found $object; expected "${object}"'] if reference == "$object" else []
+    warned = ['mine.yaml:7:18: INVALID_VALUE: found $object; expected "${object}"'] if reference == "$object" else []
     assert [each.rpartition("/")[2].rstrip(".") for each in found] == warned
 
 

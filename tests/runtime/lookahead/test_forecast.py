@@ -192,7 +192,7 @@ def test_what_cannot_be_planned_is_foreseen_with_the_planner_s_code(rehearser, s
 
     assert foreseen.succeeded == 0
     assert foreseen.samples == 1, "what cannot be planned needs no rollouts"
-    assert foreseen.causes == {"UNKNOWN_ENTITY": 1}
+    assert foreseen.causes == {"OBJECT_GONE": 1}
     assert foreseen.alternatives == ()
     assert "the rehearsal itself ended skill_failed" in foreseen.notes[-1]
 

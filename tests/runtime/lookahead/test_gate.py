@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import msgspec
 import pytest
 
@@ -23,17 +25,6 @@ class Forecasts:
             raise self.answer
         return self.answer
 
-    def close(self):
-        pass
-
-
-class Eye:
-    def enter(self, scene):
-        pass
-
-    def observe(self, need):
-        return WORLD
-
 
 def make_result(succeeded):
     return LookaheadResult(
@@ -49,8 +40,8 @@ def careful(build_session):
 @pytest.fixture
 def open_gate(tmp_path):
     def open_gate(answer):
-        eye = Eye()
-        return LookaheadGate(forecasts=Forecasts(answer), world=eye, evidence=tmp_path)
+        world = SimpleNamespace(enter=lambda _: None, observe=lambda _: WORLD)
+        return LookaheadGate(forecasts=Forecasts(answer), world=world, evidence=tmp_path)
 
     return open_gate
 

@@ -1,5 +1,7 @@
 """The forecasters of a session: who is asked, who decides, and what becomes of one that fails or is distrusted."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from phyagentos.agent.goals.spec import LookaheadSpec
@@ -92,18 +94,9 @@ def test_where_all_are_distrusted_the_session_starts_and_the_evidence_shows_why(
     bad = Oracle("bad/1", 0.0)
     case = make_case("bad", distrusted={"bad/1": BAD})
 
-    class Forecasts:
-        def ask(self, question, should_stop):
-            return serve(bad).forecast(question)
-
-    class Eye:
-        def enter(self, scene):
-            pass
-
-        def observe(self, need):
-            return WORLD
-
-    gate = LookaheadGate(forecasts=Forecasts(), world=Eye(), evidence=tmp_path)
+    forecasts = SimpleNamespace(ask=lambda question, _: serve(bad).forecast(question))
+    world = SimpleNamespace(enter=lambda _: None, observe=lambda _: WORLD)
+    gate = LookaheadGate(forecasts=forecasts, world=world, evidence=tmp_path)
     assert gate.find_problems(case.session, "t", lambda: False) == ()
     gate.file_result(tmp_path / "g", new=True)
     assert bad.asked == 0

@@ -74,9 +74,9 @@ def test_a_mesh_is_found_by_every_form_of_reference_and_read_in_both_forms(tmp_p
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("assets/gone.stl", ("MODEL_MISSING", "r.urdf:3", "link 'arm'", "'assets/gone.stl'")),
-        ("assets/Part.STL", ("MODEL_MISSING", "Did you mean 'assets/part.stl'?")),
-        ("package://x/assets/part.STL", ("MODEL_MISSING", "Did you mean 'package://x/assets/part.stl'?")),
+        ("assets/gone.stl", ("UNREADABLE_FILE", "r.urdf:3", "link 'arm'", "'assets/gone.stl'")),
+        ("assets/Part.STL", ("UNREADABLE_FILE", "Did you mean 'assets/part.stl'?")),
+        ("package://x/assets/part.STL", ("UNREADABLE_FILE", "Did you mean 'package://x/assets/part.stl'?")),
         ("assets/part.dae", ("MODEL_INVALID", "'assets/part.dae'", "Convert it")),
         ("assets/torn.stl", ("MODEL_INVALID", "torn", "200000 triangles")),
     ],
@@ -110,10 +110,10 @@ def test_the_absent_mesh_of_a_solid_is_never_left_out_of_a_mjcf(tmp_path, old):
                         replace('"part" file="part.stl"/>', "-->"))  # fmt: skip
         (path.parent / "hand.xml").write_text(MJCF)
         (path.parent / "target.yaml").write_text(PROFILE)
-        with pytest.raises(DefinitionError, match=r"hand\.xml:2.*MODEL_MISSING.*assets/part\.stl"):
+        with pytest.raises(DefinitionError, match=r"hand\.xml:2.*UNREADABLE_FILE.*assets/part\.stl"):
             build_robot(*read_profile(path.parent / "target.yaml"))
         return
-    assert "MODEL_MISSING" in (found := find_refusal(path, texts.get(old, MJCF)))
+    assert "UNREADABLE_FILE" in (found := find_refusal(path, texts.get(old, MJCF)))
     assert "part.stl" in found
     path.write_text(hidden)
     assert "part.stl" in read_model(path).remarks[0]
@@ -186,8 +186,11 @@ def test_a_mesh_that_encloses_nothing_counts_as_a_shell(tmp_path):
     ("text", "says"),
     [
         ("<mujoco><worldbody><body name='a'><joint/></body></worldbody></mujoco>", ("m.xml:1", "link 'a'", "mass")),
-        ("<mujoco><asset><hfield name='f' file='f.png' size='1 1 1 1'/></asset></mujoco>", ("MODEL_MISSING", "f.png")),
-        ("<mujoco><include file='gone.xml'/></mujoco>", ("MODEL_MISSING", "gone.xml")),
+        (
+            "<mujoco><asset><hfield name='f' file='f.png' size='1 1 1 1'/></asset></mujoco>",
+            ("UNREADABLE_FILE", "f.png"),
+        ),
+        ("<mujoco><include file='gone.xml'/></mujoco>", ("UNREADABLE_FILE", "gone.xml")),
         ("<mujoco><worldbody><geom type='blob'/></worldbody></mujoco>", ("m.xml:1", "'blob'", "<geom>")),
         ("<mujoco>\n<extension><plugin plugin='a.b'/></extension></mujoco>", ("m.xml:2", "plugin a.b")),
         ("<sdf/>", ("<sdf>", "URDF")),

@@ -197,7 +197,7 @@ def test_a_hand_that_does_not_open_so_wide_is_told_with_the_opening_it_has(beak)
 @pytest.mark.parametrize(
     ("old", "new", "code"),
     [
-        ("model: beak.xml", "model: beek.xml", "MODEL_MISSING"),
+        ("model: beak.xml", "model: beek.xml", "UNREADABLE_FILE"),
         ("joints: [shoulder, elbow]", "joints: [shoulder, elbo]", "UNKNOWN_NAME (joint)"),
         ("home_rad: [0.2, 0.4]", "home_rad: [0.2]", "INVALID_VALUE"),
         ("home_rad: [0.2, 0.4]", "home_rad: [2.2, 0.4]", "INVALID_VALUE"),
@@ -224,10 +224,10 @@ def test_a_model_is_named_with_what_brings_it(tmp_path):
     assert find_model("models:a/b.xml", tmp_path, environ) == tmp_path / "a" / "b.xml"
     assert find_model("package:pytest/__init__.py", tmp_path, environ).is_file()
     for model, code, hint in (
-        ("models:a/c.xml", "MODEL_MISSING", "b.xml"),
+        ("models:a/c.xml", "UNREADABLE_FILE", "b.xml"),
         ("models:../c.xml", "LEADS_OUT", "below"),
-        ("package:no_such_package/a.xml", "MODEL_MISSING", "pip install no_such_package"),
-        ("menagerie:some_arm/arm.xml", "MODEL_MISSING", "menagerie"),
+        ("package:no_such_package/a.xml", "UNREADABLE_FILE", "pip install no_such_package"),
+        ("menagerie:some_arm/arm.xml", "UNREADABLE_FILE", "menagerie"),
     ):
         with pytest.raises(DefinitionError, match=hint) as error:
             find_model(model, tmp_path, environ)

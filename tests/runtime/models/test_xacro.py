@@ -52,7 +52,7 @@ def test_all_arguments_that_are_missing_are_named_at_once_with_how_to_give_them(
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("find parts", "find prats", ("MODEL_MISSING", "no package 'prats'", "PHYAGENTOS_MODELS")),
+        ("find parts", "find prats", ("UNREADABLE_FILE", "no package 'prats'", "PHYAGENTOS_MODELS")),
         ("/size.xacro", "/gone.xacro", ("no file", "gone.xacro")),
         ("${size}", "${sise}", ("'sise', which nothing defines",)),
         ("${size}", "${1/0}", ("cannot be expanded", "division by zero")),

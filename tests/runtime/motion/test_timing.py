@@ -135,7 +135,7 @@ def test_a_path_that_tips_the_vessel_itself_is_refused(planner, home):
     answer = planner.answer(ShapeTransport(waypoints_rad=densify(np.array((home, tipped)), 0.05)))
 
     assert isinstance(answer, NoPlan)
-    assert answer.code == "TILT"
+    assert answer.code == "NO_PLAN"
     assert "tilts the vessel by 0.5" in answer.message
 
 
@@ -146,7 +146,7 @@ def test_a_carry_that_still_tilts_the_vessel_when_slowed_down_is_refused(planner
     answer = planner.answer(ShapeTransport(waypoints_rad=carried, tilt_max_rad=0.05))
 
     assert isinstance(answer, NoPlan)
-    assert answer.code == "TILT"
+    assert answer.code == "NO_PLAN"
     assert "at its slowest" in answer.message
 
 

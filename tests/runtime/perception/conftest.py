@@ -14,8 +14,10 @@ from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.drivers.mujoco.simulated_camera import open_cameras, pose_state
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.perception.inventory import build_inventory
+from phyagentos.runtime.perception.perceived_world import PerceivedWorld
 from phyagentos.runtime.perception.pipeline import Pipeline
 from phyagentos.runtime.perception.robot_mask import RobotMask
+from phyagentos.runtime.perception.views import CameraView, Cloud
 from phyagentos.runtime.perception.world_model import WORLD, Need
 from phyagentos.runtime.targets.wire import Frames, Step
 
@@ -63,13 +65,14 @@ class Stage:
 
     def __init__(self, library, scene, seed=0, level="nominal"):
         profile, folder = read_profile(library.get_target("panda"))
-        spec = read_scene(library.get_scene(scene))
+        self.library, spec = library, read_scene(library.get_scene(scene))
         self.physics = Physics.alone(profile, folder, spec, seed)
         self.physics.start(spec.settle_s)
         sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
         self.cameras = open_cameras(self.physics.model, sensors, seed=seed, level=level)
         noisy = sensors.get_noise(level).varies
-        self.pipeline = Pipeline(build_inventory(spec), RobotMask(profile, folder), "panda", noisy=noisy)
+        self.mask = RobotMask(profile, folder)
+        self.pipeline = Pipeline(build_inventory(spec), self.mask, "panda", noisy=noisy)
         self.scene = Scene(name=scene, seed=seed, episode="one")
         self.time_s, self.belief, self.looks = 1.0, None, 0
         self.physics.queries.look()
@@ -89,11 +92,25 @@ class Stage:
 
     def take_frames(self, cameras=()):
         """What the cameras show now."""
-        data = pose_state(self.physics.model, self.physics.data.qpos)
         self.looks += 1
-        names = cameras or self.cameras
-        rngs = {name: np.random.default_rng((self.looks, index)) for index, name in enumerate(self.cameras)}
-        return Frames(tuple(self.cameras[name].capture(data, self.time_s, rngs[name]) for name in names))
+        return self.capture(self.looks, cameras)
+
+    def capture(self, number, cameras=(), crops=None, every=1, qpos=None):
+        """What some cameras, or windows of them, show of a state; the noise is that of a number."""
+        data = pose_state(self.physics.model, self.physics.data.qpos if qpos is None else qpos)
+        rngs = {name: np.random.default_rng((number, index)) for index, name in enumerate(self.cameras)}
+        crops, names = crops or {}, cameras or self.cameras
+        shown = (self.cameras[n].capture(data, self.time_s, rngs[n], crops.get(n), every=every) for n in names)
+        return Frames(tuple(shown))
+
+    def grip(self, at_m, width_m=0.04, force_n=30.0):
+        """The state of the robot as its fingers, pointing down, press on something of this width."""
+        tcp = Pose(tuple(at_m), (0.0, 1.0, 0.0, 0.0))
+        return msgspec.structs.replace(self.state, tcp=tcp, gripper_width_m=width_m, grip_force_n=force_n)
+
+    def open_world(self, handle):
+        """What perceives this stage by a handle."""
+        return PerceivedWorld("panda", handle, self.library, self.mask)
 
     def look(self, frames=None, state=None, after_s=0.5, cameras=()):
         """The belief half a second later."""
@@ -107,6 +124,24 @@ class Stage:
         """(3,) where a thing really is."""
         self.physics.queries.look()
         return np.array(self.physics.queries.seen.xpos[self.physics.model.body(name).id])
+
+
+def look_from(position_m):
+    """A camera above, pointing down, that measured nothing by which a pose could be contradicted."""
+    unknown = np.full((4, 4), np.inf, np.float32)
+    return CameraView(
+        camera="top", time_s=1.0, position_m=np.array(position_m), rotation=np.diag([1.0, -1.0, -1.0]),
+        focal=(100.0, 100.0, 2.0, 2.0), nearest_m=unknown, farthest_m=unknown,
+    )  # fmt: skip
+
+
+def make_cloud(points_m, colors):
+    """Points (n, 3) as the first camera sees them, all of one index of the palette or each of its own."""
+    n = len(points_m)
+    return Cloud(
+        points_m=points_m, colors=np.broadcast_to(colors, n).astype(np.uint8), view_index=np.zeros(n, np.intp),
+        pixels=np.zeros((n, 2), np.intp), rgb=np.zeros((n, 3), np.uint8),
+    )  # fmt: skip
 
 
 def observe_now(world, stage, things=(), state=None):

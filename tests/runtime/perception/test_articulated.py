@@ -12,25 +12,10 @@ from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.perception.articulated import Path
 from phyagentos.runtime.perception.association import associate
 from phyagentos.runtime.perception.inventory import build_inventory
-from phyagentos.runtime.perception.views import CameraView, Cloud
+from tests.runtime.perception.conftest import look_from, make_cloud
 
 pytestmark = pytest.mark.sim
 SCENE, BUTTONS = "tabletop/panel_and_stack", ("start", "stop")
-
-
-def look_from(position_m):
-    """A camera that measured nothing by which a pose could be contradicted."""
-    unknown = np.full((4, 4), np.inf, np.float32)
-    rotation, focal = np.diag([1.0, -1.0, -1.0]), (100.0, 100.0, 2.0, 2.0)
-    return CameraView(
-        camera="top",
-        time_s=1.0,
-        position_m=np.array(position_m),
-        rotation=rotation,
-        focal=focal,
-        nearest_m=unknown,
-        farthest_m=unknown,
-    )
 
 
 def show_disc(thing, middle_m):
@@ -38,13 +23,7 @@ def show_disc(thing, middle_m):
     u, v = (each.ravel() for each in np.meshgrid(np.linspace(-0.025, 0.025, 15), np.linspace(-0.025, 0.025, 15)))
     own = np.hypot(u, v) < 0.025
     points = np.array(middle_m) + np.column_stack((u, v, np.full(u.size, 0.006)))[own]
-    return Cloud(
-        points_m=points,
-        colors=np.full(len(points), thing.colors[0], np.uint8),
-        view_index=np.zeros(len(points), np.intp),
-        pixels=np.zeros((len(points), 2), np.intp),
-        rgb=np.zeros((len(points), 3), np.uint8),
-    )
+    return make_cloud(points, thing.colors[0])
 
 
 @pytest.mark.parametrize(("middle_m", "is_found"), [((0.5, -0.26, 0.074), True), ((0.5, 0.2, 0.074), False)])

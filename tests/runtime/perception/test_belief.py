@@ -14,8 +14,7 @@ from phyagentos.runtime.perception import association
 from phyagentos.runtime.perception import belief as believing
 from phyagentos.runtime.perception.fitting import track
 from phyagentos.runtime.perception.grip import check_hand
-from phyagentos.runtime.perception.views import Cloud
-from tests.runtime.perception.conftest import redate
+from tests.runtime.perception.conftest import make_cloud, redate
 
 pytestmark = pytest.mark.sim
 NEAR_M = 0.006
@@ -128,14 +127,10 @@ def test_what_the_fingers_hold_follows_the_hand_and_is_unseen_once_let_go(twins)
     belief = twins.look()
     name = "first"
     x_m, y_m, z_m = belief.entities[name].pose.position_m
-    down = (0.0, 1.0, 0.0, 0.0)
-    grip = msgspec.structs.replace(
-        twins.state, tcp=Pose((x_m, y_m, z_m), down), gripper_width_m=0.04, grip_force_n=30.0
-    )
+    grip, lifted = twins.grip((x_m, y_m, z_m)), twins.grip((x_m, y_m + 0.1, z_m + 0.2))
     held = twins.pipeline.recall(twins.belief, grip, twins.time_s)
     assert held.entities[name].held_by == "panda"
     assert held.targets["panda"].holding == (name,)
-    lifted = msgspec.structs.replace(grip, tcp=Pose((x_m, y_m + 0.1, z_m + 0.2), down))
 
     carried = twins.pipeline.recall(held, lifted, twins.time_s + 1.0)
 
@@ -149,12 +144,8 @@ def test_what_the_fingers_hold_follows_the_hand_and_is_unseen_once_let_go(twins)
 @pytest.mark.parametrize(("comes_along", "expected"), [(True, Truth.TRUE), (False, Truth.UNKNOWN)])
 def test_what_the_fingers_hold_is_known_once_it_was_seen_in_the_hand_after_lifting(twins, comes_along, expected):
     x_m, y_m, z_m = twins.look().entities["first"].pose.position_m
-    down = (0.0, 1.0, 0.0, 0.0)
-    grip = msgspec.structs.replace(
-        twins.state, tcp=Pose((x_m, y_m, z_m), down), gripper_width_m=0.04, grip_force_n=30.0
-    )
+    grip, lifted = twins.grip((x_m, y_m, z_m)), twins.grip((x_m, y_m + 0.1, z_m + 0.2))
     assert judge("holding(panda, first)", twins.look(state=grip)) is Truth.UNKNOWN  # not lifted yet
-    lifted = msgspec.structs.replace(grip, tcp=Pose((x_m, y_m + 0.1, z_m + 0.2), down))
     if comes_along:
         for name in ("first", "second"):  # which of the two is which is not known
             if is_near(twins.belief.entities["first"], twins.find(name)):
@@ -168,12 +159,8 @@ def test_what_the_fingers_hold_is_known_once_it_was_seen_in_the_hand_after_lifti
 def test_what_a_look_finds_between_the_fingers_is_held_although_nobody_saw_it_taken(twins):
     twins.look()
     twins.put("can", 0.45, 0.1, 0.2)
-    down = (0.0, 1.0, 0.0, 0.0)
-    grip = msgspec.structs.replace(
-        twins.state, tcp=Pose((0.45, 0.1, 0.2), down), gripper_width_m=0.06, grip_force_n=30.0
-    )
 
-    belief = twins.look(state=grip)
+    belief = twins.look(state=twins.grip((0.45, 0.1, 0.2), 0.06))
 
     assert (belief.entities["can"].status, belief.entities["can"].held_by) == (Status.HELD, "panda")
 
@@ -186,12 +173,7 @@ def test_points_on_what_the_fingers_hold_are_no_other_thing_of_a_like_color(twin
     palette = inventory.palette.copy()
     palette[can] = palette[cube] + (0.02, 0.0, 0.0) if is_like else palette[can]
     beside = seen.entities["can"].pose.position_m + np.linspace((0.03, 0.0, -0.03), (0.03, 0.0, 0.03), 9)
-    pixels = np.zeros((9, 2), dtype=int)
-    cloud = Cloud(
-        points_m=beside, colors=np.full(9, cube), view_index=pixels[:, 0], pixels=pixels, rgb=np.zeros((9, 3), np.uint8)
-    )
-
-    rest = believing._leave_out(cloud, replace(inventory, palette=palette), seen.entities, ["can"])
+    rest = believing._leave_out(make_cloud(beside, cube), replace(inventory, palette=palette), seen.entities, ["can"])
 
     assert len(rest.points_m) == left
 
@@ -203,17 +185,10 @@ def test_a_thing_that_stands_beside_the_hand_is_not_in_it(twins, beside_m, held)
     at = seen["first"].pose.position_m
     can = Pose((at[0] + 0.05 + beside_m, at[1], at[2]), (1.0, 0.0, 0.0, 0.0))
     entities = {"first": seen["first"], "can": msgspec.structs.replace(seen["can"], pose=can)}
-    grip = msgspec.structs.replace(
-        twins.state, tcp=Pose(at, (0.0, 1.0, 0.0, 0.0)), gripper_width_m=0.04, grip_force_n=9.0
-    )
-    hand = twins.pipeline._hand
+    grip, hand = twins.grip(at, force_n=9.0), twins.pipeline._hand
     entities = believing.follow_hand(inventory, entities, grip, hand, twins.time_s)
     points_m = np.array(at) + np.linspace((0.024, 0.0, -0.01), (0.024, 0.0, 0.02), 12)  # on the near side of the can
-    pixels, color = np.zeros((12, 2), dtype=int), inventory.things["can"].colors[0]
-    rgb = np.zeros((12, 3), np.uint8)
-    cloud = Cloud(points_m=points_m, colors=np.full(12, color), view_index=pixels[:, 0], pixels=pixels, rgb=rgb)
-
-    believed = check_hand(inventory, entities, cloud, grip, hand)
+    believed = check_hand(inventory, entities, make_cloud(points_m, inventory.things["can"].colors[0]), grip, hand)
 
     assert [name for name, entity in believed.items() if entity.status is Status.HELD] == [held]
 
@@ -221,11 +196,10 @@ def test_a_thing_that_stands_beside_the_hand_is_not_in_it(twins, beside_m, held)
 @pytest.mark.parametrize(("risen_m", "looks"), [(0.01, 0), (0.04, 1)])
 def test_what_a_lost_worker_gripped_unseen_counts_as_lifted_once_a_look_finds_it_risen(twins, risen_m, looks):
     x_m, y_m, z_m = twins.look().entities["can"].pose.position_m
-    down, at = (0.0, 1.0, 0.0, 0.0), (0.45, 0.1, z_m + risen_m)  # far from where it was believed
+    at = (0.45, 0.1, z_m + risen_m)  # far from where it was believed
     twins.put("can", *at)
-    grip = msgspec.structs.replace(twins.state, tcp=Pose(at, down), gripper_width_m=0.06, grip_force_n=30.0)
 
-    can = twins.look(state=grip).entities["can"]
+    can = twins.look(state=twins.grip(at, 0.06)).entities["can"]
 
     assert (can.status, can.looks) == (Status.HELD, looks)
     assert can.taken_at_m == pytest.approx((x_m, y_m, z_m), abs=0.005)  # where it stood before

@@ -9,9 +9,11 @@ from tests.runtime.perception.conftest import FLOOR, Stage, open_library
 
 pytestmark = pytest.mark.sim
 SEEDS = range(2)
-BODIES = {  # boxes of half sizes at places, from the middle of the foot [m]
+BODIES = {  # boxes of half sizes, or cylinders of radius and half length, at places from the middle of the foot [m]
     "shelf": [((0.12, 0.08, 0.008), (0, 0, 0.142)), ((0.12, 0.08, 0.067), (0, 0, 0.067))],
     "overlapping": [((0.1, 0.08, 0.03), (0, 0, 0.03)), ((0.1, 0.08, 0.02), (0, 0, 0.05))],
+    "nested": [((0.1, 0.08, 0.04), (0, 0, 0.04)), ((0.08, 0.06, 0.05), (0, 0, 0.05))],
+    "drum": [((0.09, 0.03), (0, 0, 0.03)), ((0.07, 0.01), (0, 0, 0.07))],
     "steps": [((0.1, 0.03, 0.01 * n), (0, 0.06 * (n - 2), 0.01 * n)) for n in (1, 2, 3)],
     "rimmed": [
         ((0.12, 0.1, 0.03), (0, 0, 0.03)),
@@ -37,7 +39,8 @@ BODIES = {  # boxes of half sizes at places, from the middle of the foot [m]
 def render(name):
     """A scene file with one such body on a table."""
     boxes = "\n".join(
-        f"      - {{kind: box, size_m: {list(size)}, position_m: {list(at)}}}" for size, at in BODIES[name]
+        f"      - {{kind: {'box' if len(size) == 3 else 'cylinder'}, size_m: {list(size)}, position_m: {list(at)}}}"
+        for size, at in BODIES[name]
     )
     return render_table(
         f"test/{name}",

@@ -9,11 +9,7 @@ from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.environment import Status
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.drivers.mujoco.simulated_camera import pose_state
-from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.perception.confirmation import confirm, is_settled
-from phyagentos.runtime.perception.perceived_world import PerceivedWorld
-from phyagentos.runtime.perception.robot_mask import RobotMask
-from phyagentos.runtime.targets.wire import Frames
 from tests.runtime.perception.conftest import Stage, observe_now
 
 pytestmark = pytest.mark.sim
@@ -30,17 +26,13 @@ class CountingHandle:
         self.stage, self.asked, self.looks, self.latest, self.lost = stage, [], 0, None, 0.0
 
     def capture(self, cameras=(), crops=None, every=1):
-        stage, crops = self.stage, crops or {}
         self.looks += 1
-        data = pose_state(stage.physics.model, stage.physics.data.qpos)
-        found = []
-        for index, name in enumerate(cameras or stage.cameras):
-            rng = np.random.default_rng((self.looks, index))
-            found.append(stage.cameras[name].capture(data, stage.time_s, rng, crops.get(name), every=every))
-            found[-1].depth_m[rng.random(found[-1].depth_m.shape) < self.lost] = np.nan
+        found, rng = self.stage.capture(self.looks, cameras, crops, every), np.random.default_rng(self.looks)
+        for frame in found.frames:
+            frame.depth_m[rng.random(frame.depth_m.shape) < self.lost] = np.nan
         if crops and all(window[2:] != (12, 12) for window in crops.values()):
-            self.asked.append((every, sum(frame.width * frame.height for frame in found)))
-        return Frames(tuple(found))
+            self.asked.append((every, sum(frame.width * frame.height for frame in found.frames)))
+        return found
 
 
 @pytest.fixture(scope="module")
@@ -49,11 +41,10 @@ def stage(twins_library):
 
 
 @pytest.fixture(scope="module")
-def looked(stage, twins_library):
+def looked(stage):
     """What watches the stage, and what it believes after three looks around."""
-    profile, folder = read_profile(twins_library.get_target("panda"))
     handle = CountingHandle(stage)
-    world = PerceivedWorld("panda", handle, twins_library, RobotMask(profile, folder))
+    world = stage.open_world(handle)
 
     def glance(*names):
         stage.time_s += GLANCE_S

@@ -1,6 +1,7 @@
 """A thing outside the inventory that a goal describes: named at first sight, and followed by that name."""
 
 import math
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -11,7 +12,6 @@ from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.world.environment import Status
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.perception.inventory import build_inventory
-from phyagentos.runtime.perception.perceived_world import PerceivedWorld
 from tests.runtime.perception.conftest import Stage, observe_now
 
 pytestmark = pytest.mark.sim
@@ -26,13 +26,7 @@ def stage():
 
 
 def open_world(stage):
-    class Source:
-        latest = None
-
-        def capture(self, cameras=(), crops=None, every=1):
-            return stage.take_frames(cameras)
-
-    return PerceivedWorld("panda", Source(), Library.open(), stage.pipeline._robot)
+    return stage.open_world(SimpleNamespace(latest=None, capture=lambda cameras=(), *_: stage.take_frames(cameras)))
 
 
 def test_it_has_its_name_from_the_first_look_on_and_keeps_it_where_it_is_put(stage):

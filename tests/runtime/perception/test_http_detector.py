@@ -110,9 +110,8 @@ def test_the_best_detection_comes_first_and_doubtful_ones_are_left_out(server, d
 )
 def test_half_an_answer_is_none(server, detector, reply, message):
     server.reply = reply
-    with pytest.raises(ExecutionError, match=message) as caught:
+    with pytest.raises(ExecutionError, match=f"MODEL_FAILED: .*{message}"):
         detector.detect(RGB, ["red cube"])
-    assert caught.value.code == "DETECTOR_MALFORMED"
 
 
 @pytest.mark.parametrize("size", [(2**15, 2**15), (24, 2**20)])
@@ -139,10 +138,10 @@ def test_masks_that_take_more_memory_than_any_answer_are_refused(server, detecto
 @pytest.mark.parametrize(
     ("way", "code", "what"),
     [
-        ("a drip of headers", "DETECTOR_FAILED", "in 0.2 s"),
-        ("a body without end", "DETECTOR_MALFORMED", "more than"),
-        ("a gzip, gzip bomb", "DETECTOR_MALFORMED", "encoding"),
-        ("redirect", "DETECTOR_FAILED", "not followed"),
+        ("a drip of headers", "MODEL_FAILED", "in 0.2 s"),
+        ("a body without end", "MODEL_FAILED", "more than"),
+        ("a gzip, gzip bomb", "MODEL_FAILED", "encoding"),
+        ("redirect", "MODEL_FAILED", "not followed"),
     ],
 )
 def test_a_server_cannot_hold_what_asks_it(server, way, code, what):
@@ -157,16 +156,14 @@ def test_a_server_cannot_hold_what_asks_it(server, way, code, what):
 
 def test_a_server_that_says_no_is_quoted(server, detector):
     server.status, server.reply = 503, b"the model is loading"
-    with pytest.raises(ExecutionError, match="503: the model is loading") as caught:
+    with pytest.raises(ExecutionError, match=r"MODEL_FAILED: .*503: the model is loading"):
         detector.detect(RGB, ["red cube"])
-    assert caught.value.code == "DETECTOR_FAILED"
 
 
 def test_a_server_that_is_silent_is_waited_for_no_longer_than_allowed(server, detector):
     server.silent = True
-    with pytest.raises(ExecutionError, match=r"has sent nothing for 0\.3 s") as caught:
+    with pytest.raises(ExecutionError, match=r"MODEL_FAILED: .*has sent nothing for 0\.3 s"):
         detector.detect(RGB, ["red cube"])
-    assert caught.value.code == "DETECTOR_FAILED"
 
 
 def test_a_server_that_is_not_there_is_told(server):
@@ -177,7 +174,7 @@ def test_a_server_that_is_not_there_is_told(server):
     with pytest.raises(ExecutionError, match=r"ConnectError|refused") as caught:
         gone.detect(RGB, ["red cube"])
     gone.close()
-    assert caught.value.code == "DETECTOR_FAILED"
+    assert caught.value.code == "MODEL_FAILED"
 
 
 def test_pixels_get_the_colour_of_the_thing_that_a_detector_finds_there(server, detector):

@@ -11,7 +11,7 @@ from phyagentos.runtime.perception.association import associate
 from phyagentos.runtime.perception.fixed_things import find_part
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.views import Cloud
-from tests.runtime.perception.test_possible_poses import look_from
+from tests.runtime.perception.conftest import look_from
 
 RED, BLUE, WHITE = (0.8, 0.1, 0.1), (0.1, 0.1, 0.8), (0.9, 0.9, 0.9)
 PLACES_M = (0.4, 0.6)

@@ -13,8 +13,7 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.perception.association import associate, exchange_uncertainties
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.naming import HUGE, NOISE_M, assign, iter_exchanges
-from phyagentos.runtime.perception.views import Cloud
-from tests.runtime.perception.test_possible_poses import look_from
+from tests.runtime.perception.conftest import look_from, make_cloud
 
 UNSEEN = 0.012
 
@@ -121,13 +120,7 @@ def test_a_thing_out_of_view_is_not_on_another_ones_stray_pixels():
     block, bar = inventory.things["block"], inventory.things["bar"]
     u, v = (each.ravel() for each in np.meshgrid(np.linspace(-0.039, 0.039, 24), np.linspace(-0.039, 0.039, 24)))
     labels = np.where((np.abs(v) < 0.009) & (np.arange(u.size) % 2 == 0), bar.colors[0], block.colors[0])
-    cloud = Cloud(
-        points_m=np.column_stack((0.5 + u, v, np.full(u.size, 0.02))),
-        colors=labels.astype(np.uint8),
-        view_index=np.zeros(u.size, np.intp),
-        pixels=np.zeros((u.size, 2), np.intp),
-        rgb=np.zeros((u.size, 3), np.uint8),
-    )
+    cloud = make_cloud(np.column_stack((0.5 + u, v, np.full(u.size, 0.02))), labels)
     view = look_from((0.5, 0.0, 1.4))
 
     found = associate(inventory.things, {}, cloud, (view,), inventory.map, inventory.palette)
@@ -141,16 +134,10 @@ def spread(x, y, z):
     return np.column_stack([each.ravel() for each in np.meshgrid(x, y, [z])])
 
 
-def make_cloud(*parts):
-    """A cloud as one camera sees it, of points and the palette index of each part."""
-    points = np.concatenate([part for part, _ in parts])
-    return Cloud(
-        points_m=points,
-        colors=np.concatenate([np.full(len(part), color) for part, color in parts]).astype(np.uint8),
-        view_index=np.zeros(len(points), np.intp),
-        pixels=np.zeros((len(points), 2), np.intp),
-        rgb=np.zeros((len(points), 3), np.uint8),
-    )
+def join(*parts):
+    """A cloud of points and the palette index of each part."""
+    colors = np.concatenate([np.full(len(part), color) for part, color in parts])
+    return make_cloud(np.concatenate([part for part, _ in parts]), colors)
 
 
 TOP = look_from((0.5, 0.0, 1.4))
@@ -177,7 +164,7 @@ def test_what_came_to_touch_a_thing_of_its_colour_is_told_from_it_by_what_was_kn
         "bar": believe(inventory, "bar", (0.5, 0.05, 0.05), status=Status.HIDDEN),  # where it was let go
     }
 
-    found = associate(inventory.things, believed, make_cloud((block, color), (bar, color)), (TOP,), inventory.map)
+    found = associate(inventory.things, believed, join((block, color), (bar, color)), (TOP,), inventory.map)
 
     assert found["bar"].fit.position_m == pytest.approx((0.5, 0.0485, 0.006), abs=0.003)
     assert found["block"].fit.position_m == pytest.approx((0.5, 0.0, 0.01), abs=0.003)
@@ -188,7 +175,7 @@ def test_parts_of_the_only_thing_that_is_looked_for_are_one():
     color = inventory.things["bar"].colors[0]
     ends = [spread(np.linspace(low, low + 0.04, 14), np.linspace(0.193, 0.207, 6), 0.012) for low in (0.32, 0.44)]
     block = spread(np.linspace(0.461, 0.539, 24), np.linspace(-0.039, 0.039, 24), 0.02)
-    cloud = make_cloud(*((part, color) for part in (block, *ends)))
+    cloud = make_cloud(np.concatenate((block, *ends)), color)
 
     found = associate(
         inventory.things, {"block": believe(inventory, "block", (0.5, 0.0, 0.01))}, cloud, (TOP,), inventory.map
@@ -202,7 +189,7 @@ def test_few_points_where_a_thing_was_confirm_its_place():
     edge = spread(np.linspace(0.461, 0.47, 4), np.linspace(-0.02, 0.02, 4), 0.02)
     believed = {"block": believe(inventory, "block", (0.5, 0.0, 0.01))}
 
-    found = associate(inventory.things, believed, make_cloud((edge, inventory.things["block"].colors[0])), (TOP,))
+    found = associate(inventory.things, believed, make_cloud(edge, inventory.things["block"].colors[0]), (TOP,))
 
     assert found["block"].fit.is_kept
     assert found["block"].fit.position_m.tolist() == [0.5, 0.0, 0.01]
@@ -216,7 +203,7 @@ def test_a_thing_in_view_is_not_thought_to_be_on_stray_pixels_of_one_that_stays(
     pale, grey = (inventory.things[name].colors[0] for name in ("bar", "rod"))
     block = spread(np.linspace(0.461, 0.539, 24), np.linspace(-0.039, 0.039, 24), 0.02)
     bar = spread(np.linspace(0.371, 0.429, 20), np.linspace(0.193, 0.207, 6), 0.012)
-    cloud = make_cloud((block, pale), (bar, pale), (spread([0.56], np.linspace(-0.03, 0.03, 9), 0.01), pale))
+    cloud = make_cloud(np.concatenate((block, bar, spread([0.56], np.linspace(-0.03, 0.03, 9), 0.01))), pale)
     cloud.colors[len(block) : len(block) + len(bar) : 3] = grey  # as pixels in shade are
     believed = {"block": believe(inventory, "block", (0.5, 0.0, 0.01))}
 

@@ -12,9 +12,9 @@ from phyagentos.runtime.perception.fitting import Fit, fit, measure_sunk
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.pose_uncertainty import PoseUncertainty
 from phyagentos.runtime.perception.separate_overlaps import SUNK_M, separate_overlaps
-from phyagentos.runtime.perception.views import CameraView, Cloud, Visibility, drop_stray
+from phyagentos.runtime.perception.views import Visibility, drop_stray
 from phyagentos.runtime.targets.wire import Frame
-from tests.runtime.perception.conftest import SCENE
+from tests.runtime.perception.conftest import SCENE, look_from, make_cloud
 
 ON_SIDE = turn(np.array([np.pi / 2, 0.0, 0.0]))
 
@@ -24,34 +24,10 @@ def waiter():
     return build_inventory(read_scene(Library.open().get_scene("tabletop/waiter")))
 
 
-def look_from(position_m):
-    unknown = np.full((4, 4), np.inf, np.float32)
-    return CameraView(
-        camera="top",
-        time_s=1.0,
-        position_m=np.array(position_m),
-        rotation=np.diag([1.0, -1.0, -1.0]),
-        focal=(100.0, 100.0, 2.0, 2.0),
-        nearest_m=unknown,
-        farthest_m=unknown,
-    )
-
-
 def show(thing, top_m):
     """Points of the upper face of the coaster with its middle at this height."""
     u, v = np.meshgrid(np.linspace(-0.028, 0.028, 12), np.linspace(-0.028, 0.028, 12))
-    return make_cloud(thing, np.column_stack((0.45 + u.ravel(), v.ravel(), np.full(u.size, top_m))))
-
-
-def make_cloud(thing, points):
-    """Points of a thing as the first camera sees them."""
-    return Cloud(
-        points_m=points,
-        colors=np.full(len(points), thing.colors[0], np.uint8),
-        view_index=np.zeros(len(points), np.intp),
-        pixels=np.zeros((len(points), 2), np.intp),
-        rgb=np.zeros((len(points), 3), np.uint8),
-    )
+    return make_cloud(np.column_stack((0.45 + u.ravel(), v.ravel(), np.full(u.size, top_m))), thing.colors[0])
 
 
 @pytest.mark.parametrize(("top_m", "is_found"), [(0.04, True), (-0.08, False)])
@@ -70,7 +46,7 @@ def test_strays_of_a_near_cameras_edges_do_not_make_a_thing_too_large_to_be_foun
     along = np.linspace(-0.16, 0.12, 60)  # of a ray past the edge: two in a hundred points above, two below
     strays = np.column_stack((np.full(60, 0.47), 0.1 * along, 0.04 + along))
     points = np.concatenate((face, strays))
-    cloud = make_cloud(cube, points)
+    cloud = make_cloud(points, cube.colors[0])
     found = associate({"red_cube": cube}, {}, cloud, (look_from((0.45, 0.0, 0.3)),), cubes.map)
     assert found["red_cube"].fit.position_m == pytest.approx([0.45, 0.0, 0.02], abs=0.003)
 
@@ -97,7 +73,7 @@ def test_a_coin_that_seems_to_stand_on_its_rim_within_the_coaster_lies_on_it(wai
         "coaster": make_fit(np.eye(3), (0.45, 0.0, 0.0205)),
         "coin": make_fit(ON_SIDE, (0.45, 0.0, 0.0415)),
     }
-    seen = {"coaster": show(coaster, 0.0405), "coin": make_cloud(coin, top)}
+    seen = {"coaster": show(coaster, 0.0405), "coin": make_cloud(top, coin.colors[0])}
     carrier = coaster.solids.at(np.eye(3), fits["coaster"].position_m)
     assert measure_sunk(coin, ON_SIDE, fits["coin"].position_m, carrier) > SUNK_M
 
@@ -116,7 +92,10 @@ def test_two_things_are_not_in_one_place_when_a_picture_shows_one_of_them_in_par
     u, v = (each.ravel() for each in np.meshgrid(np.linspace(-0.049, 0.049, 25), np.linspace(-0.016, 0.016, 9)))
     face = np.column_stack((0.45 + u, v, np.full(u.size, 0.024)))  # of the upper one of two
     fits = {name: make_fit(np.eye(3), (0.45, 0.0, 0.018)) for name in things}
-    seen = {"first": make_cloud(things["first"], face), "second": make_cloud(things["second"], face[::3])}
+    seen = {
+        "first": make_cloud(face, things["first"].colors[0]),
+        "second": make_cloud(face[::3], things["second"].colors[0]),
+    }
     parted = separate_overlaps(things, fits, seen, (look_from((0.45, 0.0, 1.4)),), inventory.map, {})
     assert list(parted) == ["first"]
 
@@ -130,7 +109,10 @@ def test_what_is_almost_covered_stays_where_it_was_and_does_not_slide_into_its_c
     side = np.column_stack((np.full(u.size, 0.43), u, z))
     fits = {"red_cube": make_fit(np.eye(3), (0.45, 0.0, 0.031)), "green_cube": make_fit(np.eye(3), (0.45, 0.0, 0.06))}
     top = np.concatenate((side, side)) + np.array((0.0, 0.0, 0.05))
-    seen = {"red_cube": make_cloud(things["red_cube"], side), "green_cube": make_cloud(things["green_cube"], top)}
+    seen = {
+        "red_cube": make_cloud(side, things["red_cube"].colors[0]),
+        "green_cube": make_cloud(top, things["green_cube"].colors[0]),
+    }
     priors = {"red_cube": (np.eye(3), np.array((0.45, 0.0, 0.02)))} if is_known else {}
     parted = separate_overlaps(things, fits, seen, (look_from((-0.5, 0.0, 0.4)),), cubes.map, priors)
     assert (abs(parted["red_cube"].position_m[2] - 0.02) < 0.001) == is_known
@@ -162,6 +144,6 @@ def test_a_look_at_what_is_mostly_hidden_keeps_what_was_known_and_adds_nothing(b
 def test_where_an_object_ends_is_open_where_only_a_patch_of_its_face_is_visible(waiter):
     coaster = waiter.things["coaster"]
     u, v = np.meshgrid(np.linspace(0.008, 0.028, 9), np.linspace(0.008, 0.028, 9))
-    patch = make_cloud(coaster, np.column_stack((0.45 + u.ravel(), v.ravel(), np.full(u.size, 0.04))))
+    patch = make_cloud(np.column_stack((0.45 + u.ravel(), v.ravel(), np.full(u.size, 0.04))), coaster.colors[0])
     found = fit(coaster, patch, (look_from((0.45, 0.0, 1.4)),))
     assert np.linalg.norm(found.position_m[:2] - (0.45, 0.0)) < 2 * found.uncertainty.total[0]

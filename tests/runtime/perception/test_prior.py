@@ -5,7 +5,8 @@ import math
 import pytest
 
 from phyagentos.protocol.capabilities.library import find_shipped_root
-from phyagentos.protocol.settings.perception import Prior, Sensing, declare_sensing, read_perception
+from phyagentos.protocol.settings.perception import Prior, Sensing, read_perception
+from phyagentos.protocol.settings.settings_files import declare
 from phyagentos.protocol.world.environment import PriorKnowledge, Status
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.perception.inventory import build_inventory
@@ -18,7 +19,7 @@ NAMES = ("first", "second", "can", "screen")
 def look_with(library, prior):
     stage = Stage(library, "test/twins")
     inventory = build_inventory(read_scene(library.get_scene("test/twins")), prior)
-    stage.pipeline = Pipeline(inventory, stage.pipeline._robot, "panda")
+    stage.pipeline = Pipeline(inventory, stage.mask, "panda")
     stage.look()
     return stage, stage.look()
 
@@ -52,11 +53,11 @@ def test_without_any_knowledge_a_surface_is_found_and_things_without_a_name_stan
 def test_the_choice_is_written_into_perception_yaml_and_its_comments_stay(tmp_path):
     path = tmp_path / "perception.yaml"
     path.write_text((find_shipped_root() / "protocol" / "perception.yaml").read_text())
-    declare_sensing(path, prior=Prior.NONE)
-    declare_sensing(path, Sensing.TRUTH)
-    declare_sensing(path)
+    declare(path, prior=Prior.NONE)
+    declare(path, sensing=Sensing.TRUTH)
+    declare(path)
     found = read_perception(path)
     assert (found.prior, found.sensing) == (Prior.NONE, Sensing.TRUTH)
     assert "# How observations become" in path.read_text()
-    path.write_text(path.read_text().replace("prior: none\n", ""))
+    path.write_text(path.read_text().replace("prior: none", ""))
     assert read_perception(path).prior is Prior.FULL  # of a workspace that was made before

@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 
 from phyagentos.protocol.world.environment import Pose
-from phyagentos.runtime.drivers.mujoco.simulated_camera import pose_state
-from phyagentos.runtime.models.robot import read_profile
-from phyagentos.runtime.perception.perceived_world import PROBE_PERIOD_S, PerceivedWorld
-from phyagentos.runtime.perception.robot_mask import RobotMask
+from phyagentos.runtime.perception.perceived_world import PROBE_PERIOD_S
 from phyagentos.runtime.perception.sensor_health import assess, check_probes, find_probe_regions
 from phyagentos.runtime.perception.world_model import HAND
 from phyagentos.runtime.targets.wire import Frame, Frames, Observation, Step
@@ -122,17 +119,9 @@ class FreezingHandle:
         self.frozen_qpos = self.stage.physics.data.qpos.copy()
 
     def capture(self, cameras=(), crops=None, every=1):
-        crops = crops or {}
-        self.asked.append(crops)
-        stage = self.stage
-        frozen = self.frozen_qpos is not None
-        qpos = self.frozen_qpos if frozen else stage.physics.data.qpos
-        data = pose_state(stage.physics.model, qpos)
-        found = []
-        for index, name in enumerate(cameras or stage.cameras):
-            rng = np.random.default_rng((0 if frozen else len(self.asked), index))
-            found.append(stage.cameras[name].capture(data, stage.time_s, rng, crops.get(name), every=every))
-        return Frames(tuple(found))
+        self.asked.append(crops or {})
+        number = len(self.asked) if self.frozen_qpos is None else 0
+        return self.stage.capture(number, cameras, crops, every, self.frozen_qpos)
 
 
 class LaggingHandle(FreezingHandle):
@@ -157,10 +146,8 @@ def observe(stage):
 
 @pytest.mark.sim
 @pytest.mark.parametrize("lag_s", [0.02, 0.4])
-def test_pictures_taken_after_the_observation_are_believed_where_time_goes_on_by_itself(twins, twins_library, lag_s):
-    profile, folder = read_profile(twins_library.get_target("panda"))
-    handle = LaggingHandle(twins, lag_s)
-    world = PerceivedWorld("panda", handle, twins_library, RobotMask(profile, folder))
+def test_pictures_taken_after_the_observation_are_believed_where_time_goes_on_by_itself(twins, lag_s):
+    world = twins.open_world(LaggingHandle(twins, lag_s))
     belief = observe_now(world, twins)
     assert {health.status for health in belief.sensors.values()} == {"live"}
     assert belief.time_s == belief.entities["can"].observed_at_s == twins.time_s - lag_s
@@ -170,26 +157,21 @@ def test_pictures_taken_after_the_observation_are_believed_where_time_goes_on_by
 
 
 @pytest.mark.sim
-def test_a_restored_belief_is_felt_though_nothing_has_been_looked_at_since(twins, twins_library):
-    profile, folder = read_profile(twins_library.get_target("panda"))
-    first, second = (
-        PerceivedWorld("panda", FreezingHandle(twins), twins_library, RobotMask(profile, folder)) for _ in range(2)
-    )
+def test_a_restored_belief_is_felt_though_nothing_has_been_looked_at_since(twins):
+    first, second = (twins.open_world(FreezingHandle(twins)) for _ in range(2))
     belief = observe_now(first, twins)
     second.restore(belief)
     assert observe_now(second, twins).revision == belief.revision
-    can = Pose(belief.entities["can"].pose.position_m, (0.0, 1.0, 0.0, 0.0))
-    gripping = msgspec.structs.replace(twins.state, tcp=can, gripper_width_m=0.052, grip_force_n=30.0)
+    gripping = twins.grip(belief.entities["can"].pose.position_m, 0.052)
     second._handle.latest = Step(time_s=twins.time_s, target=gripping, tracking_error_rad=0.0)
     second.advance(second._handle.latest)
     assert second.observe(HAND).targets["panda"].holding == ("can",)
 
 
 @pytest.mark.sim
-def test_what_only_frozen_cameras_show_grows_old_though_nobody_looked_around_meanwhile(twins, twins_library):
-    profile, folder = read_profile(twins_library.get_target("panda"))
+def test_what_only_frozen_cameras_show_grows_old_though_nobody_looked_around_meanwhile(twins):
     handle = FreezingHandle(twins)
-    world = PerceivedWorld("panda", handle, twins_library, RobotMask(profile, folder))
+    world = twins.open_world(handle)
 
     def perceive(*things):
         return observe_now(world, twins, things)

@@ -57,7 +57,7 @@ def library(tmp_path_factory):
     return open_library(tmp_path_factory.mktemp("leaning"), render_table("test/leaning", BODIES))
 
 
-@pytest.mark.parametrize("tilt_deg", [0.0, 7.6, 12.0, 19.0])
+@pytest.mark.parametrize("tilt_deg", [0.0, 7.6, 19.0])
 def test_a_small_thing_that_leans_is_not_walked_upright_by_looking_again(library, tilt_deg):
     stage, upright = Stage(library, "test/leaning"), parse_predicate("upright(cube)")
     stage.put("cube", 0.48, -0.1, 0.02, yaw_rad=0.6, tilt_rad=math.radians(tilt_deg))

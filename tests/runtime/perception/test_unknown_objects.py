@@ -43,7 +43,7 @@ def open_stage(library, name):
     spec = read_scene(library.get_scene(f"test/{name}"))
     known = {each: body for each, body in spec.bodies.items() if each != "stranger"}
     inventory = build_inventory(spec.model_copy(update={"bodies": known}))
-    stage.pipeline = Pipeline(inventory, stage.pipeline._robot, "panda")
+    stage.pipeline = Pipeline(inventory, stage.mask, "panda")
     return stage
 
 
@@ -87,7 +87,7 @@ def test_a_stranger_that_gets_a_name_is_no_stranger_any_more(library):
     spec = read_scene(library.get_scene("test/wood"))
     fewer = {name: body for name, body in spec.bodies.items() if name not in {"stranger", "can"}}
     inventory = build_inventory(spec.model_copy(update={"bodies": fewer}))
-    stage.pipeline = Pipeline(inventory, named._robot, "panda")
+    stage.pipeline = Pipeline(inventory, stage.mask, "panda")
     assert {"unknown_1", "unknown_2"} <= set(stage.look().entities)
     stage.pipeline = named
     assert [name for name in stage.look().entities if name.startswith("unknown") or name == "can"] in (

@@ -49,9 +49,8 @@ def test_a_file_that_was_changed_is_not_believed(tmp_path):
     (exchange,) = record(tmp_path, np.zeros((1, 8)))
     path = tmp_path / exchange.file
     path.write_bytes(path.read_bytes().replace(b"rows", b"sows"))
-    with pytest.raises(ExecutionError, match="its bytes are not those of") as error:
+    with pytest.raises(ExecutionError, match=r"EVIDENCE_DAMAGED: .*its bytes are not those of"):
         read_arrays(tmp_path, exchange)
-    assert error.value.code == "EVIDENCE_DAMAGED"
 
 
 def test_a_bundle_of_no_policy_says_so(tmp_path):

@@ -111,7 +111,7 @@ def test_what_happens_when_rows_run_out_is_declared(profile, underrun):
     before, gap = stand.speed[:8], stand.speed[8:13]
     assert np.array(before[1:]) == pytest.approx(WAY / PERIOD_S, rel=0.1)
     if underrun == "fail":
-        assert (status, stand.runtime.find_failure().code) == (SkillStatus.FAILED, "POLICY_UNDERRUN")
+        assert (status, stand.runtime.find_failure().code) == (SkillStatus.FAILED, "POLICY_LOST")
     elif underrun == "continue":
         assert gap == pytest.approx([WAY / PERIOD_S] * 5, rel=0.1), "the rows beyond the horizon"
     elif underrun == "brake":

@@ -89,7 +89,7 @@ def test_a_frame_as_late_as_its_camera_is_shown_and_one_exposure_gives_colour_an
         (expose(0.5), "stale: its latest frame is 0.50 s old"),
         (expose(float("nan")), "stale: its latest frame is nan s old"),
         (expose(1.5), "stale: its frame is dated 0.50 s ahead"),
-        (Frames((), {"top": "CAMERA_SILENT"}), "missing: CAMERA_SILENT"),
+        (Frames((), {"top": "OBSERVATION_UNAVAILABLE"}), "missing: OBSERVATION_UNAVAILABLE"),
         (Frames(()), "missing: no frame"),
     ],
     ids=["old", "timeless", "ahead", "silent", "nothing"],

@@ -25,6 +25,7 @@ from phyagentos.runtime.policies.policy_server import serve_policy
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
+from tests.policies import serve
 
 STREAM = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
 CAMERA = {
@@ -62,11 +63,7 @@ def run_policy(build_bench, build_session, doubles, profile):
     def run(policy, target=None, sensors=NO_SENSORS, streams=NO_CAMERA, parameters=NO_CAMERA, how=NO_CAMERA, **limits):
         descriptor = {"policy": "line/1", "endpoint": "tcp://127.0.0.1:0", "inference_s": 0.1}
         descriptor |= {"observations": {"joint_state": STREAM} | streams, "execution": how}
-        ready, found = threading.Event(), []
-        told = lambda where: (found.append(where), ready.set())  # noqa: E731
-        arguments = (policy, PolicyDescriptor.model_validate(descriptor), told)
-        threading.Thread(target=serve_policy, args=arguments, daemon=True).start()
-        assert ready.wait(10)
+        endpoint = serve(serve_policy, policy, PolicyDescriptor.model_validate(descriptor))
         skill = SkillRuntime(
             skill="line",
             description="Moves one joint.",
@@ -79,7 +76,7 @@ def run_policy(build_bench, build_session, doubles, profile):
                 chunk_length=25,
                 gripper=GripperRange(closed=0.0, open=0.08),
             ),
-            policy=PolicyDescriptor.model_validate(descriptor | {"endpoint": found[0]}),
+            policy=PolicyDescriptor.model_validate(descriptor | {"endpoint": endpoint}),
         )
         serving = {"skills": {"line": skill}, "profile": profile, "sensors": sensors, "late_max_s": 0.3}
         bench = build_bench(
@@ -145,7 +142,7 @@ def test_the_same_policy_twice_gives_the_same_commands_bit_for_bit(run_policy, p
         (lambda rows, _: rows * np.nan, Ended.SKILL_FAILED, "NOT_FINITE"),
         (lambda rows, _: rows + 1e6, Ended.SKILL_FAILED, "DISCONTINUOUS"),
         (lambda rows, _: rows + 0.02 * (np.arange(len(rows)) % 2)[:, None], Ended.SAFETY_STOP, "JOINT_ACCELERATION"),
-        (lambda rows, _: 1 / 0, Ended.SKILL_FAILED, "POLICY_FAULT"),
+        (lambda rows, _: 1 / 0, Ended.SKILL_FAILED, "POLICY_FAILED"),
     ],
     ids=["narrow", "long", "nan", "far", "jerky", "raising"],
 )
@@ -184,7 +181,7 @@ def test_a_chunk_of_another_form_is_told_with_the_lines_of_the_contract_that_men
 def test_an_error_of_the_policys_own_code_is_a_defect_of_its_file_and_line(run_policy, profile):
     look = lambda rows, _: rows["wrist"]  # noqa: E731
     _, execution, _ = run_policy(Line(np.asarray(profile.arm.home_rad), spoil=look))
-    assert (execution.code, execution.defect) == ("POLICY_FAULT", f"{__file__}:{look.__code__.co_firstlineno}")
+    assert (execution.code, execution.defect) == ("POLICY_FAILED", f"{__file__}:{look.__code__.co_firstlineno}")
     assert execution.defect in execution.message
 
 
@@ -269,7 +266,7 @@ def watch(run_policy, library, profile):
     [
         ({"kind": "freeze", "stamp": "stale"}, "stale: its latest frame is 0."),
         ({"kind": "freeze", "stamp": "fresh"}, "frozen: a new stamp, and its own count of exposures stands"),
-        ({"kind": "blackout", "mode": "silent"}, "missing: CAMERA_SILENT"),
+        ({"kind": "blackout", "mode": "silent"}, "missing: OBSERVATION_UNAVAILABLE"),
         ({"kind": "blackout", "mode": "dark"}, "dark: no depth at all"),
         ({"kind": "misdate", "by_s": -5.0}, "stale: its latest frame is 5."),
         ({"kind": "misdate", "by_s": 5.0}, "stale: its frame is dated 4."),

@@ -15,6 +15,7 @@ from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient, ask_policy
 from phyagentos.runtime.policies.policy_server import answer, serve_policy
 from tests.hostile_server import HostileServer
+from tests.policies import serve, take
 
 CLOCK = SystemClock()
 STREAM = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
@@ -44,22 +45,9 @@ class Echo:
         return np.tile(shown, (2, 1)), request.rows_done > 0
 
 
-def serve(policy):
-    ready = threading.Event()
-    found = []
-
-    def on_ready(where):
-        found.append(where)
-        ready.set()
-
-    threading.Thread(target=serve_policy, args=(policy, DESCRIPTOR, on_ready), daemon=True).start()
-    assert ready.wait(10)
-    return found[0]
-
-
 @pytest.fixture(scope="module")
 def endpoint():
-    return serve(Echo())
+    return serve(serve_policy, Echo(), DESCRIPTOR)
 
 
 @pytest.fixture(scope="module")
@@ -93,12 +81,6 @@ def listener():
 def infer(sequence=0, rows_done=0, shown=(0.1, 0.2)):
     observations = {"joint_state": np.asarray(shown)}
     return wire.Infer(session="s", sequence=sequence, rows_done=rows_done, time_s=0.0, observations=observations)
-
-
-def take(client):
-    while (chunk := client.poll()) is None:
-        client.wait(1.0)
-    return chunk
 
 
 def serve_bytes(listener, *parts, pause_s=0.0):
@@ -142,18 +124,16 @@ def test_a_server_describes_itself_and_answers_with_chunks(where):
 def test_where_nobody_listens_the_server_is_unreachable():
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-    with pytest.raises(ExecutionError) as error:
+    with pytest.raises(ExecutionError, match="POLICY_UNREACHABLE"):
         ask_policy(f"tcp://127.0.0.1:{port}")
-    assert error.value.code == "POLICY_UNREACHABLE"
 
 
 def test_a_server_that_says_nothing_is_lost_and_nobody_waits_for_it(listener):
     client = PolicyClient(f"tcp://127.0.0.1:{listener.getsockname()[1]}", 0.05)
     client.ask(infer())
     assert client.poll() is None, "asking does not block"
-    with pytest.raises(ExecutionError, match=r"sent nothing for 0\.05 s") as error:
+    with pytest.raises(ExecutionError, match=r"POLICY_LOST: .*sent nothing for 0\.05 s"):
         take(client)
-    assert error.value.code == "POLICY_LOST"
     client.close()
 
 
@@ -164,9 +144,8 @@ def test_a_server_that_says_nothing_is_lost_and_nobody_waits_for_it(listener):
 )
 def test_a_server_that_does_not_finish_its_answer_in_time_is_lost(listener, parts):
     began_s = CLOCK.now_s()
-    with pytest.raises(ExecutionError, match=r"only \d+ bytes of an answer within 0\.2 s") as error:
+    with pytest.raises(ExecutionError, match=r"POLICY_LOST: .*only \d+ bytes of an answer within 0\.2 s"):
         converse(serve_bytes(listener, *parts, pause_s=0.05), infer(), timeout_s=0.2)
-    assert error.value.code == "POLICY_LOST"
     assert CLOCK.now_s() - began_s < 2.0
 
 
@@ -178,31 +157,29 @@ def test_a_port_of_another_program_is_told_before_anything_is_asked(listener):
 
 @pytest.mark.parametrize("length", [b"SSH-", b"\xff\xff\xff\xff"], ids=["another protocol", "negative"])
 def test_an_answer_longer_than_any_chunk_is_a_fault_and_not_waited_for(listener, length):
-    with pytest.raises(ExecutionError, match=r"an answer of \d+ bytes; at most 1048576") as error:
+    with pytest.raises(ExecutionError, match=r"POLICY_FAILED: .*an answer of \d+ bytes; at most 1048576"):
         converse(serve_bytes(listener, length), infer())
-    assert error.value.code == "POLICY_FAULT"
 
 
 @pytest.mark.parametrize(
     ("length", "parts", "timeout_s", "code", "told"),
     [
         (256, [b"a"] * 256, 0.2, "POLICY_LOST", r"only \d+ bytes of an answer within 0\.2 s"),
-        (2**25, [bytes(2**25)], 60.0, "POLICY_FAULT", "answered with more than 1048576 bytes"),
+        (2**25, [bytes(2**25)], 60.0, "POLICY_FAILED", "answered with more than 1048576 bytes"),
     ],
     ids=["a drip", "a flood"],
 )
 def test_over_http_an_answer_without_end_is_given_up_as_well(listener, length, parts, timeout_s, code, told):
     head = b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n" % length
     endpoint = serve_bytes(listener, head, *parts, pause_s=0.05).replace("tcp", "http")
-    with pytest.raises(ExecutionError, match=told) as error:
+    with pytest.raises(ExecutionError, match=f"{code}: .*{told}"):
         converse(endpoint, infer(), timeout_s=timeout_s)
-    assert error.value.code == code
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("way", "code"),
-    [("a drip of headers", "POLICY_LOST"), ("a gzip, gzip bomb", "POLICY_FAULT"), ("redirect", "POLICY_LOST")],
+    [("a drip of headers", "POLICY_LOST"), ("a gzip, gzip bomb", "POLICY_FAILED"), ("redirect", "POLICY_LOST")],
 )
 def test_a_server_over_http_cannot_hold_a_session(http_endpoint, way, code):
     server = HostileServer(way, http_endpoint)
@@ -231,9 +208,8 @@ def test_a_server_that_hangs_up_is_lost(listener):
         listener.accept()[0].close()
 
     threading.Thread(target=accept_and_go, daemon=True).start()
-    with pytest.raises(ExecutionError) as error:
+    with pytest.raises(ExecutionError, match="POLICY_LOST"):
         converse(f"tcp://127.0.0.1:{listener.getsockname()[1]}", infer())
-    assert error.value.code == "POLICY_LOST"
 
 
 def test_what_comes_after_the_client_has_hung_up_is_not_listened_to(listener):
@@ -267,9 +243,8 @@ def test_what_comes_after_the_client_has_hung_up_is_not_listened_to(listener):
 def test_an_answer_that_is_none_is_a_fault(listener, said):
     client = PolicyClient(serve_bytes(listener, len(said).to_bytes(4, "big") + said), 5.0)
     client.ask(infer())
-    with pytest.raises(ExecutionError) as error:
+    with pytest.raises(ExecutionError, match="POLICY_FAILED"):
         take(client)
-    assert error.value.code == "POLICY_FAULT"
     client.close()
 
 
@@ -288,11 +263,10 @@ def test_an_answer_that_is_none_is_a_fault(listener, said):
 def test_whatever_a_model_returns_its_server_answers_and_goes_on(said, width):
     policy = Echo()
     policy.infer = lambda _: said
-    where = serve(policy)
+    where = serve(serve_policy, policy, DESCRIPTOR)
     for _ in range(2):
         if width is None:
-            with pytest.raises(ExecutionError) as error:
+            with pytest.raises(ExecutionError, match="POLICY_FAILED"):
                 converse(where, infer())
-            assert error.value.code == "POLICY_FAULT"
         else:
             assert converse(where, infer()).rows.shape[1] == width

@@ -185,10 +185,10 @@ def test_a_calibration_error_is_drawn_once_and_moves_the_picture_not_the_claim(p
 
 def test_a_frame_travels_over_the_wire_as_it_is(physics, data):
     frame = capture(physics, data, make_sensors(NoiseLevel(pixel_dropout=0.1)))
-    arrived = REPLIES.decode(REPLIES.encode(wire.Frames((frame,), {"b": "FRAME_DROPPED"})))
+    arrived = REPLIES.decode(REPLIES.encode(wire.Frames((frame,), {"b": "OBSERVATION_UNAVAILABLE"})))
 
     assert isinstance(arrived, wire.Frames)
-    assert arrived.missing == {"b": "FRAME_DROPPED"}
+    assert arrived.missing == {"b": "OBSERVATION_UNAVAILABLE"}
     assert (arrived.frames[0].rgb.dtype, arrived.frames[0].depth_m.dtype) == (np.uint8, np.float32)
     np.testing.assert_array_equal(arrived.frames[0].rgb, frame.rgb)
     np.testing.assert_array_equal(arrived.frames[0].depth_m, frame.depth_m)
@@ -281,24 +281,18 @@ def test_a_lost_frame_leaves_the_one_before_it(look):
     assert max(ages) >= 2
 
 
-@pytest.mark.parametrize("stamp", ["fresh", "stale"])
-def test_a_frozen_camera_repeats_its_last_frame(look, stamp):
-    rig = look(make_sensors(NoiseLevel(color_std=5.0)), kind="freeze", camera="above", stamp=stamp)
+@pytest.mark.parametrize("stamp", ["fresh", "stale", ""])
+def test_a_frozen_camera_repeats_its_last_frame_and_another_one_sees_the_arm_move(look, stamp):
+    fault = {"kind": "freeze", "camera": "above", "stamp": stamp} if stamp else {}
+    rig = look(make_sensors(NoiseLevel(color_std=5.0) if stamp else CLEAN), **fault)
     rig.hold(0.08, 0.1)
     before = see(rig)
     turn_away(rig)
     after = see(rig)
 
-    np.testing.assert_array_equal(after.rgb, before.rgb)
+    changed = (after.rgb != before.rgb).mean()
+    assert changed == 0.0 if stamp else changed > 0.02
     assert (after.time_s == before.time_s) == (stamp == "stale")
-
-
-def test_a_camera_that_is_not_frozen_sees_the_arm_move(look):
-    rig = look(make_sensors())
-    before = see(rig)
-    turn_away(rig)
-
-    assert (see(rig).rgb != before.rgb).mean() > 0.02
 
 
 def test_a_dark_camera_gives_black_and_a_silent_one_nothing(look):
@@ -309,7 +303,7 @@ def test_a_dark_camera_gives_black_and_a_silent_one_nothing(look):
 
     assert not see(dark).rgb.any()
     assert np.isnan(see(dark).depth_m).all()
-    assert silent.world.handle(wire.Capture()) == wire.Frames((), {"above": "CAMERA_SILENT"})
+    assert silent.world.handle(wire.Capture()) == wire.Frames((), {"above": "OBSERVATION_UNAVAILABLE"})
 
 
 def test_a_misdated_frame_is_fresh_and_seems_old(look):
@@ -351,23 +345,18 @@ def test_a_camera_fault_strikes_again_from_its_own_record(look, make_rig):
 
 
 @pytest.mark.parametrize(
-    ("request_", "code"),
+    "request_",
     [
-        ({"cameras": ("nobody",)}, "REQUEST_INVALID"),
-        ({"crops": {"nobody": (0, 0, 4, 4)}}, "REQUEST_INVALID"),
-        ({"crops": {"above": (60, 0, 10, 10)}}, "REQUEST_INVALID"),
-        ({"crops": {"above": (0, 0, 0, 4)}}, "REQUEST_INVALID"),
-        ({"every": 2}, "REQUEST_INVALID"),
-        ({"crops": {"above": (0, 0, 4, 4)}, "every": 5}, "REQUEST_INVALID"),
+        {"cameras": ("nobody",)},
+        {"crops": {"nobody": (0, 0, 4, 4)}},
+        {"crops": {"above": (60, 0, 10, 10)}},
+        {"crops": {"above": (0, 0, 0, 4)}},
+        {"every": 2},
+        {"crops": {"above": (0, 0, 4, 4)}, "every": 5},
     ],
 )
-def test_a_look_that_cannot_be_is_refused(look, request_, code):
-    rig = look(make_sensors())
-
-    refused = rig.world.handle(wire.Capture(**request_))
-
-    assert isinstance(refused, wire.Refused)
-    assert refused.code == code
+def test_a_look_that_cannot_be_is_refused(look, request_):
+    assert look(make_sensors()).world.handle(wire.Capture(**request_)).code == "REQUEST_INVALID"
 
 
 def test_a_world_says_which_cameras_can_be_asked(look):

@@ -23,6 +23,13 @@ def start(panda, seed, spec=SPEC):
     return physics
 
 
+def start_alone(panda, settle_s=0.0, **bodies):
+    """A scene of these bodies and nothing else."""
+    cameras = {"top": {"position_m": [0, 0, 1], "target_m": [0.1, 0, 0]}}
+    scene = {"scene": "x", "settle_s": settle_s, "bodies": bodies, "cameras": cameras}
+    return start(panda, 1, SceneSpec.model_validate(scene))
+
+
 def read(physics, name):
     return next(each for each in physics.queries.read_entities({}) if each.name == name)
 
@@ -85,13 +92,7 @@ def test_a_door_turns_about_its_anchor(panda):
         },
         "shapes": [{"kind": "box", "size_m": [0.005, 0.1, 0.05]}],
     }
-    scene = {
-        "scene": "x",
-        "settle_s": 0.0,
-        "bodies": {"door": door},
-        "cameras": {"top": {"position_m": [0, 0, 1], "target_m": [0.1, 0, 0]}},
-    }
-    physics = start(panda, 1, SceneSpec.model_validate(scene))
+    physics = start_alone(panda, door=door)
     ajar = read(physics, "door")
     physics.data.qpos[physics.model.joint("door_joint").qposadr[0]] = 0.0
     physics.queries.look()
@@ -113,9 +114,8 @@ def test_a_hinge_starts_as_wide_as_the_file_says_whatever_its_axis(panda, level)
     lid["joint"] = joint | {"friction": 9}
     tab = {"kind": "handle", "part_of": "lid", "place": {"position_m": [-0.12, 0.0, 0.0]}}
     shapes = {"shapes": [{"kind": "box", "size_m": [0.1, 0.1, 0.005]}]}
-    cameras = {"top": {"position_m": [0, 0, 1], "target_m": [0.1, 0, 0]}}
-    scene = {"scene": "x", "settle_s": 0.0, "bodies": {"lid": lid | shapes, "tab": tab | shapes}, "cameras": cameras}
-    lid, tab = (read(start(panda, 1, SceneSpec.model_validate(scene)), name) for name in ("lid", "tab"))
+    physics = start_alone(panda, lid=lid | shapes, tab=tab | shapes)
+    lid, tab = (read(physics, name) for name in ("lid", "tab"))
 
     np.testing.assert_allclose(
         compute_motion(lid.mechanism, 0.8) @ compute_matrix(lid.mechanism.closed), compute_matrix(lid.pose), atol=1e-6
@@ -132,10 +132,8 @@ def test_a_pressed_button_stays_where_friction_holds_its_spring_and_comes_out_wh
     joint = {"kind": "slide", "axis": [0, 0, 1], "travel": 0.04, "friction": 6.0, "spring": spring}
     shapes = [{"kind": "cylinder", "size_m": [0.03, 0.006]}]
     button = {"kind": "button", "mass_kg": 0.06, "place": {"position_m": [0.6, 0.4, 0.1]}, "shapes": shapes}
-    cameras = {"top": {"position_m": [0, 0, 1], "target_m": [0.1, 0, 0]}}
-    scene = {"scene": "x", "settle_s": 1.0, "bodies": {"button": button | {"joint": joint}}, "cameras": cameras}
 
-    assert least <= read(start(panda, 1, SceneSpec.model_validate(scene)), "button").joint <= most
+    assert least <= read(start_alone(panda, 1.0, button=button | {"joint": joint}), "button").joint <= most
 
 
 @pytest.mark.parametrize(

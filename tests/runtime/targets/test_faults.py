@@ -58,22 +58,17 @@ def test_a_nudge_takes_the_cube_from_between_the_fingers_and_leaves_it_on_the_ta
     assert abs(after[2] - 0.02) < 0.003
 
 
-def test_a_person_moves_a_cube_and_puts_it_down(begin):
+@pytest.mark.parametrize("slender", [1, 50])
+def test_a_person_moves_a_cube_or_a_slender_rod_that_turns_and_puts_it_down(begin, slender):
+    """Damped by its greatest inertia, a rod spun faster with every step, until the simulator began anew."""
     rig = begin(kind="move", object="red_cube", when={"time_s": 0.5}, to_m=(0.45, -0.28), duration_s=1.0)
+    model = rig.world.driver.physics.model
+    model.body_inertia[model.body("red_cube").id][2] /= slender
+    mujoco.mj_setConst(model, mujoco.MjData(model))
     rig.hold(0.08, 2.5)
     entity = rig.entity("red_cube")
     assert np.linalg.norm(np.array(entity.pose.position_m) - (0.45, -0.28, 0.02)) < 0.015
-    assert entity.speed_m_s < 0.01
-
-
-def test_a_person_moves_a_slender_rod_that_turns(begin):
-    """Damped by its greatest inertia, it spun faster with every step, until the simulator began anew."""
-    rig = begin(kind="move", object="red_cube", when={"time_s": 0.5}, to_m=(0.45, -0.28), duration_s=1.0)
-    model = rig.world.driver.physics.model
-    model.body_inertia[model.body("red_cube").id][2] /= 50
-    mujoco.mj_setConst(model, mujoco.MjData(model))
-    rig.hold(0.08, 2.5)
-    assert np.linalg.norm(np.array(rig.entity("red_cube").pose.position_m) - (0.45, -0.28, 0.02)) < 0.015
+    assert entity.speed_m_s < 0.01 or slender > 1
 
 
 def test_a_place_that_nobody_chose_is_free_and_within_reach(begin):

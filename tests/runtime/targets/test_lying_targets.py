@@ -129,7 +129,6 @@ def test_what_cannot_be_true_is_the_fault_of_the_target(make_client, monkeypatch
 
     refused = client.ask(request)
 
-    assert isinstance(refused, wire.Refused), refused
     assert (refused.code, expected in refused.message) == ("PROTOCOL_BROKEN", True), refused.message
     assert refused.message.isprintable()
     channel.lies.clear()

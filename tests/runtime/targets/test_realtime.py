@@ -49,6 +49,12 @@ class Served:
             self.rig.sequence += 1
         return reply
 
+    def stream_half(self):
+        """Until it is in the midst of its motion; how many commands that took."""
+        half = len(self.rows) // 2
+        assert isinstance(self.stream(self.rows[:half]), wire.Step)
+        return half
+
     def wait_for_rest(self):
         for _ in range(500):
             if np.abs(self.ask(wire.Observe()).target.qd_rad_s).max() < 0.01:
@@ -96,8 +102,7 @@ def test_a_stream_is_carried_out_no_faster_than_the_wall_clock(served):
 
 
 def test_a_stream_that_breaks_off_in_mid_motion_ends_in_a_hold_and_is_not_taken_up_again(served, tmp_path):
-    half = len(served.rows) // 2
-    assert isinstance(served.stream(served.rows[:half]), wire.Step)
+    half = served.stream_half()
     served.wait_for_rest()
     late = served.stream(served.rows[half:])
 
@@ -106,8 +111,7 @@ def test_a_stream_that_breaks_off_in_mid_motion_ends_in_a_hold_and_is_not_taken_
 
 
 def test_the_motion_of_a_commander_that_was_replaced_ends_and_its_successor_finds_the_arm_free(served, tmp_path):
-    half = len(served.rows) // 2
-    assert isinstance(served.stream(served.rows[:half]), wire.Step)
+    served.stream_half()
     served.tokens.renew(key := make_key())
     while "Withdraw" not in read_kinds(tmp_path):
         CLOCK.sleep(0.005)
@@ -121,8 +125,7 @@ def test_the_motion_of_a_commander_that_was_replaced_ends_and_its_successor_find
 
 
 def test_an_emergency_stop_in_mid_motion_needs_no_client_and_no_command_follows_it(served, tmp_path):
-    half = len(served.rows) // 2
-    assert isinstance(served.stream(served.rows[:half]), wire.Step)
+    half = served.stream_half()
     latch(served.signals, Latch(by="a button"))
     late = served.stream(served.rows[half:])
     served.wait_for_rest()
@@ -146,7 +149,7 @@ def test_a_halt_of_category_one_does_not_replace_an_emergency_stop(served, tmp_p
 
 
 def test_a_client_that_goes_away_in_mid_motion_leaves_an_arm_at_rest(served):
-    served.stream(served.rows[: len(served.rows) // 2])
+    served.stream_half()
     served.connection.close()
     served.connection = served.connect()
     served.wait_for_rest()

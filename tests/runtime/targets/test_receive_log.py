@@ -79,7 +79,7 @@ def test_a_target_that_cannot_write_its_log_accepts_no_command_until_it_can(make
     third = rig.send(rig.make_command(rig.driver.controller.q_rad))
 
     assert isinstance(first, wire.Step)
-    assert [second.code, begun.code] == ["LOG_UNWRITABLE", "LOG_UNWRITABLE"]
+    assert [second.code, begun.code] == ["WRITE_FAILED", "WRITE_FAILED"]
     assert isinstance(third, wire.Step)
     commands = [line for line in read(path) if line["kind"] == "Command"]
     assert [line.get("accepted", True) for line in commands] == [True, False, True]

@@ -90,19 +90,13 @@ def refuse(path, mode="r", *rest, **options):
     raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
 
-def test_a_request_that_the_watchdog_took_first_is_heard_all_the_same(tmp_path, listen):
+@pytest.mark.parametrize(("kind", "stops"), [("estop", True), ("cancel", False)])
+def test_only_an_emergency_stop_stops_and_also_where_the_watchdog_took_it_first(tmp_path, listen, kind, stops):
     listener = listen()
-    drop_signal(tmp_path, Signal(kind="estop", by="a button"), SystemClock())
+    drop_signal(tmp_path, Signal(kind=kind, by="a button"), SystemClock())
     take_signals(tmp_path)
 
-    assert listener.is_latched()
-
-
-def test_other_requests_stop_nothing(tmp_path, listen):
-    listener = listen()
-    drop_signal(tmp_path, Signal(kind="cancel"), SystemClock())
-
-    assert not listener.is_latched()
+    assert listener.is_latched() == stops
 
 
 def test_a_latch_outlives_whoever_heard_it(tmp_path, listen):

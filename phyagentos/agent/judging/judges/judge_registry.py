@@ -67,7 +67,7 @@ class JudgeDefinition:
 def choose_judges(judges: Plugins[JudgeDefinition], names: Sequence[str], address: str) -> list[JudgeDefinition]:
     """Those of these names, in this order, each once.
 
-    Raises DefinitionError `UNKNOWN_NAME` for each name that is none; `BROKEN_PLUGIN`.
+    Raises DefinitionError `UNKNOWN_NAME` for each name that is none; `BROKEN_PYTHON`.
     """
     known = judges.names()
     if unknown := [name for name in names if name not in known]:

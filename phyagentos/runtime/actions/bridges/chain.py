@@ -202,7 +202,11 @@ def compile_chain(
         return tuple(problems)
     if now.rate_hz == source.rate_hz and now.chunk_length > target.chunk_length:
         expected = f"1 to {target.chunk_length} rows"
-        return (Problem("CHUNK_LENGTH", "chunk_length", f"{source.chunk_length} rows", expected, "Shorten the chunk."),)
+        return (
+            Problem(
+                "ACTION_SPACE_MISMATCH", "chunk_length", f"{source.chunk_length} rows", expected, "Shorten the chunk."
+            ),
+        )
     return BridgeChain(source, target, tuple(links))
 
 
@@ -217,7 +221,7 @@ def _check_space(space: ActionSpace, side: str) -> list[Problem]:
     """Contradictions and gaps of a space."""
 
     def problem(field: str, found: str, expected: str) -> Problem:
-        return Problem("ACTION_SPACE_INVALID", f"{side}.{field}", found, expected)
+        return Problem("ACTION_SPACE_MISMATCH", f"{side}.{field}", found, expected)
 
     problems = []
     if space.representation == "joint_position" and len(set(space.joints)) != len(space.joints):

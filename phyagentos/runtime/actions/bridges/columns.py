@@ -13,11 +13,10 @@ from typing_extensions import override
 from phyagentos.errors import Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, UNIT_ROTATIONS, ActionSpace, GripperRange
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Frames, name_columns, replace_space
-from phyagentos.runtime.actions.violations import Intervention
+from phyagentos.runtime.actions.violations import CLAMPED, Intervention
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 RADIANS = {"rad": 1.0, "deg": np.pi / 180.0}
-CLAMPED = "CLAMPED"
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,7 +43,7 @@ class ResampleBridge(ActionBridge):
         if not 1 <= length <= target.chunk_length:
             found = f"{source.chunk_length} rows at {source.rate_hz:g} Hz make {length} at {target.rate_hz:g} Hz"
             hint = "Shorten the chunk." if length else "A chunk must last at least one period of the target."
-            return Problem("CHUNK_LENGTH", "chunk_length", found, f"1 to {target.chunk_length} rows", hint)
+            return Problem("ACTION_SPACE_MISMATCH", "chunk_length", found, f"1 to {target.chunk_length} rows", hint)
         to = replace_space(source, rate_hz=target.rate_hz, chunk_length=length)
         return cls(source, to, ratio.numerator, ratio.denominator)
 

@@ -123,7 +123,7 @@ class ToolCentre:
         kinematics = read_kinematics(found, profile) if found is not None else None
         if found is None or kinematics is None:
             hint = "Copy the robot's model beside its profile; docs/targets.md says where from."
-            raise DefinitionError.of("MODEL_MISSING", f"{place}: model", repr(profile.model), "a MJCF file", hint)
+            raise DefinitionError.of("UNREADABLE_FILE", f"{place}: model", repr(profile.model), "a MJCF file", hint)
         self._model, self._data, self.kinematics = found, mujoco.MjData(found), kinematics
         self._q = [found.joint(name).qposadr[0] for name in profile.arm.joints]
         self._site = found.site(profile.tcp).id

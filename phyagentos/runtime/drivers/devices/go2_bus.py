@@ -156,12 +156,12 @@ class Go2Bus(Bus):
 
     @override
     def enable(self, q_rad: Array, width_m: float) -> None:
-        """Hold this posture; raises ExecutionError `TARGET_BUSY` while another program commands the legs."""
+        """Hold this posture; raises ExecutionError `BUSY` while another program commands the legs."""
         _take(self._others)
         self._clock.sleep(LISTEN_S)
         if _take(self._others):
             hint = "release the sport mode first (MotionSwitcherClient.ReleaseMode)"
-            raise ExecutionError("TARGET_BUSY", f"{self._place}: {OTHERS}; {hint}")
+            raise ExecutionError("BUSY", f"{self._place}: {OTHERS}; {hint}")
         self.write(q_rad, np.zeros_like(q_rad), width_m)
 
     @override

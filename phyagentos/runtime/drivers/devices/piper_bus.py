@@ -79,10 +79,10 @@ class PiperBus(Bus):
 
     @override
     def enable(self, q_rad: Array, width_m: float) -> None:
-        """Power the drives, which hold this posture; raises ExecutionError `RESET_NEEDED` when a person has to act."""
+        """Power the drives, which hold this posture; raises ExecutionError `PROTECTIVE_STOP` if a person must act."""
         if self._await_feedback().arm_status == STOPPED:
             hint = "support the arm, which falls, and reset it (C_PiperInterface_V2.ResetPiper)"
-            raise ExecutionError("RESET_NEEDED", f"{self._place}: the arm is in its emergency stop; {hint}")
+            raise ExecutionError("PROTECTIVE_STOP", f"{self._place}: the arm is in its emergency stop; {hint}")
         end_s = self._clock.now_s() + ENABLE_MAX_S
         while True:
             self._arm.EnableArm(ALL)
@@ -92,7 +92,7 @@ class PiperBus(Bus):
             if self._await_feedback().ctrl_mode == CAN_CONTROL and all(self._arm.GetArmEnableStatus()):
                 return
             if self._clock.now_s() > end_s:
-                raise ExecutionError("RESET_NEEDED", f"{self._place}: the drives do not switch on; look at the arm")
+                raise ExecutionError("PROTECTIVE_STOP", f"{self._place}: the drives do not switch on; look at the arm")
 
     @override
     def write(self, q_rad: Array, qd_rad_s: Array, width_m: float) -> None:

@@ -82,10 +82,8 @@ class CameraRig:
             limit_s = latest_s if self._sensors.synchronised else now_s - camera.settings.latency_s
             exposure = self._find_exposure(camera, limit_s, history)
             corruptions = find_corruption(name)
-            if exposure is None:
-                missing[name] = "FRAME_DROPPED"
-            elif any(each.kind == "blackout" and each.mode == "silent" for each in corruptions):
-                missing[name] = "CAMERA_SILENT"
+            if exposure is None or any(each.kind == "blackout" and each.mode == "silent" for each in corruptions):
+                missing[name] = "OBSERVATION_UNAVAILABLE"
             else:
                 exposures[name] = exposure, corruptions
 

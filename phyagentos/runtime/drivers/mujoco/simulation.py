@@ -23,8 +23,8 @@ ReadAgreement = Callable[[], Mapping[str, str] | None]
 
 POLL_S = 0.1  # between two reads of the runtime plane's state, without an event
 PATIENCE = 10  # such looks, until a motion of a session that the runtime plane has given up is given up too
-SESSION_LOST, ESTOPPED, ABORTED = "SESSION_LOST", "ESTOPPED", "ABORTED"
-BROKEN_OFF = frozenset({SESSION_LOST, ESTOPPED, ABORTED})  # motions that were given up from outside, while they waited
+RUNNER_LOST, ESTOPPED, ABORTED = "RUNNER_LOST", "ESTOPPED", "ABORTED"
+BROKEN_OFF = frozenset({RUNNER_LOST, ESTOPPED, ABORTED})  # motions that were given up from outside, while they waited
 
 
 class Body(Protocol):
@@ -123,7 +123,7 @@ class Simulation:
                     patience = PATIENCE if agreed.get(name, "") == self.bodies[name].session else patience - 1
                 if name in self.find_commanded() and (not patience or (may_abort and name in self.ending)):
                     self._primed.discard(name)
-                    move.ended = ABORTED if patience else SESSION_LOST
+                    move.ended = ABORTED if patience else RUNNER_LOST
         if self._moves.get(name) is move:
             del self._moves[name]
         return move.ended

@@ -93,7 +93,7 @@ class SimulatedWorld:
         """Begin an episode, or join the present one that another robot began.
 
         Raises:
-            ExecutionError: `EPISODE_CONFLICT`, `NO_AUTHORITY`, `RESET_FORBIDDEN` for the sake of another robot's
+            ExecutionError: `BUSY`, `NO_AUTHORITY`, `NOT_PERMITTED` for the sake of another robot's
                 episode; `MALFORMED`, `TARGET_LIMIT` for a snapshot; `SCENE_INVALID`.
         """
         if len(self.robots) > 1 and self._present is not None and not request.snapshot:
@@ -101,14 +101,14 @@ class SimulatedWorld:
             if request.episode == standing.episode:
                 known, asked = (standing.scene, standing.seed), (request.scene, request.seed)
                 if known != asked:
-                    raise ExecutionError("EPISODE_CONFLICT", f"episode {request.episode} is {known}, not {asked}")
+                    raise ExecutionError("BUSY", f"episode {request.episode} is {known}, not {asked}")
                 return loaded
             busy = next((robot.session for robot in self.robots.values() if robot.session), "")
             if busy:
                 raise ExecutionError("NO_AUTHORITY", f"{busy} has authority in episode {standing.episode}")
             if not request.may_reset:
                 message = f"episode {request.episode} would end episode {standing.episode}; no reset is permitted"
-                raise ExecutionError("RESET_FORBIDDEN", message)
+                raise ExecutionError("NOT_PERMITTED", message)
         spec = self.find_scene(request.scene)
         scene = compile_scene([(each.profile, each.folder) for each in self.robots.values()], spec, request.seed)
         bodies = {name: Physics(each.profile, scene, each.prefix) for name, each in self.robots.items()}
@@ -389,5 +389,5 @@ class MujocoDriver(TargetDriver):
 
     def _get_present(self) -> Embodiment:
         if self._present is None:
-            raise ExecutionError("NO_EPISODE", "no scene is loaded; send LoadScene first")
+            raise ExecutionError("REQUEST_INVALID", "no scene is loaded; send LoadScene first")
         return self._present

@@ -60,7 +60,7 @@ class FindOpening(Leaf):
         whole, part = found
         mechanism = whole.mechanism
         if mechanism is None:
-            return self.fail("NO_SLIDE", f"{whole.name} neither slides nor turns", object=whole.name)
+            return self.fail("IMPOSSIBLE", f"{whole.name} neither slides nor turns", object=whole.name)
         wanted = self.read("opening")
         shut = min(wanted, SHUT * mechanism.closes_at)
         motions = compute_way(whole, mechanism, shut if wanted < CLOSES_AT else wanted)

@@ -27,4 +27,4 @@ def find_visible(leaf: Leaf) -> Entity | Status:
     entity = leaf.context.world.observe(WORLD).entities.get(name)
     if entity is None:
         return leaf.fail(FailureCode.OBJECT_GONE, f"{name} is not in the world as observed", object=name)
-    return entity if entity.visible else leaf.fail(FailureCode.NOT_VISIBLE, f"{name} was not seen", object=name)
+    return entity if entity.visible else leaf.fail(FailureCode.OBJECT_HIDDEN, f"{name} was not seen", object=name)

@@ -57,14 +57,13 @@ class HttpDetector:
 
     def __init__(self, url: str, timeout_s: float = TIMEOUT_S, score_min: float = 0.3) -> None:
         self._url, self._timeout_s, self._score_min = url, timeout_s, score_min
-        self._client = HttpClient(url, "DETECTOR_FAILED", "DETECTOR_MALFORMED")
+        self._client = HttpClient(url, "MODEL_FAILED")
 
     def detect(self, rgb: Colours, labels: Sequence[str]) -> tuple[Detection, ...]:
         """All matches of the labels, the best first.
 
         Raises:
-            ExecutionError: `DETECTOR_FAILED` (an HTTP status),
-                `DETECTOR_MALFORMED`.
+            ExecutionError: `MODEL_FAILED`: no answer in time, a status other than 200, or another form.
         """
         _, png = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
         query = Query(version=VERSION, image_png=base64.b64encode(png.tobytes()).decode(), labels=tuple(labels))
@@ -136,4 +135,4 @@ def open_http_detector(settings: Mapping[str, str | float]) -> HttpDetector:
 
 
 def _malformed(url: str, what: str) -> ExecutionError:
-    return ExecutionError("DETECTOR_MALFORMED", f"{url} answered with {what}")
+    return ExecutionError("MODEL_FAILED", f"{url} answered with {what}")

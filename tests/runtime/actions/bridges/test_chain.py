@@ -66,15 +66,15 @@ def test_a_pose_policy_is_bridged_by_frame_rotation_units_and_rate():
     [
         ({"joints": (*JOINTS[:6], "joint_7")}, "UNKNOWN_NAME (joint)", "joints", "Did you mean 'joint7'?"),
         ({"joints": JOINTS[:6]}, "ACTION_SPACE_MISMATCH (joints)", "joints", "Give the position of joint7"),
-        ({"joints": ("joint1",) * 7}, "ACTION_SPACE_INVALID", "source.joints", ""),
-        ({"joints": ()}, "ACTION_SPACE_INVALID", "source.joints", ""),
+        ({"joints": ("joint1",) * 7}, "ACTION_SPACE_MISMATCH", "source.joints", ""),
+        ({"joints": ()}, "ACTION_SPACE_MISMATCH", "source.joints", ""),
         ({"gripper": None}, "ACTION_SPACE_MISMATCH (gripper)", "gripper", "Both sides"),
-        ({"gripper": GripperRange(closed=1.0, open=1.0)}, "ACTION_SPACE_INVALID", "source.gripper", ""),
+        ({"gripper": GripperRange(closed=1.0, open=1.0)}, "ACTION_SPACE_MISMATCH", "source.gripper", ""),
         ({"rate_hz": 10.1234567}, "ACTION_SPACE_MISMATCH (rate)", "rate_hz", "divides"),
-        ({"chunk_length": 99}, "CHUNK_LENGTH", "chunk_length", "Shorten"),
-        ({"rate_hz": 50.0, "chunk_length": 101}, "CHUNK_LENGTH", "chunk_length", "Shorten"),
-        ({"rate_hz": 5000.0, "chunk_length": 20}, "CHUNK_LENGTH", "chunk_length", "at least one period"),
-        ({"maximum": (1.0,)}, "ACTION_SPACE_INVALID", "source.maximum", ""),
+        ({"chunk_length": 99}, "ACTION_SPACE_MISMATCH", "chunk_length", "Shorten"),
+        ({"rate_hz": 50.0, "chunk_length": 101}, "ACTION_SPACE_MISMATCH", "chunk_length", "Shorten"),
+        ({"rate_hz": 5000.0, "chunk_length": 20}, "ACTION_SPACE_MISMATCH", "chunk_length", "at least one period"),
+        ({"maximum": (1.0,)}, "ACTION_SPACE_MISMATCH", "source.maximum", ""),
     ],
 )
 def test_what_cannot_be_bridged_is_told_in_preflight(target, changes, code, address, word):
@@ -103,12 +103,12 @@ def test_a_scale_is_a_factor_of_each_column_and_needs_one_for_each(target):
     assert bridged.rows == pytest.approx(np.array([[0.05, 0.0, -0.05, 0.0, 0.5, 0.0]]))
     for wrong in ({"scale": (0.05,)}, {"scale": (0.05,) * 7, "rotation": "quaternion_wxyz"}):
         (problem,) = compile_chain(scaled.model_copy(update=wrong), goal)
-        assert (problem.code, problem.address) == ("ACTION_SPACE_INVALID", "source.scale")
+        assert (problem.code, problem.address) == ("ACTION_SPACE_MISMATCH", "source.scale")
 
 
 @pytest.mark.parametrize(
     ("changes", "code"),
-    [({"frame": "camera"}, "UNKNOWN_NAME (frame)"), ({"rotation": "euler"}, "ACTION_SPACE_INVALID")],
+    [({"frame": "camera"}, "UNKNOWN_NAME (frame)"), ({"rotation": "euler"}, "ACTION_SPACE_MISMATCH")],
 )
 def test_what_is_wrong_with_a_pose_is_told_too(changes, code):
     goal = ActionSpace(representation="tool_pose", rate_hz=50.0, chunk_length=100)

@@ -9,8 +9,6 @@ class Pretend(Leaf):
     """Does nothing, successfully."""
 
     ROLE = Role.ACT
-    INPUT_PORTS = {}
-    OUTPUT_PORTS = {}
 
     def on_start(self) -> Status:
         return Status.SUCCESS

@@ -1,16 +1,18 @@
-"""What a client that has died left in the pipe is not carried out."""
+"""What a client that has died left in the pipe, or waited with, is not carried out."""
 
 import contextlib
 import threading
+from multiprocessing import Pipe
 
 import numpy as np
 import pytest
 
 from phyagentos.assembly.worker_process import connect_to_world
 from phyagentos.clock import SystemClock
+from phyagentos.runtime.channel import Link
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.handshake import Tokens, make_key, mint
-from phyagentos.runtime.targets.server import UnixDoor, serve
+from phyagentos.runtime.targets.server import UnixDoor, answer, serve
 
 PATIENCE_S = 10.0
 KEY = make_key()
@@ -77,3 +79,11 @@ def test_a_command_in_the_pipe_is_carried_out_only_while_its_sender_lives(target
     assert world.withdrawn.wait(PATIENCE_S)
 
     assert world.asked == (["Begin", "Command"] if lives else ["Begin"])
+
+
+def test_a_request_whose_sender_goes_while_it_waits_for_its_period_does_not_happen():
+    target, (ours, theirs) = BusyTarget(), Pipe()
+    theirs.send_bytes(wire.REQUESTS.encode(wire.Settle(session="s", epoch=1, duration_s=0.02)))
+    with ours, pytest.raises(EOFError):
+        answer(Link(ours), target, Tokens(), lambda _request: theirs.close())
+    assert target.asked == []

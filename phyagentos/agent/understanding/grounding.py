@@ -1,0 +1,121 @@
+"""What a goal can say over a scene, for a model that must choose, and whether a goal agrees with the request's words.
+
+Upstream: the vocabulary. Downstream: the understander that asks a model.
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+from itertools import product
+
+from phyagentos.agent.goals.spec import WantedGoal
+from phyagentos.agent.understanding.nouns import NUMBERS
+from phyagentos.agent.understanding.reading import pluralise
+from phyagentos.agent.understanding.understanding import find_incapable, find_unfit
+from phyagentos.agent.understanding.vocabulary import REGION, ROLE, Thing, Vocabulary, read_lexicon
+from phyagentos.protocol.documents.plain_data import Fields
+from phyagentos.protocol.predicates import syntax
+from phyagentos.protocol.predicates.library import ArgumentKind, Meaning, PredicateDefinition, get_predicate_library
+from phyagentos.protocol.predicates.predicate import find_entities, parse_predicate
+
+STATEMENTS_MAX = 400  # in a schema; more are left to the checks of the answer
+_KEPT = {Meaning.UPRIGHT: "{}", Meaning.MOVED: "not {}"}  # what may have to hold all through
+
+
+def choose_statements(request: str, vocabulary: Vocabulary) -> dict[str, Fields]:
+    """JSON schemas of a wanted statement and of a constraint over a scene.
+
+    Each lists what can be chosen, of the objects that the request names; unless the request has a number, which no list
+    foresees, or there are too many.
+    """
+    wanted, kept = list_wanted(vocabulary), list_kept(vocabulary)
+    if meant := _find_meant(request, vocabulary):
+        wanted, kept = ([text for text in texts if _find(text) <= meant] or texts for texts in (wanted, kept))
+    words = re.findall(r"[a-z]+|\d", request.lower())
+    if len(wanted) + len(kept) > STATEMENTS_MAX or any(word.isdigit() or word in NUMBERS[2:] for word in words):
+        return {"wanted": {"type": "string"}, "kept": {"type": "string"}}
+    return {"wanted": {"enum": sorted(wanted, key=lambda text: -len(_find(text)))}, "kept": {"enum": kept}}
+
+
+def list_wanted(vocabulary: Vocabulary) -> list[str]:
+    """Statements that a skill can bring about, about objects that are fit for them."""
+    texts = (text for each in get_predicate_library() if not each.is_number for text in _iter_filled(each, vocabulary))
+    return [text for text in texts if not any(_iter_lacks(text, vocabulary))]
+
+
+def list_kept(vocabulary: Vocabulary) -> list[str]:
+    """Statements that can be asked to hold all through."""
+    kept = [(each, _KEPT[each.meaning]) for each in get_predicate_library() if each.meaning in _KEPT]
+    filled = ((form, text) for each, form in kept for text in _iter_filled(each, vocabulary))
+    return [form.format(text) for form, text in filled if not any(find_unfit(_parse_call(text), vocabulary))]
+
+
+def find_disagreements(request: str, goal: WantedGoal, vocabulary: Vocabulary) -> list[str]:
+    """Where a goal leaves out an object that words of the request name, or is about one that none of them can mean.
+
+    Words that are not of the scene name nothing, so a request without any agrees with every goal: a person decides.
+    """
+    wanted = frozenset[str]().union(*map(_find, (*goal.accept, *(text for step in goal.steps for text in step))))
+    about = wanted.union(*map(_find, goal.constraints))
+    meant = _find_meant(request, vocabulary)
+    return [
+        *(
+            f"the goal says nothing of {words!r}"
+            for words, names in _iter_named(request, vocabulary)
+            if not names & about
+        ),
+        *(f"no word of the request means {name}" for name in sorted(wanted - meant if meant else ())),
+    ]
+
+
+def _find_meant(request: str, vocabulary: Vocabulary) -> frozenset[str]:
+    """All objects that the nouns of a request can mean; none where a word in it can mean any."""
+    is_general = not {*read_lexicon()["general"]["words"]}.isdisjoint(request.lower().split())
+    return frozenset[str]().union(*(() if is_general else (names for _, names in _iter_named(request, vocabulary))))
+
+
+def _find(text: str) -> frozenset[str]:
+    """The objects of a statement, without the robot."""
+    return frozenset(find_entities(text)) - {ROLE}
+
+
+def _iter_named(request: str, vocabulary: Vocabulary) -> Iterator[tuple[str, frozenset[str]]]:
+    """Words of the scene, and the objects that each noun with the adjectives before it can mean."""
+    adjectives, nouns = vocabulary.list_words()
+    singular = {plural: noun for noun in nouns for plural in (noun, pluralise(noun))}
+    before: list[str] = []
+    for word in re.findall(r"[a-z]+", request.lower()):
+        if noun := singular.get(word):
+            found = frozenset(each.name for each in vocabulary.things.values() if _is_meant(each, noun, before))
+            if found:
+                yield " ".join((*before, word)), found
+        before = [*before, word] if word in adjectives and word not in singular else []
+
+
+def _is_meant(thing: Thing, noun: str, adjectives: Iterable[str]) -> bool:
+    return noun in thing.heads and thing.words.issuperset(adjectives)
+
+
+def _iter_filled(definition: PredicateDefinition, vocabulary: Vocabulary) -> Iterator[str]:
+    """A predicate of each choice of objects; its numbers have their defaults, and without those there is none."""
+    names = {
+        ArgumentKind.ENTITY: [name for name, thing in vocabulary.things.items() if thing.kind != REGION],
+        ArgumentKind.CONTAINER: list(vocabulary.things),
+        ArgumentKind.PLACE: [name for name, thing in vocabulary.things.items() if thing.kind == REGION],
+        ArgumentKind.TARGET: [ROLE],
+        ArgumentKind.POSTURE: list(vocabulary.postures),
+    }
+    arguments = [each for each in definition.arguments if each.default is None]
+    for chosen in product(*(names.get(each.kind, []) for each in arguments)) if arguments else ():
+        yield f"{definition.name}({', '.join(chosen)})"
+
+
+def _iter_lacks(text: str, vocabulary: Vocabulary) -> Iterator[object]:
+    call = _parse_call(text)
+    yield from find_unfit(call, vocabulary)
+    yield from find_incapable(call, vocabulary)
+
+
+def _parse_call(text: str) -> syntax.Call:
+    formula = parse_predicate(text).formula
+    assert isinstance(formula, syntax.Call)
+    return formula
