@@ -1,6 +1,7 @@
 """The command line, called in this process."""
 
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import pytest
@@ -19,10 +20,16 @@ class Result:
     err: str
 
 
+def assert_ended(result: Result, code: int, *, out: Iterable[str] = (), err: Iterable[str] = ()) -> None:
+    """It ended with this code, and each stream holds these words."""
+    assert result.code == code, result.err
+    assert [words for words in out if words not in result.out] == [], result.out
+    assert [words for words in err if words not in result.err] == [], result.err
+
+
 def assert_refused(result: Result, *said: str) -> None:
     """What was given is invalid input, and the command line says so in these words."""
-    assert result.code == ExitCode.INVALID_INPUT, result.err
-    assert [words for words in said if words not in result.err] == [], result.err
+    assert_ended(result, ExitCode.INVALID_INPUT, err=said)
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """Suites as files: what is wrong stands at its place, what is not here is counted, figures are what records say."""
 
+import contextlib
 import json
 import os
 
@@ -165,30 +166,24 @@ def make_record(id="a.1", **facts):
 
 
 def test_the_log_keeps_a_record_once_and_drops_a_half_line(tmp_path):
-    log = EpisodeLog(tmp_path)
-    assert log.append(make_record())
-    assert not log.append(make_record(verdict="failure"))
-    log.close()
+    with contextlib.closing(EpisodeLog(tmp_path)) as log:
+        assert (log.append(make_record()), log.append(make_record(verdict="failure"))) == (True, False)
     with (tmp_path / "episodes.jsonl").open("ab") as file:
         file.write(b'{"id":"a.2"')
-    log = EpisodeLog(tmp_path)
-    assert log.append(make_record("a.3", seed=3))
-    log.close()
-
+    with contextlib.closing(EpisodeLog(tmp_path)) as log:
+        assert log.append(make_record("a.3", seed=3))
     assert [record.id for record in read_records(tmp_path)] == ["a.1", "a.3"]
-    (tmp_path / "episodes.jsonl").write_bytes(b"{}\n")
-    with pytest.raises(DefinitionError, match=r"episodes\.jsonl:1: CHANGED"):
-        read_records(tmp_path)
 
 
-def test_a_line_that_stands_twice_counts_once_and_two_records_of_an_episode_are_refused(tmp_path):
-    lines = [msgspec.json.encode(make_record(id)) + b"\n" for id in ("a.1", "a.2", "a.1")]
+def test_a_line_that_stands_twice_counts_once_and_no_record_or_two_of_an_episode_are_refused(tmp_path):
+    line = lambda id, **facts: msgspec.json.encode(make_record(id, **facts)) + b"\n"  # noqa: E731
+    lines = [line(id) for id in ("a.1", "a.2", "a.1")]
     (tmp_path / "episodes.jsonl").write_bytes(b"".join(lines))
     assert [record.id for record in read_records(tmp_path)] == ["a.1", "a.2"]
-    with (tmp_path / "episodes.jsonl").open("ab") as file:
-        file.write(msgspec.json.encode(make_record("a.2", verdict="failure")) + b"\n")
-    with pytest.raises(DefinitionError, match=r"episodes\.jsonl:4: CHANGED"):
-        read_records(tmp_path)
+    for wrong, number in (([*lines, line("a.2", verdict="failure")], 4), ([b"{}\n"], 1)):
+        (tmp_path / "episodes.jsonl").write_bytes(b"".join(wrong))
+        with pytest.raises(DefinitionError, match=rf"episodes\.jsonl:{number}: CHANGED"):
+            read_records(tmp_path)
 
 
 def test_a_gap_in_the_second_run_is_a_regression():
@@ -252,32 +247,37 @@ def test_a_comparison_is_paired_by_seed_and_ends_with_1_on_a_regression(read, pa
     assert (wrong.code, "UNKNOWN_NAME" in wrong.err) == (2, True)
 
 
-def test_figures_are_those_of_the_records():
+@pytest.mark.parametrize(
+    ("figure", "part", "value"),
+    [
+        ("final", "", 2 / 3),
+        ("first", "", 1 / 3),
+        ("parts", "", 5 / 6),
+        ("first_parts", "", 0.5),
+        ("parts", "y", 2 / 3),
+        ("false_successes", "", 1.0),
+        ("false_failures", "", 1.0),
+    ],
+)
+def test_figures_are_those_of_the_records(figure, part, value):
     records = [
         make_record("a.1", is_met=True, parts={"x": True, "y": True}, first_parts={"x": True}),
         make_record("a.2", seed=2, is_met=False, replans=1, parts={"x": True, "y": False}, first_parts={"x": False}),
         make_record("a.3", seed=3, is_met=True, replans=1, verdict="failure", parts={"x": True, "y": True}),
     ]
-    found = {
-        name: compute_figure(FigureThreshold(figure=name), records)
-        for name in ("final", "first", "parts", "first_parts")
-    }
-
-    assert found == {"final": 2 / 3, "first": 1 / 3, "parts": 5 / 6, "first_parts": 0.5}
-    assert compute_figure(FigureThreshold(figure="parts", part="y"), records) == 2 / 3
-    assert compute_figure(FigureThreshold(figure="false_successes"), records) == 1.0
-    assert compute_figure(FigureThreshold(figure="false_failures"), records) == 1.0
+    assert compute_figure(FigureThreshold(figure=figure, **({"part": part} if part else {})), records) == value
 
 
 def test_every_cause_of_a_verdict_has_a_kind_of_failure():
     kinds = {cause: classify_cause(cause) for cause in Cause}
-
     assert set(kinds.values()) == set(Taxon)
-    assert kinds[Cause.OBJECT_HIDDEN] is Taxon.PERCEPTION
-    assert kinds[Cause.GRASP_MISSED] is Taxon.EXECUTION
-    assert classify_problems([Problem("NO_IK", "x")]) is Taxon.PLANNING
-    assert classify_problems([Problem("ACTION_SPACE_MISMATCH (joints)", "x")]) is Taxon.ADAPTER
-    assert classify_problems([Problem("POLICY_MISMATCH", "x")]) is Taxon.POLICY
+    assert (kinds[Cause.OBJECT_HIDDEN], kinds[Cause.GRASP_MISSED]) == (Taxon.PERCEPTION, Taxon.EXECUTION)
+    problems = {
+        "NO_IK": Taxon.PLANNING,
+        "ACTION_SPACE_MISMATCH (joints)": Taxon.ADAPTER,
+        "POLICY_MISMATCH": Taxon.POLICY,
+    }
+    assert {label: classify_problems([Problem(label, "x")]) for label in problems} == problems
 
 
 @pytest.mark.slow

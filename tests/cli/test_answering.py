@@ -15,7 +15,7 @@ from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.testing import make_contract
-from tests.command_line import assert_refused
+from tests.command_line import assert_ended, assert_refused
 
 from .test_verify import AWAY, IN_TRAY, SESSION, make_world
 
@@ -55,9 +55,11 @@ def test_an_open_question_stands_in_status_and_why_until_it_is_answered(type_):
 
 
 def test_an_answer_is_kept_with_its_name_judged_on_beside_the_verdict_and_not_changed_unseen(type_, unanswered):
-    done = type_("answer", "red", "yes", "--by", "ann")
-    assert done.code == ExitCode.GOAL_MET, done.err
-    assert f"{SESSION}: {QUESTION} yes, answered by ann at " in done.out
+    assert_ended(
+        type_("answer", "red", "yes", "--by", "ann"),
+        ExitCode.GOAL_MET,
+        out=[f"{SESSION}: {QUESTION} yes, answered by ann at "],
+    )
     status = fold(unanswered)
     assert (status.state, [each.verdict for each in status.attempts]) == ("failed", ["failure", "success"])
     (file,) = unanswered.workspace.evidence_of(SESSION).glob("answers/*")

@@ -14,7 +14,7 @@ from phyagentos.mcp.protocol_server import build_registry
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
-from tests.command_line import assert_refused
+from tests.command_line import assert_ended, assert_refused
 
 ROOT = Path(__file__).resolve().parents[2]
 COUNTER = ROOT / "benchmarks" / "library"
@@ -51,9 +51,7 @@ def test_what_waits_is_listed_and_nothing_is_written(paos, place):
 def test_nobody_who_answers_no_starts_anything(paos, place, monkeypatch):
     monkeypatch.setattr("typer.confirm", lambda *_, **__: False)
     name = propose(place)
-    result = paos("approve", name, "-w", place.root)
-    assert result.code == ExitCode.INTERRUPTED
-    assert "advance on counter" in result.err
+    assert_ended(paos("approve", name, "-w", place.root), ExitCode.INTERRUPTED, err=["advance on counter"])
     assert Proposals(place.proposals).list_waiting() == [name]
 
 

@@ -19,6 +19,7 @@ from phyagentos.operations.run import RunReport
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.views.environment import render_environment
 from tests.chat_server import ChatServer
+from tests.command_line import assert_ended
 
 CUBES = ("--scene", "tabletop/cubes_and_trays")
 REQUEST = "put every cube into the tray of its colour, and keep the bottle upright"
@@ -77,24 +78,18 @@ def test_a_request_becomes_a_graph_that_lints_and_nothing_runs_unapproved(paos, 
     assert paos("plan", graph.with_suffix(".goal.yaml")).code == ExitCode.GOAL_MET
 
 
-def test_yes_approves_and_runs_as_paos_run_does(paos, runs):
-    asked = paos("ask", SHORT, *CUBES, "--yes", "--seed", "3", "-w", "w", "-o", "mine.yaml", "--no-pictures")
+def test_yes_approves_and_runs_as_paos_run_does_and_json_holds_its_report(paos, runs):
+    words = ("--yes", "--json", "--seed", "3", "-w", "w", "-o", "mine.yaml", "--no-pictures")
+    found = json.loads(paos("ask", REQUEST, *CUBES, *words).out)
     (order,) = runs
 
-    assert asked.code == ExitCode.GOAL_MET
     assert (order.graph, order.seed, order.workspace, order.pictures) == (Path("mine.yaml"), 3, Path("w"), False)
     assert order.memory == "none", "PHYAGENTOS_MEMORY of the tests"
-
-
-def test_json_is_one_document_with_the_report_of_the_run_in_it(paos, runs):
-    found = json.loads(paos("ask", REQUEST, *CUBES, "--yes", "--json").out)
-
     assert found["understood"]
     assert found["goal"]["constraints"] == ["upright(bottle)"]
     assert set(found["left_out"]) == {"yellow_cube"}
     assert len(found["sessions"]) == 3
     assert found["report"]["workspace"] == REPORT.workspace
-    assert len(runs) == 1
 
 
 @pytest.mark.slow
@@ -138,10 +133,7 @@ def test_what_cannot_be_done_ends_with_code_2_and_is_named(paos, request_, kind,
 
 @pytest.mark.slow
 def test_a_goal_without_a_plan_says_what_is_missing(paos):
-    asked = paos("ask", "put everything into the red tray", *CUBES)
-
-    assert asked.code == ExitCode.GOAL_NOT_MET
-    assert "red_tray" in asked.out
+    assert_ended(paos("ask", "put everything into the red tray", *CUBES), ExitCode.GOAL_NOT_MET, out=["red_tray"])
     assert not Path("workspaces").exists()
 
 
@@ -154,26 +146,15 @@ def test_a_first_request_is_about_the_scene_of_the_project_else_of_the_first_exa
 
 
 @pytest.mark.slow
-def test_as_before_takes_the_request_before(paos):
-    paos("ask", SHORT, *CUBES)
-    found = json.loads(paos("ask", "as before, and put the blue cube into the blue tray", "--json").out)
-
-    assert found["goal"]["accept"] == ["inside(red_cube, red_tray)", "inside(blue_cube, blue_tray)"]
-    assert (
-        found["before"]
-        == "workspaces/put_the_red_cube_into_the_red_tray-0-1/requests/put_the_red_cube_into_the_red_tray.goal.yaml"
-    )
-
-
-@pytest.mark.slow
-def test_as_before_is_asked_of_the_workspace_that_is_named(paos):
+def test_as_before_takes_the_request_before_of_the_workspace_that_is_named_else_the_newest(paos):
     paos("ask", SHORT, *CUBES, "-w", "first")
     paos("ask", "put the green cube into the green tray", *CUBES)
     again = ("ask", "as before, and put the blue cube into the blue tray")
 
-    named, newest = paos(*again, "-w", "first", "--json"), paos(*again)
+    named, newest = json.loads(paos(*again, "-w", "first", "--json").out), paos(*again)
 
-    assert "inside(red_cube, red_tray)" in json.loads(named.out)["goal"]["accept"]
+    assert named["goal"]["accept"] == ["inside(red_cube, red_tray)", "inside(blue_cube, blue_tray)"]
+    assert named["before"] == "first/requests/put_the_red_cube_into_the_red_tray.goal.yaml"
     assert "the request before: workspaces/put_the_green_cube_into_the_green_tray-0-1/requests/" in newest.err
 
 

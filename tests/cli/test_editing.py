@@ -8,7 +8,7 @@ import pytest
 
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations.workspaces import read_ledger
-from tests.command_line import assert_refused
+from tests.command_line import assert_ended, assert_refused
 
 
 @pytest.fixture
@@ -23,10 +23,11 @@ def contract_of(run):
 
 
 def test_a_limit_is_changed_with_sed(pending, paos):
-    result = paos("edit", pending.workspace.root, "--editor", "sed -i 's/timeout_s: 60.0/timeout_s: 75/'")
-
-    assert result.code == ExitCode.GOAL_MET, result.err
-    assert 'tidy-7.red: amend {"limits": {"timeout_s": 75.0}}' in result.out
+    assert_ended(
+        paos("edit", pending.workspace.root, "--editor", "sed -i 's/timeout_s: 60.0/timeout_s: 75/'"),
+        ExitCode.GOAL_MET,
+        out=['tidy-7.red: amend {"limits": {"timeout_s": 75.0}}'],
+    )
     assert contract_of(pending).limits.timeout_s == 75.0
     assert "timeout_s: 75.0" in pending.workspace.sessions_document.read_text()
 

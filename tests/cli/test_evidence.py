@@ -15,7 +15,7 @@ from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
 from phyagentos.protocol.world.truth import Truth
-from tests.command_line import assert_refused
+from tests.command_line import assert_ended, assert_refused
 from tests.looks import keep_look
 
 PROTOCOL = Path(__file__).resolve().parents[2] / "protocol"
@@ -164,11 +164,11 @@ def test_looks_that_a_clean_up_took_are_not_missed(paos, run, seen):
 
 def test_a_dry_run_tells_what_would_go_and_takes_nothing(paos, run, bundles):
     before = sorted(run.workspace.evidence.rglob("*"))
-    result = paos("evidence", "prune", "--dry-run", "-w", run.workspace.root)
-
-    assert result.code == ExitCode.GOAL_MET
-    assert "tidy-7.red: would take after.png, trace.jsonl (keep_last 0, keep_days 1)" in result.out
-    assert "1 thinned, 1 whole" in result.out
+    assert_ended(
+        paos("evidence", "prune", "--dry-run", "-w", run.workspace.root),
+        ExitCode.GOAL_MET,
+        out=["tidy-7.red: would take after.png, trace.jsonl (keep_last 0, keep_days 1)", "1 thinned, 1 whole"],
+    )
     assert sorted(run.workspace.evidence.rglob("*")) == before
 
 
@@ -214,9 +214,9 @@ def test_a_context_that_a_model_was_shown_is_checked_with_the_bundle_that_holds_
     assert paos("evidence", "verify", "-w", run.workspace.root).code == ExitCode.GOAL_MET
 
     shown.write_text("# Context for nothing\n")
-    result = paos("evidence", "verify", "-w", run.workspace.root)
-    assert result.code == ExitCode.GOAL_NOT_MET
-    assert f"{shown}: EVIDENCE_DAMAGED" in result.err
+    assert_ended(
+        paos("evidence", "verify", "-w", run.workspace.root), ExitCode.GOAL_NOT_MET, err=[f"{shown}: EVIDENCE_DAMAGED"]
+    )
     shown.unlink()
     result = paos("evidence", "verify", "-w", run.workspace.root)
     assert f"{shown}: EVIDENCE_DAMAGED: found no such file; expected sha256 {sha256}" in result.err

@@ -14,7 +14,7 @@ from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.results import ANSWERING
 from phyagentos.clock import SystemClock
 from phyagentos.operations import listing
-from tests.command_line import assert_refused
+from tests.command_line import assert_ended, assert_refused
 
 
 def test_help_and_version_succeed(paos):
@@ -96,9 +96,7 @@ def test_where_a_result_goes_to_changes_no_exit_code_but_that_of_one_that_is_los
 
 @pytest.mark.parametrize("word", ["lifecycle", "schema", "list", "tree", "lint", "compile", "init", "run", "why"])
 def test_every_command_explains_itself(paos, word):
-    result = paos(word, "--help")
-    assert result.code == ExitCode.GOAL_MET
-    assert "Usage:" in result.out
+    assert_ended(paos(word, "--help"), ExitCode.GOAL_MET, out=["Usage:"])
 
 
 NO_EFFECT = "targets.amr: UNKNOWN_NAME (role): found 'amr'; expected arm. Did you mean 'arm'?"

@@ -11,7 +11,7 @@ from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations.init import Extension
 from phyagentos.protocol.predicates.library import get_predicate_library
 from phyagentos.protocol.predicates.project_predicates import forget_readings
-from tests.command_line import assert_refused
+from tests.command_line import assert_ended, assert_refused
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -30,9 +30,9 @@ def test_a_new_place_lints_clean_and_compiles(paos, tmp_path):
     linted = paos("lint", place)
     assert (linted.code, linted.err) == (ExitCode.GOAL_MET, "")
     assert "4 files checked" in linted.out
-    compiled = paos("compile", place / "goal_graphs" / "first.yaml")
-    assert compiled.code == ExitCode.GOAL_MET
-    assert "show: show_and_place(" in compiled.out
+    assert_ended(
+        paos("compile", place / "goal_graphs" / "first.yaml"), ExitCode.GOAL_MET, out=["show: show_and_place("]
+    )
 
 
 def test_init_never_overwrites(paos, tmp_path):

@@ -10,6 +10,7 @@ from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.predicates.project_predicates import forget_readings, load_predicates
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.testing import make_cube, make_world
+from tests.command_line import assert_refused
 
 PYTHON = """
 from pathlib import Path
@@ -58,11 +59,11 @@ def has_run(project):
 
 @pytest.mark.parametrize("command", ["lint", "compile"])
 def test_without_consent_nothing_is_executed_and_the_error_names_the_option(paos, project, command):
-    result = paos(command, "goal_graphs/reach_out.yaml")
-
-    assert result.code == 2
-    assert "UNKNOWN_NAME (predicate): found 'far_out'" in result.err
-    assert "predicates/far_out.py defines it: read it; --run-python executes it." in result.err
+    assert_refused(
+        paos(command, "goal_graphs/reach_out.yaml"),
+        "UNKNOWN_NAME (predicate): found 'far_out'",
+        "predicates/far_out.py defines it: read it; --run-python executes it.",
+    )
     assert not has_run(project)
 
 

@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from phyagentos.protocol.sessions.lifecycle import Side
-from tests.command_line import assert_refused
+from tests.command_line import assert_ended, assert_refused
 
 
 def segment_of(run):
@@ -47,11 +47,11 @@ def test_a_torn_end_is_cut_without_asking(paos, replanned):
         file.write(b"<!-- phy1 0000000021 000900 00000000 -->\n- half of")
     assert paos("store", "check", replanned.workspace.root).code == 0
 
-    done = paos("store", "repair", replanned.workspace.root)
-
-    assert done.code == 0
-    assert "50 bytes" in done.out
-    assert "a torn end, which was never acknowledged" in done.out
+    assert_ended(
+        paos("store", "repair", replanned.workspace.root),
+        0,
+        out=["50 bytes", "a torn end, which was never acknowledged"],
+    )
     assert json.loads(paos("store", "check", replanned.workspace.root, "--json").out)["last_seq"] == 21
 
 
@@ -60,10 +60,9 @@ def test_damage_is_mended_only_when_the_loss_is_accepted(paos, replanned, read_w
     spoil(path, 9)
     damaged = path.read_bytes()
 
-    refused = paos("store", "repair", replanned.workspace.root)
-    assert refused.code == 1
-    assert "record 9 is lost" in refused.out
-    assert "Nothing was changed" in refused.err
+    assert_ended(
+        paos("store", "repair", replanned.workspace.root), 1, out=["record 9 is lost"], err=["Nothing was changed"]
+    )
     assert path.read_bytes() == damaged
     done = paos("store", "repair", replanned.workspace.root, "--accept-loss", "--json")
 
@@ -114,10 +113,7 @@ def test_compacting_a_damaged_journal_is_refused(paos, replanned):
     path = segment_of(replanned)
     spoil(path, 9)
 
-    done = paos("store", "compact", replanned.workspace.root)
-
-    assert done.code == 4
-    assert "JOURNAL_DAMAGED" in done.err
+    assert_ended(paos("store", "compact", replanned.workspace.root), 4, err=["JOURNAL_DAMAGED"])
     assert path.exists()
 
 
@@ -131,7 +127,8 @@ def test_a_lane_can_be_named(paos, replanned):
     folder = replanned.pens[Side.AGENT].folder
     shutil.copytree(folder, folder.with_name("other"))
 
-    done = paos("store", "check", replanned.workspace.root, "--lane", "other")
-
-    assert done.code == 1
-    assert f"JOURNAL_DAMAGED: lane is {folder.name}, expected other" in done.out
+    assert_ended(
+        paos("store", "check", replanned.workspace.root, "--lane", "other"),
+        1,
+        out=[f"JOURNAL_DAMAGED: lane is {folder.name}, expected other"],
+    )

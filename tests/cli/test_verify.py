@@ -15,7 +15,7 @@ from phyagentos.protocol.world.environment import Entity, Environment, Interior,
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Entry
 from phyagentos.store.views.sessions import render_sessions
-from tests.command_line import assert_refused
+from tests.command_line import assert_ended, assert_refused
 
 SESSION = "tidy-7.red"
 IN_TRAY, AWAY = (0.6, 0.3, 0.03), (0.4, 0.0, 0.02)
@@ -60,10 +60,11 @@ def fold(run):
 
 def test_a_judgement_is_added_and_the_verdict_stays(paos, judged):
     before = fold(judged)
-    result = paos("verify", "red", "-w", judged.workspace.root, "--with", "predicates,holds")
-    assert result.code == ExitCode.GOAL_MET, result.err
-    assert f"{SESSION}: success  the criterion holds" in result.out
-    assert "added as judgement 2; the verdict stays failure" in result.out
+    assert_ended(
+        paos("verify", "red", "-w", judged.workspace.root, "--with", "predicates,holds"),
+        ExitCode.GOAL_MET,
+        out=[f"{SESSION}: success  the criterion holds", "added as judgement 2; the verdict stays failure"],
+    )
     after = fold(judged)
     assert (after.state, after.updated_at, after.attempts[0]) == (before.state, before.updated_at, before.attempts[0])
     added = after.attempts[1]

@@ -77,8 +77,7 @@ def test_what_is_wrong_with_a_document_is_named(change, problem):
     text = render_lessons([Lesson(id="grip", statement="Wide grips hold.")])
     assert change[0] in text
     told = problems_of(text.replace(*change, 1), "LESSONS.md")
-    assert len(told) == 1
-    assert problem in told[0]
+    assert (len(told), problem in told[0]) == (1, True)
 
 
 def test_a_block_that_has_no_place_in_a_document_is_named():

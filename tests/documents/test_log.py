@@ -79,11 +79,7 @@ def tail(pens):
         make_submit("tidy-7.red.r1", "tidy-7.red"),
     )
     run_session(pens, "tidy-7.red.r1", SUCCESS, Entry("node:tidy-7/red", "node_done", {"reason": SUCCESS.reason}))
-    ledger, tail = Ledger(), LogTail()
-    for record in pens[Side.AGENT].read_new():
-        ledger.apply(record)
-        tail.take(record, ledger)
-    return tail
+    return follow(pens[Side.AGENT])[1]
 
 
 def test_the_log_tells_the_story_in_order_and_nothing_twice(tail):
@@ -120,13 +116,18 @@ def tell(record, ledger):
     return next(iter(read_log(tail.render(record.seq)).lines), None)
 
 
-def tell_all(pen):
-    ledger = Ledger()
-    lines = []
+def follow(pen):
+    """The ledger and the end of the log after everything that was recorded."""
+    ledger, tail = Ledger(), LogTail()
     for record in pen.read_new():
         ledger.apply(record)
-        lines.append(tell(record, ledger))
-    return [line.text for line in lines if line is not None]
+        tail.take(record, ledger)
+    return ledger, tail
+
+
+def read_lines(pen):
+    ledger, tail = follow(pen)
+    return [line.text for line in read_log(tail.render(ledger.seq)).lines]
 
 
 def test_a_judgement_is_told_as_it_was_whatever_comes_before_the_next_rendering(pens):
@@ -134,12 +135,7 @@ def test_a_judgement_is_told_as_it_was_whatever_comes_before_the_next_rendering(
     run_session(pens, "s", FAILURE)
     review = Attempt(verdict=Verdict.SUCCESS, criteria=(), reason="it is inside.", is_review=True)
     pens[Side.AGENT].commit([Entry("s", "review", {"attempt": review})])
-    ledger, tail = Ledger(), LogTail()
-    for record in pens[Side.AGENT].read_new():
-        ledger.apply(record)
-        tail.take(record, ledger)
-
-    assert [line.text for line in read_log(tail.render(6)).lines][-2:] == [
+    assert read_lines(pens[Side.AGENT])[-2:] == [
         "verdict failure (GRASP_LOST): no budget is left.",
         "review",
     ]
@@ -159,20 +155,15 @@ def test_a_node_that_cannot_be_done_tells_the_reason_unless_the_verdict_did(pens
     )
     run_session(pens, "tidy-7.red", FAILURE, Entry("node:tidy-7/red", "node_blocked", {"reason": reason}))
 
-    assert tell_all(pens[Side.AGENT])[-2:] == ["verdict failure (GRASP_LOST): no budget is left.", told]
+    assert read_lines(pens[Side.AGENT])[-2:] == ["verdict failure (GRASP_LOST): no budget is left.", told]
 
 
 def test_a_long_log_shows_its_end_and_says_how_much_is_older(pens):
     pens[Side.AGENT].commit([make_submit(f"s{number}") for number in range(LINES_SHOWN + 5)])
-    ledger, tail = Ledger(), LogTail()
-    for record in pens[Side.AGENT].read_new():
-        ledger.apply(record)
-        tail.take(record, ledger)
+    ledger, tail = follow(pens[Side.AGENT])
     found = read_log(tail.render(ledger.seq))
 
-    assert found.front.older == 5
-    assert len(found.lines) == LINES_SHOWN
-    assert found.lines[0].about == "s5"
+    assert (found.front.older, len(found.lines), found.lines[0].about) == (5, LINES_SHOWN, "s5")
     assert "5 older records are not shown here; they are in `sessions/`." in tail.render(ledger.seq)
 
 

@@ -14,7 +14,6 @@ from filelock import FileLock
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from phyagentos.cli.app import main
 from phyagentos.pictures.trees import Drawing
 from phyagentos.pictures.trees import render_mermaid as render_tree
 from phyagentos.protocol.capabilities.library import Library
@@ -105,15 +104,6 @@ def show(answer):
     return [html.unescape(each.replace("ﬂ°°", "&#").replace("ﬂ°", "&").replace("¶ß", ";")) for each in answer["labels"]]
 
 
-def run(monkeypatch, capsys, *arguments):
-    monkeypatch.setattr(sys, "argv", ["paos", *map(str, arguments)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    told = capsys.readouterr()
-    assert not ended.value.code, told.err
-    return told.out
-
-
 def test_a_broken_diagram_is_refused(parse):
     broken = [
         "flowchart TD\n a[-->",
@@ -144,14 +134,11 @@ def test_the_diagrams_of_the_documentation_parse(root, parse):
     assert any(text.startswith("stateDiagram") for text in found["lifecycle.md"])
 
 
-def test_the_diagrams_that_the_commands_print_parse(root, parse, monkeypatch, capsys):
+def test_the_diagrams_that_the_commands_print_parse(root, parse, monkeypatch, paos):
     monkeypatch.chdir(root)
     graphs = [("compile", path) for path in sorted((root / "goal_graphs").glob("*.yaml"))]
     trees = [("tree", "show", name) for name in Library.open(root).names_of_trees()]
-    printed = [
-        (arguments, run(monkeypatch, capsys, *arguments, "--mermaid"))
-        for arguments in [("lifecycle",), *graphs, *trees]
-    ]
+    printed = [(words, paos(*words, "--mermaid").out) for words in [("lifecycle",), *graphs, *trees]]
 
     answers = parse([text for _, text in printed])
 

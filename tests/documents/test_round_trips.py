@@ -83,8 +83,38 @@ LINES = st.builds(
 )
 
 
-def by_id(values):
-    return list({value.id: value for value in values}.values())
+def index(values):
+    return {value.id: value for value in values}
+
+
+SIGNS = draw(Signs).filter(lambda signs: signs.runtime is not RuntimeState.NOT_STARTED)
+DOCUMENTS = {  # file -> blocks by their names, and what renders them
+    SKILLRUNTIME: (
+        st.lists(SKILLS, max_size=3).map(lambda skills: {skill.skill: skill for skill in skills}),
+        lambda blocks: render_skills(list(blocks.values())),
+    ),
+    LESSONS: (
+        st.lists(draw_struct(Lesson, id=NAMES), max_size=3).map(index),
+        lambda blocks: render_lessons(blocks.values()),
+    ),
+    KNOWLEDGE: (
+        st.lists(draw_struct(Fact, id=NAMES), max_size=3).map(index),
+        lambda blocks: render_knowledge(blocks.values()),
+    ),
+    RUNTIME_SIGNAL: (SIGNS.map(lambda signs: {"Signs": signs}), lambda blocks: render_runtime_signal(blocks["Signs"])),
+}
+
+
+@FEW
+@given(data=st.data())
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda document: document.file)
+def test_the_blocks_of_a_document_come_back_as_they_were(document, data):
+    values, render = DOCUMENTS[document]
+    blocks = data.draw(values)
+    text = render(blocks)
+    found = read_document(text, document).blocks
+    assert (found, list(found)) == (blocks, list(blocks))
+    check_schema(text, document.file)
 
 
 @FEW
@@ -93,34 +123,19 @@ def test_sessions_come_back_as_they_were(statuses, seq):
     statuses = {status.contract.id: status for status in statuses}
     text = render_page(Page(seq, list(statuses.values()), len(statuses)))
     found = read_document(text, SESSIONS)
-
-    assert found.front.view == seq
-    assert found.blocks == statuses
+    assert (found.front.view, found.blocks) == (seq, statuses)
     check_schema(text, "SESSIONS.md")
 
 
 @FEW
-@given(st.lists(GOALS, max_size=3).map(by_id), WHOLE)
+@given(st.lists(GOALS, max_size=3).map(index), WHOLE)
 def test_tasks_come_back_as_they_were(goals, seq):
     ledger = Ledger()
-    ledger.seq, ledger.goals = seq, {goal.id: goal for goal in goals}
+    ledger.seq, ledger.goals = seq, goals
     text = render_tasks(ledger)
     found = read_document(text, TASK)
-
-    assert found.front.view == seq
-    assert found.blocks == ledger.goals
-    assert list(found.blocks) == list(reversed(ledger.goals))
+    assert (found.front.view, found.blocks, list(found.blocks)) == (seq, goals, list(reversed(goals)))
     check_schema(text, "TASK.md")
-
-
-@FEW
-@given(st.lists(SKILLS, max_size=3))
-def test_skills_come_back_as_they_were(skills):
-    skills = {skill.skill: skill for skill in skills}
-    text = render_skills(list(skills.values()))
-
-    assert read_document(text, SKILLRUNTIME).blocks == skills
-    check_schema(text, "SKILLRUNTIME.md")
 
 
 @pytest.fixture(scope="module")
@@ -153,24 +168,6 @@ def test_the_environment_comes_back_as_it_was(environment):
 
 
 @FEW
-@given(st.lists(draw_struct(Lesson, id=NAMES), max_size=3).map(by_id))
-def test_lessons_come_back_as_they_were(lessons):
-    text = render_lessons(lessons)
-
-    assert list(read_document(text, LESSONS).blocks.values()) == lessons
-    check_schema(text, "LESSONS.md")
-
-
-@FEW
-@given(st.lists(draw_struct(Fact, id=NAMES), max_size=3).map(by_id))
-def test_facts_come_back_as_they_were(facts):
-    text = render_knowledge(facts)
-
-    assert list(read_document(text, KNOWLEDGE).blocks.values()) == facts
-    check_schema(text, "KNOWLEDGE.md")
-
-
-@FEW
 @given(st.lists(LINES, max_size=6), WHOLE, WHOLE)
 def test_log_lines_come_back_as_they_were(lines, seq, older):
     text = render_log(lines, seq, older=older)
@@ -179,12 +176,3 @@ def test_log_lines_come_back_as_they_were(lines, seq, older):
     assert (found.front.view, found.front.older) == (seq, older)
     assert list(found.lines) == lines
     check_schema(text, "LOG.md")
-
-
-@FEW
-@given(draw(Signs).filter(lambda signs: signs.runtime is not RuntimeState.NOT_STARTED))
-def test_signs_come_back_as_they_were(signs):
-    text = render_runtime_signal(signs)
-
-    assert read_document(text, RUNTIME_SIGNAL).blocks == {"Signs": signs}
-    check_schema(text, "RUNTIME_SIGNAL.md")

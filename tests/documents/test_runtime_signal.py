@@ -29,6 +29,11 @@ def workspace(tmp_path, root):
 
 
 @pytest.fixture
+def signal(workspace, clock):
+    return RuntimeSignal(workspace, clock)
+
+
+@pytest.fixture
 def beat(workspace):
     def write(**facts):
         write_heartbeat(workspace.heartbeats, Heartbeat(**({"target": "panda", "pid": os.getpid()} | facts)))
@@ -51,8 +56,7 @@ def dead_pid():
     return done.pid
 
 
-def test_a_worker_is_ready_while_its_process_lives(workspace, clock, beat):
-    signal = RuntimeSignal(workspace, clock)
+def test_a_worker_is_ready_while_its_process_lives(workspace, clock, signal, beat):
     beat(phase="executing", session="s", tick=7)
     signal.refresh()
 
@@ -62,8 +66,7 @@ def test_a_worker_is_ready_while_its_process_lives(workspace, clock, beat):
     assert "| panda | ready since 1970-01-12" in workspace.target_registry.read_text()
 
 
-def test_a_worker_whose_process_ended_is_lost(workspace, clock, beat, dead_pid):
-    signal = RuntimeSignal(workspace, clock)
+def test_a_worker_whose_process_ended_is_lost(workspace, clock, signal, beat, dead_pid):
     beat(phase="executing", session="s", pid=dead_pid)
     signal.refresh()
 
@@ -80,32 +83,34 @@ def test_a_process_that_nobody_collected_is_not_alive():
     child.wait()
 
 
-def test_a_worker_that_holds_a_session_and_says_nothing_new_is_silent(workspace, clock, beat):
-    signal = RuntimeSignal(workspace, clock)
-    beat(phase="executing", session="s", sequence=1)
+EXECUTING = {"phase": "executing", "session": "s", "sequence": 1}
+
+
+@pytest.mark.parametrize(
+    ("beats", "health"),
+    [
+        pytest.param([EXECUTING, (SILENCE_S + 0.1, {})], Health.SILENT, id="it holds a session and says nothing new"),
+        pytest.param(
+            [EXECUTING, (SILENCE_S + 0.1, {}), (PERIOD_S, EXECUTING | {"sequence": 2})],
+            Health.READY,
+            id="it speaks again",
+        ),
+        pytest.param([{}, (10 * SILENCE_S, {})], Health.READY, id="an idle worker need not speak"),
+    ],
+)
+def test_a_worker_is_silent_only_while_it_holds_a_session(workspace, clock, signal, beat, beats, health):
+    first, *later = beats
+    beat(**first)
     signal.refresh()
-    clock.advance(SILENCE_S + 0.1)
-    signal.refresh()
-    assert read_health(workspace).state is Health.SILENT
-
-    beat(phase="executing", session="s", sequence=2)
-    clock.advance(PERIOD_S)
-    signal.refresh()
-    assert read_health(workspace) == TargetHealth(state=Health.READY, since=clock.wall_iso())
+    for after_s, facts in later:
+        clock.advance(after_s)
+        if facts:
+            beat(**facts)
+        signal.refresh()
+    assert read_health(workspace).state is health
 
 
-def test_an_idle_worker_need_not_speak(workspace, clock, beat):
-    signal = RuntimeSignal(workspace, clock)
-    beat()
-    signal.refresh()
-    clock.advance(10 * SILENCE_S)
-    signal.refresh()
-
-    assert read_health(workspace).state is Health.READY
-
-
-def test_after_the_end_nothing_claims_to_live(workspace, clock, beat):
-    signal = RuntimeSignal(workspace, clock)
+def test_after_the_end_nothing_claims_to_live(workspace, clock, signal, beat):
     beat()
     signal.refresh()
     signal.close()
@@ -139,8 +144,7 @@ def test_a_health_that_stays_keeps_its_time(workspace, clock, beat):
     assert read_health(workspace) == TargetHealth(state=Health.STOPPED, since=since)
 
 
-def test_the_document_is_renewed_while_nothing_happens(workspace, clock, beat):
-    signal = RuntimeSignal(workspace, clock)
+def test_the_document_is_renewed_while_nothing_happens(workspace, clock, signal, beat):
     beat()
     signal.refresh()
     begin = read_signs(workspace).at
@@ -153,8 +157,7 @@ def test_the_document_is_renewed_while_nothing_happens(workspace, clock, beat):
     assert read_signs(workspace).at == clock.wall_iso() > begin
 
 
-def test_requests_are_shown_with_what_became_of_them(workspace, clock):
-    signal = RuntimeSignal(workspace, clock)
+def test_requests_are_shown_with_what_became_of_them(workspace, clock, signal):
     drop_signal(workspace.signals, Signal(kind="cancel", session="a", by="ann", reason="enough"), clock)
     signal.refresh()
     take_signals(workspace.signals)
@@ -182,9 +185,8 @@ by: ann
 
 
 @pytest.fixture
-def edited(workspace, clock):
+def edited(workspace, clock, signal):
     """A document that is rendered and can be edited: gives what rendering goes on after, for some seconds."""
-    signal = RuntimeSignal(workspace, clock)
     signal.refresh()
 
     def go_on(seconds=5.0):
@@ -228,8 +230,7 @@ def test_a_request_that_nobody_can_read_is_rejected_with_the_reason(workspace, e
     assert "Nothing was done" in reason.read_text()
 
 
-def test_a_request_that_was_written_at_the_end_is_not_lost(workspace, clock):
-    signal = RuntimeSignal(workspace, clock)
+def test_a_request_that_was_written_at_the_end_is_not_lost(workspace, clock, signal):
     signal.refresh()
     workspace.runtime_signal.write_text(workspace.runtime_signal.read_text() + REQUEST)
     signal.close()

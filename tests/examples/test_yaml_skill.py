@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from tests.command_line import assert_ended
+
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "examples" / "projects" / "01_yaml_skill"
 
@@ -11,7 +13,6 @@ def test_it_holds_no_python():
 
 
 def test_its_tree_is_drawn_with_the_trees_that_ship(paos):
-    drawn = paos("tree", "show", EXAMPLE / "trees/show_and_place.yaml")
-    assert drawn.code == 0, drawn.err
-    assert "plan_grasp" in drawn.out
-    assert "hold_up · move_home" in drawn.out
+    assert_ended(
+        paos("tree", "show", EXAMPLE / "trees/show_and_place.yaml"), 0, out=["plan_grasp", "hold_up · move_home"]
+    )

@@ -35,48 +35,57 @@ def twins(a, b, *others, **more):
 )
 def test_what_depends_on_the_name_of_one_of_two_alike_things_is_unknown(text):
     found = value(text, twins(IN_TRAY, {"x": 0.0}, cube("c", x=0.1)))
-
-    assert found.truth is Truth.UNKNOWN
-    assert found.alternatives == ("a", "b")
+    assert (found.truth, found.alternatives) == (Truth.UNKNOWN, ("a", "b"))
     assert found.because.startswith("a and b look alike: ")
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("upright(a)", Truth.TRUE),
-        ("fallen(b)", Truth.FALSE),
-        ("exists(a)", Truth.TRUE),
-        ("count(inside(*, tray)) == 1", Truth.TRUE),
-        ("count(inside(*, tray)) >= 2", Truth.FALSE),
-        ("inside(a, tray) or inside(b, tray)", Truth.TRUE),
-        ("inside(a, tray) and inside(b, tray)", Truth.FALSE),
-        ("inside(c, tray)", Truth.FALSE),
-        ("not inside(*, tray)", Truth.FALSE),
+APART = twins(IN_TRAY, {"x": 0.0}, cube("c", x=0.1))
+BOTH = twins({"x": 0.46, "z": 0.03}, {"x": 0.54, "z": 0.03})
+ALONE = world(tray(), cube("a", **AB[0], **IN_TRAY), never_seen=("b",))
+HALVES = {
+    name: Region(name=name, pose=Pose((x, 0.0, 0.03)), half_m=(0.04, 0.05, 0.03), alternatives=(other,))
+    for name, other, x in (("left", "right", 0.45), ("right", "left", 0.55))
+}
+IN_HALF = world(tray(), cube("a", x=0.45, z=0.03), regions=HALVES)
+CASES = {
+    "what every naming answers alike is decided": [
+        ("upright(a)", APART, Truth.TRUE),
+        ("fallen(b)", APART, Truth.FALSE),
+        ("exists(a)", APART, Truth.TRUE),
+        ("count(inside(*, tray)) == 1", APART, Truth.TRUE),
+        ("count(inside(*, tray)) >= 2", APART, Truth.FALSE),
+        ("inside(a, tray) or inside(b, tray)", APART, Truth.TRUE),
+        ("inside(a, tray) and inside(b, tray)", APART, Truth.FALSE),
+        ("inside(c, tray)", APART, Truth.FALSE),
+        ("not inside(*, tray)", APART, Truth.FALSE),
     ],
+    "both where they should be are there whatever their names": [
+        ("inside(a, tray) and inside(b, tray)", BOTH, Truth.TRUE),
+        ("at(a, (0.46, 0, 0.03), 0.02)", BOTH, Truth.UNKNOWN),
+    ],
+    "a thing whose twin no look has shown is not known by name": [
+        ("inside(a, tray)", ALONE, Truth.UNKNOWN),
+        ("exists(a)", ALONE, Truth.UNKNOWN),
+    ],
+    "the halves of a tray that looks the same turned around are not told apart": [
+        ("inside(a, left)", IN_HALF, Truth.UNKNOWN),
+        ("inside(a, left) or inside(a, right)", IN_HALF, Truth.TRUE),
+    ],
+    "what the hand holds may be the twin, and neither is in the tray": [
+        ("inside(a, tray)", twins({"held_by": "arm"}, {"x": 0.2}, sensing="truth"), Truth.FALSE)
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("text", "now", "expected"),
+    [pytest.param(*case, id=f"{claim}, {n}") for claim, cases in CASES.items() for n, case in enumerate(cases, 1)],
 )
-def test_what_every_naming_answers_alike_is_decided(text, expected):
-    assert truth(text, twins(IN_TRAY, {"x": 0.0}, cube("c", x=0.1))) is expected
-
-
-def test_both_where_they_should_be_are_there_whatever_their_names():
-    both = twins({"x": 0.46, "z": 0.03}, {"x": 0.54, "z": 0.03})
-
-    assert truth("inside(a, tray) and inside(b, tray)", both) is Truth.TRUE
-    assert truth("at(a, (0.46, 0, 0.03), 0.02)", both) is Truth.UNKNOWN
-
-
-def test_a_thing_whose_twin_no_look_has_shown_is_not_known_by_name():
-    alone = world(tray(), cube("a", **AB[0], **IN_TRAY), never_seen=("b",))
-
-    assert truth("inside(a, tray)", alone) is Truth.UNKNOWN
-    assert truth("exists(a)", alone) is Truth.UNKNOWN
+def test_what_names_decide_is_unknown_and_all_else_is_decided(text, now, expected):
+    assert truth(text, now) is expected
 
 
 def test_what_the_hand_holds_may_be_the_twin():
-    held = twins({"held_by": "arm"}, {"x": 0.2}, sensing="truth")
-
-    assert truth("inside(a, tray)", held) is Truth.FALSE  # neither is
     assert truth("on(a, tray)", twins({"held_by": "arm", **IN_TRAY}, IN_TRAY | {"z": 0.02})) is not Truth.TRUE
 
 
@@ -88,17 +97,6 @@ def test_a_naming_that_followed_the_things_since_the_beginning_tells_whether_the
 
     assert truth("moved(a)", now, initial) is moved
     assert truth("moved(*)", now, initial) is moved
-
-
-def test_the_halves_of_a_tray_that_looks_the_same_turned_around_are_not_told_apart():
-    halves = {
-        name: Region(name=name, pose=Pose((x, 0.0, 0.03)), half_m=(0.04, 0.05, 0.03), alternatives=(other,))
-        for name, other, x in (("left", "right", 0.45), ("right", "left", 0.55))
-    }
-    now = world(tray(), cube("a", x=0.45, z=0.03), regions=halves)
-
-    assert truth("inside(a, left)", now) is Truth.UNKNOWN
-    assert truth("inside(a, left) or inside(a, right)", now) is Truth.TRUE
 
 
 def test_names_by_agreement_are_as_believed_and_follow_the_things():

@@ -49,33 +49,44 @@ def put(root, name, text):
     path.write_text(text, encoding="utf-8")
 
 
+FILES = {
+    "mine": {"skills/wave/SKILL.md": SKILL, "trees/wave.yaml": "tree: mine\n"},
+    "shipped": {
+        "skills/wave/SKILL.md": SKILL.replace("Wave |", "Shipped"),
+        "skills/wave/behaviours.py": "# of the shipped skill\n",
+        "skills/nod/SKILL.md": SKILL.replace("wave", "nod"),
+        "skills/nod/behaviours.py": "# nod\n",
+        "skills/nod/__pycache__/behaviours.pyc": "litter",
+        "trees/wave.yaml": "tree: shipped\n",
+        "trees/sub/nod.yaml": "tree: nod\n",
+        "scenes/tabletop/toys.yaml": "scene: toys\n",
+        "robots/toy/target.yaml": TARGET,
+        "robots/toy/toy.xml": "<mujoco/>\n",
+        "protocol/LESSONS.md": "# Lessons\n",
+        "protocol/safety.yaml": "version: 1\n",
+        "protocol/schemas/tree.json": "{}",
+    },
+}
+
+
 @pytest.fixture
 def library(tmp_path):
-    mine, shipped = tmp_path / "mine", tmp_path / "shipped"
-    put(mine, "skills/wave/SKILL.md", SKILL)
-    put(mine, "trees/wave.yaml", "tree: mine\n")
-    put(shipped, "skills/wave/SKILL.md", SKILL.replace("Wave |", "Shipped"))
-    put(shipped, "skills/wave/behaviours.py", "# of the shipped skill\n")
-    put(shipped, "skills/nod/SKILL.md", SKILL.replace("wave", "nod"))
-    put(shipped, "skills/nod/behaviours.py", "# nod\n")
-    put(shipped, "skills/nod/__pycache__/behaviours.pyc", "litter")
-    put(shipped, "trees/wave.yaml", "tree: shipped\n")
-    put(shipped, "trees/sub/nod.yaml", "tree: nod\n")
-    put(shipped, "scenes/tabletop/toys.yaml", "scene: toys\n")
-    put(shipped, "robots/toy/target.yaml", TARGET)
-    put(shipped, "robots/toy/toy.xml", "<mujoco/>\n")
-    put(shipped, "protocol/LESSONS.md", "# Lessons\n")
-    put(shipped, "protocol/safety.yaml", "version: 1\n")
-    put(shipped, "protocol/schemas/tree.json", "{}")
-    return Library((mine, shipped))
+    for root, files in FILES.items():
+        for name, text in files.items():
+            put(tmp_path / root, name, text)
+    return Library((tmp_path / "mine", tmp_path / "shipped"))
+
+
+@pytest.fixture
+def workspace(tmp_path, library):
+    return Workspace.create(tmp_path / "w", library)
 
 
 def list_files(root):
     return {path.relative_to(root).as_posix(): path.read_bytes() for path in root.rglob("*") if path.is_file()}
 
 
-def test_the_first_root_wins_and_things_are_never_mixed(tmp_path, library):
-    workspace = Workspace.create(tmp_path / "w", library)
+def test_the_first_root_wins_and_things_are_never_mixed(workspace):
     copies = set(list_files(workspace.library_root))
 
     assert copies == {
@@ -93,17 +104,14 @@ def test_the_first_root_wins_and_things_are_never_mixed(tmp_path, library):
     assert workspace.library().get_skill("nod").is_relative_to(workspace.root)
 
 
-def test_pristine_documents_are_copied_and_missing_ones_are_no_error(tmp_path, library):
-    workspace = Workspace.create(tmp_path / "w", library)
-
+def test_pristine_documents_are_copied_and_missing_ones_are_no_error(workspace):
     assert workspace.lessons.read_text() == "# Lessons\n"
     assert workspace.safety.exists()
     assert not workspace.knowledge.exists()
     assert not (workspace.root / "schemas").exists()
 
 
-def test_a_workspace_made_twice_is_the_same_and_keeps_what_people_wrote(tmp_path, library):
-    workspace = Workspace.create(tmp_path / "w", library)
+def test_a_workspace_made_twice_is_the_same_and_keeps_what_people_wrote(tmp_path, library, workspace):
     workspace.safety.write_text("version: 1 # mine\n")
     put(tmp_path / "shipped", "skills/late/SKILL.md", SKILL.replace("wave", "late"))
     before = list_files(workspace.root)
@@ -113,8 +121,7 @@ def test_a_workspace_made_twice_is_the_same_and_keeps_what_people_wrote(tmp_path
     assert list_files(workspace.root) == before
 
 
-def test_an_interrupted_creation_is_completed(tmp_path, library):
-    workspace = Workspace.create(tmp_path / "w", library)
+def test_an_interrupted_creation_is_completed(tmp_path, library, workspace):
     expected = list_files(workspace.root)
     (workspace.root / MARKER).unlink()
     shutil.rmtree(workspace.library_root / "skills" / "nod")
@@ -125,21 +132,17 @@ def test_an_interrupted_creation_is_completed(tmp_path, library):
     assert list_files(workspace.root) == expected
 
 
-def test_the_registries_are_read_back_as_they_were_declared(tmp_path, library):
-    workspace = Workspace.create(tmp_path / "w", library)
+def test_the_registries_are_read_back_as_they_were_declared(workspace):
     skills, targets = read_skill_registry(workspace.skill_registry), read_target_registry(workspace.target_registry)
 
     assert sorted(skills) == ["nod", "wave"]
-    assert skills["wave"].description == "Wave | at people."
-    assert skills["wave"].parameters["times"].minimum == 1
-    assert skills["wave"].guarantees == ("at(${target}, home)",)
-    assert targets["toy"].gripper.max_width_m == 0.08
-    assert targets["toy"].capabilities == ("manipulation",)
+    wave, toy = skills["wave"], targets["toy"]
+    assert (wave.description, wave.guarantees) == ("Wave | at people.", ("at(${target}, home)",))
+    assert (wave.parameters["times"].minimum, toy.gripper.max_width_m, toy.capabilities) == (1, 0.08, ("manipulation",))
     assert "| wave | Wave \\| at people. | `at(${target}, home)` | wave |" in workspace.skill_registry.read_text()
 
 
-def test_a_registry_that_was_spoiled_names_line_and_key(tmp_path, library):
-    workspace = Workspace.create(tmp_path / "w", library)
+def test_a_registry_that_was_spoiled_names_line_and_key(tmp_path, workspace):
     text = workspace.skill_registry.read_text().replace("tree: wave", "trea: wave")
     workspace.skill_registry.write_text(text)
     line = text.split("\n").index("trea: wave") + 1
@@ -177,19 +180,16 @@ def test_a_folder_of_somebody_else_is_left_alone(tmp_path, library):
     assert list_files(tmp_path / "home") == {"thesis.tex": b"precious"}
 
 
-def test_opening_asks_for_a_workspace(tmp_path, library):
-    made = Workspace.create(tmp_path / "w", library)
+def test_opening_asks_for_a_workspace(tmp_path, workspace):
 
-    assert Workspace.open(tmp_path / "w") == made
+    assert Workspace.open(tmp_path / "w") == workspace
     with pytest.raises(DefinitionError, match="NOT_A_WORKSPACE: found no such folder"):
         Workspace.open(tmp_path / "nowhere")
     with pytest.raises(DefinitionError, match=r"NOT_A_WORKSPACE: found no workspace.yaml"):
         Workspace.open(tmp_path)
 
 
-def test_the_layout_is_there(tmp_path, library):
-    workspace = Workspace.create(tmp_path / "w", library)
-
+def test_the_layout_is_there(workspace):
     for folder in (
         *(workspace.sessions, workspace.goals, workspace.evidence, workspace.signals, workspace.heartbeats),
         *(workspace.logs, workspace.cache, workspace.inbox / "new", workspace.inbox / "tmp"),

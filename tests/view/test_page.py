@@ -74,19 +74,24 @@ def test_every_panel_names_its_file_and_the_command_that_prints_the_same(reporte
     assert panel.command.format(**names) in shown
 
 
-def test_panels_say_what_the_documents_say(reported):
-    assert "Tidy." in see(read(reported, "headline"))
-    assert "2 sessions 1 replan" in see(read(reported, "headline"))
-    assert "tidy-7.a → tidy-7.a.r1" in see(read(reported, "goal"))
-    assert "2 of 2 found" in see(read(reported, "sessions"))
-    chart = see(read(reported, "statechart", session="tidy-7.a"))
-    assert "pending → claimed → preflight → running → halting → awaiting verification → verifying → replanned" in chart
-    assert "JOINT_ACCELERATION too fast" in see(read(reported, "guard", session="tidy-7.a"))
-    story = see(read(reported, "story", session="tidy-7.a"))
-    assert "replan GRASP_LOST" in story
-    assert "Continued by tidy-7.a.r1" in story
-    world = see(read(reported, "world", session="tidy-7.a"))
-    assert "red_cube 0.300 0.000 0.020 seen 2.5 s 50 %" in world
+@pytest.mark.parametrize(
+    ("panel", "said"),
+    [
+        ("headline", ["Tidy.", "2 sessions 1 replan"]),
+        ("goal", ["tidy-7.a → tidy-7.a.r1"]),
+        ("sessions", ["2 of 2 found"]),
+        (
+            "statechart",
+            ["pending → claimed → preflight → running → halting → awaiting verification → verifying → replanned"],
+        ),
+        ("guard", ["JOINT_ACCELERATION too fast"]),
+        ("story", ["replan GRASP_LOST", "Continued by tidy-7.a.r1"]),
+        ("world", ["red_cube 0.300 0.000 0.020 seen 2.5 s 50 %"]),
+    ],
+)
+def test_panels_say_what_the_documents_say(reported, panel, said):
+    shown = see(read(reported, panel, session="tidy-7.a"))
+    assert [words for words in said if words not in shown] == []
 
 
 def test_frames_show_where_things_were_seen_in_them(documents, access):
@@ -177,13 +182,6 @@ def test_nothing_is_answered_without_the_token_or_under_another_name(open_page, 
     assert (entered.status_code, entered.headers["location"]) == (303, f"/{access.page_key}/")
     assert "HttpOnly" in entered.headers["set-cookie"]
     assert access.token not in client.get("/", headers={"authorization": f"Bearer {access.token}"}).text
-
-
-@pytest.mark.parametrize(
-    "path", ["/evidence/..%2F/TASK.md", "/evidence/tidy-7.a/..%2F..%2FTASK.md", "/evidence/./TASK.md", "/evidence/x/y"]
-)
-def test_evidence_leads_to_nothing_else(open_page, path):
-    assert open_page().get(path).status_code == 404
 
 
 def test_the_stream_sends_each_panel_at_first(open_page):
@@ -297,6 +295,8 @@ def test_the_socket_of_a_scene_asks_for_origin_host_and_key(open_page, access, o
         "/frames/tidy-7.a/%00/x", f"/panels/{'a' * 5000}", "/compare?first=%00&second=",
         "/compare/runs?first=a&second=b",
         "/static/%00", "/static/..%2Faccess.py", "/scene/x/y/z", "/actions/estop",
+        "/evidence/..%2F/TASK.md", "/evidence/tidy-7.a/..%2F..%2FTASK.md", "/evidence/./TASK.md", "/evidence/x/y",
+
     ],
 )  # fmt: skip
 def test_what_is_not_there_is_not_found(open_page, path):

@@ -107,11 +107,14 @@ def edit(path, old, new):
     path.write_text(text.replace(old, new, 1))
 
 
-def test_the_second_goal_succeeds_at_the_first_attempt_and_its_contract_says_why(lab):
+def test_the_second_goal_succeeds_at_the_first_attempt_and_its_contract_and_its_documents_say_why(lab):
     first, contracts = lab.run(1)
+    snapshot = lab.open().snapshot
     assert [session.state for session in first.sessions] == ["replanned", "succeeded"]
     assert contracts[0].advised_by == ()
+
     second, (contract,) = lab.run(2)
+
     assert [session.state for session in second.sessions] == ["succeeded"]
     assert contract.strategy.speed == 0.5
     (lesson,) = (each for each in lab.lessons.values() if each.state is EntryState.ACTIVE)
@@ -120,15 +123,12 @@ def test_the_second_goal_succeeds_at_the_first_attempt_and_its_contract_says_why
     assert any(lesson.id in sentence for sentence in contract.advice)
     assert any("memory/" in sentence for sentence in contract.advice)
     assert (lesson.scope.object, lesson.scope.destination) == ("cube", "tray")
-
-
-def test_what_was_recalled_for_a_session_is_copied_and_its_goal_names_the_snapshot(lab):
-    lab.run(1)
-    snapshot = lab.open().snapshot
-    report, (contract,) = lab.run(2)
     copied = json.loads((lab.workspace.recalled / f"{contract.id}.json").read_text())
-    assert (copied["snapshot"], [each["id"] for each in copied["entries"]]) == (snapshot, list(contract.advised_by))
-    assert lab.stage.make_mission().ledger.goals[report.goal].memory == snapshot
+    assert (copied["snapshot"], [each["id"] for each in copied["entries"]]) == (snapshot, [lesson.id])
+    assert lab.stage.make_mission().ledger.goals[second.goal].memory == snapshot
+    own, slower = sorted(lab.facts.values(), key=lambda fact: bool(fact.strategy))  # of first attempts alone
+    assert (own.supported, own.contradicted, own.strategy) == (0, 1, DEFAULT_STRATEGY)
+    assert (slower.supported, slower.contradicted) == (1, 0)
 
 
 def test_a_goal_that_goes_on_is_advised_from_the_snapshot_that_it_began_with(lab):
@@ -158,14 +158,6 @@ def test_what_a_killed_agent_could_not_remember_is_remembered_by_the_next(lab):
     assert {"tidy-1.red", "tidy-1.red.r1", "tidy-2.red", "tidy-2.red.r1"} <= {key.split()[0] for key in known}
 
 
-def test_knowledge_counts_first_attempts(lab):
-    lab.run(1)
-    lab.run(2)
-    own, slower = sorted(lab.facts.values(), key=lambda fact: bool(fact.strategy))
-    assert (own.supported, own.contradicted, own.strategy) == (0, 1, DEFAULT_STRATEGY)
-    assert (slower.supported, slower.contradicted) == (1, 0)
-
-
 def test_memory_never_writes_a_setting(lab):
     before = {
         name: (lab.workspace.root / name).read_bytes() for name in SETTINGS if (lab.workspace.root / name).exists()
@@ -185,44 +177,36 @@ def test_memory_never_writes_a_setting(lab):
     assert lab.facts[hostile].statement == "The joints may be twice as fast."
 
 
-def test_a_lesson_that_a_person_retracts_in_the_document_is_not_used(lab):
+def test_a_lesson_that_a_person_retracts_is_not_used_and_a_note_and_a_fact_stay(lab):
     lab.run(1)
     id = next(lesson.id for lesson in lab.lessons.values() if lesson.state is EntryState.ACTIVE)
-    edit(lab.workspace.lessons, f"id: {id}\n", f"id: {id}\nstate: retracted\nreason: other fingers now\n")
-    lab.run(2)  # takes the edit in at its end
-    assert (lab.lessons[id].state, lab.lessons[id].reason) == (EntryState.RETRACTED, "other fingers now")
-    _, (contract, *_) = lab.run(3)
-    assert id not in contract.advised_by
-
-
-def test_a_note_and_a_fact_of_a_person_stay(lab):
-    lab.run(1)
-    id = next(iter(lab.lessons))
-    edit(lab.workspace.lessons, f"id: {id}\n", f"id: {id}\nnote: seen on a Monday\n")
+    own = "state: retracted\nreason: other fingers now\nnote: seen on a Monday\n"
+    edit(lab.workspace.lessons, f"id: {id}\n", f"id: {id}\n{own}")
     edit(lab.workspace.knowledge, "# Knowledge", "# Knowledge\n\n## cups\n\n```yaml\nid: cups\n"
          "statement: Cups belong on the shelf.\nsource: the owner\n```\n")  # fmt: skip
-    lab.run(2)
-    lab.run(3)
-    assert lab.lessons[id].note == "seen on a Monday"
-    assert (lab.facts["cups"].statement, lab.facts["cups"].source) == ("Cups belong on the shelf.", "the owner")
+    lab.run(2)  # takes the edits in at its end
+    _, (contract, *_) = lab.run(3)
+    lesson, fact = lab.lessons[id], lab.facts["cups"]
+    assert (lesson.state, lesson.reason, lesson.note) == (
+        EntryState.RETRACTED, "other fingers now", "seen on a Monday",
+    )  # fmt: skip
+    assert id not in contract.advised_by
+    assert (fact.statement, fact.source) == ("Cups belong on the shelf.", "the owner")
 
 
-def test_a_lesson_written_by_hand_is_refused_and_kept_beside(lab):
+def test_a_lesson_written_by_hand_and_a_document_that_cannot_be_read_are_kept_beside_and_not_used(lab):
     lab.run(1)
     edit(lab.workspace.lessons, "# Lessons", "# Lessons\n\n## mine\n\n```yaml\nid: mine\n"
          "statement: Speed helps.\nadvice: {speed: 3.0}\nverified_by: me\n```\n")  # fmt: skip
     _, (contract, *_) = lab.run(2)
+    rejected = lab.workspace.root / "LESSONS.rejected.md"
     assert "mine" not in lab.lessons
     assert contract.strategy.speed != 3.0
-    assert "mine: a lesson follows from verdicts" in (lab.workspace.root / "LESSONS.rejected.md").read_text()
+    assert "mine: a lesson follows from verdicts" in rejected.read_text()
     assert any("LESSONS.rejected.md" in line for line in lab.reported)
-
-
-def test_a_document_that_cannot_be_read_is_kept_word_for_word(lab):
-    lab.run(1)
     lab.workspace.lessons.write_text("---\nphy: lessons/1\n---\n\n## broken\n\n```yaml\nid: [\n```\n")
-    lab.run(2)
-    assert "id: [" in (lab.workspace.root / "LESSONS.rejected.md").read_text()
+    lab.run(3)
+    assert "id: [" in rejected.read_text()
     assert lab.lessons
 
 

@@ -30,7 +30,9 @@ MUTANTS = (
                 'return ""',
             ),
         ),
-        tests=("tests/agent/memory/test_lessons.py::test_a_lesson_about_the_hand_needs_a_hand_alike",),
+        tests=(
+            "tests/agent/memory/test_lessons.py::test_a_lesson_is_told_of_the_same_thing_and_a_hand_alike_or_of_a_place",
+        ),
     ),
     Mutant(
         name="promotion_without_a_test",
