@@ -115,9 +115,8 @@ class MotionPlanner:
 
     def warm_up(self) -> None:
         """Load or compile every kernel and library, so that the first request is as fast as later ones."""
-        cube = Entity(
-            name="cube", kind="cube", pose=Pose((0.5, 0.0, 0.02)), shapes=(Shape(ShapeKind.BOX, (0.02, 0.02, 0.02)),)
-        )
+        shapes = (Shape(ShapeKind.BOX, (0.02, 0.02, 0.02)),)
+        cube = Entity(name="cube", kind="cube", pose=Pose((0.5, 0.0, 0.02)), shapes=shapes)
         home = self.robot.home_rad
         world = World((cube,))
         self.answer(FindGrasps(world=world, object="cube", q_rad=home, seed=0, count=1))
@@ -129,37 +128,19 @@ class MotionPlanner:
             case FindGrasps():
                 return self._find_grasps(request, job)
             case FindPlacements():
-                return find_placements(
-                    request,
-                    held=_get_entity(request.world, request.payload.entity),
-                    kinematics=self._kinematics,
-                    scene=self._get_scene(request, job),
-                    job=job,
-                )
+                held = _get_entity(request.world, request.payload.entity)
+                return find_placements(request, held, self._kinematics, self._get_scene(request, job), job)
             case FindPush():
-                return find_push(
-                    request,
-                    entity=_get_entity(request.world, request.object),
-                    kinematics=self._kinematics,
-                    scene=self._get_scene(request, job),
-                    job=job,
-                )
+                pushed = _get_entity(request.world, request.object)
+                return find_push(request, pushed, self._kinematics, self._get_scene(request, job), job)
             case FindTouch():
                 return find_touch(request, self._kinematics, self._get_scene(request, job), job)
             case FindLine():
-                return follow_waypoints(
-                    request.q_rad,
-                    request.waypoints,
-                    "line",
-                    self._kinematics,
-                    scene=self._get_scene(request, job),
-                    job=job,
-                )
+                scene = self._get_scene(request, job)
+                return follow_waypoints(request.q_rad, request.waypoints, "line", self._kinematics, scene, job)
             case PlanMove():
-                time_rows = self._get_timer(
-                    self._limits.scale(request.speed, request.speed**2),
-                    load=None if request.payload is None else request.payload.load,
-                )
+                load = None if request.payload is None else request.payload.load
+                time_rows = self._get_timer(self._limits.scale(request.speed, request.speed**2), load)
                 return plan_move(request, self._get_scene(request, job), self._spheres, time_rows, job)
             case CheckPosture():
                 return self._check_posture(request, job)
@@ -168,9 +149,8 @@ class MotionPlanner:
                 with job.stage("timing"):
                     rows = np.asarray(request.waypoints_rad, dtype=float)
                     timed = self._get_timer(limits, request.load, keeps_toppra=True)(rows)
-                return Motion(
-                    trajectory=timed.trajectory, goal=0, timing=job.timing, stages=Stages(scaling=timed.scaling)
-                )
+                stages = Stages(scaling=timed.scaling)
+                return Motion(trajectory=timed.trajectory, goal=0, timing=job.timing, stages=stages)
             case ShapeTransport():
                 from phyagentos.runtime.motion.transport import shape_transport  # casadi: only where it is used
 
@@ -187,21 +167,14 @@ class MotionPlanner:
         """Grasps, and the first removable entities without which the object has a place."""
         entity = _get_entity(request.world, request.object)
         then = None if request.removable else request.then  # one grasp shows what has to go
-        found = find_grasps(
-            request,
-            entity,
-            self._kinematics,
-            self._get_scene(request, job),
-            job,
-            place=partial(self._place, replace(request, then=then), entity, job),
-        )
+        place = partial(self._place, replace(request, then=then), entity, job)
+        found = find_grasps(request, entity, self._kinematics, self._get_scene(request, job), job, place)
         if isinstance(found, NoPlan) or not request.removable:
             return found
         for gone in self._iter_removals(request, job):
             left = tuple(each for each in request.world.entities if each.name not in gone)
-            placed = self._place(
-                replace(request, world=replace(request.world, entities=left)), entity, job, found.approaches[0]
-            )
+            world = replace(request.world, entities=left)
+            placed = self._place(replace(request, world=world), entity, job, found.approaches[0])
             if not isinstance(placed, NoPlan):
                 return replace(found, gone=gone)
             if placed.code == "NO_SPACE":
@@ -289,7 +262,7 @@ class MotionPlanner:
         for name, known in wanted:
             if name not in known:
                 hint = format_hint(name, known)
-                return job.fail("OBJECT_GONE", f"There is no {name!r} among {format_names(known)}. {hint}".strip())
+                return job.fail("UNKNOWN_ENTITY", f"There is no {name!r} among {format_names(known)}. {hint}".strip())
         return None
 
 

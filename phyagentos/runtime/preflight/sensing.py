@@ -122,15 +122,8 @@ def iter_sensor_problems(
             )
     if sensor.modality == "simulator_state" and profile.kind == "real_robot":
         fix = "A real robot has no simulator; use a camera."
-        yield make_problem(
-            "OBSERVATION_MISMATCH",
-            f"{place}.modality",
-            sensor.modality,
-            "a sensor of the robot",
-            triggered_by,
-            fix,
-            kind="modality",
-        )
+        found = (f"{place}.modality", sensor.modality, "a sensor of the robot", triggered_by, fix)
+        yield make_problem("OBSERVATION_MISMATCH", *found, kind="modality")
     fastest_hz = 1.0 / profile.physics_step_s
     if sensor.modality in _SAMPLED and sensor.rate_hz < contract.sampling_hz * (1.0 - RATE_TOLERANCE):
         fix = "Raise it, or lower sampling_hz: conditions are sampled more often than this sensor measures."
