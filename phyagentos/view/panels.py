@@ -10,6 +10,7 @@ from urllib.parse import urlencode
 
 from phyagentos.agent.tools.proposals import Proposals
 from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.operations.answer import iter_open
 from phyagentos.pictures.goals import draw_goal
 from phyagentos.pictures.statechart import draw_statechart
 from phyagentos.pictures.trees import draw_tree, tick
@@ -264,6 +265,14 @@ def _read_proposals(documents: Documents, _: Query, __: Session) -> Fields:
     return {"proposals": shown}
 
 
+def _read_questions(documents: Documents, _: Query, __: Session) -> Fields:
+    """Those of criteria that a person decides; each by its place among those of its session or goal, from 1."""
+    waiting = list(iter_open(documents.workspace, documents.ledger))
+    numbers = [1 + sum(each.subject == before.subject for before in waiting[:at]) for at, each in enumerate(waiting)]
+    pictures = [find_pictures(Path(each.pictures[0]).parent) if each.pictures else [] for each in waiting]
+    return {"questions": list(zip(waiting, numbers, pictures, strict=True))}
+
+
 _JOURNAL, _BEATS, _FILES, _STAGE = "journal", "beats", "files", "stage"
 _LIVE = (_JOURNAL, _BEATS)
 PANELS = (
@@ -293,6 +302,8 @@ PANELS = (
           empty="goal"),
     Panel(name="sessions", title="Sessions", file="SESSIONS.md", command="paos graph -w {w}", read=_read_sessions,
           place=Place.RIGHT, empty="all"),
+    Panel(name="questions", title="Questions to you", file="evidence/{id}/", command="paos answer {id} yes -w {w}",
+          read=_read_questions, follows=_LIVE, place=Place.RIGHT, empty="questions"),
     Panel(name="proposals", title="Proposals", file="proposals/new/", command="paos approve -w {w}",
           read=_read_proposals, follows=(_FILES,), place=Place.RIGHT, empty="proposals"),
     Panel(name="memory", title="Memory", file="LESSONS.md", command="paos memory show --all -w {w}", read=_read_memory,

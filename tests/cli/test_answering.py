@@ -15,6 +15,10 @@ from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.testing import make_contract
+from phyagentos.view.actions import perform
+from phyagentos.view.documents import Documents
+from phyagentos.view.pages import PanelRenderer
+from phyagentos.view.panels import PANELS, Query
 from tests.command_line import assert_ended, assert_refused
 
 from .test_verify import AWAY, IN_TRAY, SESSION, make_world
@@ -94,3 +98,21 @@ def test_a_contested_success_is_no_demonstration_unless_it_is_wanted(paos, repla
     folder, wanted = replanned.workspace.evidence_of(status.contract.id), (Choice(), Choice(contested=True))
     reasons = [_find_reason(folder, status, each) for each in wanted]
     assert reasons == ["a person who contests it", "no trajectory: thinned, or gone"]
+
+
+def test_the_page_shows_the_question_with_a_form_that_answers_it_and_one_that_contests(unanswered):
+    documents = Documents(unanswered.workspace.root)
+    documents.refresh()
+    (panel,) = (each for each in PANELS if each.name == "questions")
+    renderer = PanelRenderer(documents, lambda: {"actions": True, "live": True})
+    shown = renderer.render(panel, Query())
+    answered = perform(unanswered.workspace, "answer", {"subject": SESSION, "question": "1", "says": "no"})
+    perform(unanswered.workspace, "contest", {"session": SESSION, "because": "It leans."})
+    documents.refresh()
+
+    assert QUESTION in shown
+    assert 'name="says" value="yes"' in shown
+    assert answered.command == f"paos answer {SESSION} no --question 1 -w {unanswered.workspace.root}"
+    assert QUESTION not in renderer.render(panel, Query())
+    verdicts = [each.verdict for each in fold(unanswered).attempts]
+    assert verdicts == ["failure", "failure", "success"]

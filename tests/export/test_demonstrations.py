@@ -49,6 +49,14 @@ def test_sessions_that_were_verified_are_read_and_the_one_that_lost_its_cube_is_
     assert all(each.verdict.verdict == "success" for each in data.episodes)
 
 
+def test_sessions_that_missed_are_read_with_verdict_and_cause_where_they_are_wanted(stored):
+    data = read(stored, failures=True)
+    missed = {each.session: each.verdict for each in data.episodes if each.session not in VERIFIED}
+    assert {id: each.verdict for id, each in missed.items()} == {f"{GOAL}.red": "replan"}
+    assert missed[f"{GOAL}.red"].cause
+    assert len(data.episodes) == 1 + len(VERIFIED)
+
+
 @pytest.mark.parametrize(("fps", "every"), [(50, 1), (25, 2), (10, 5)])
 def test_an_action_is_the_set_point_in_force_one_step_later(stored, fps, every):
     for each in read(stored, fps=fps).episodes:
