@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import networkx
 
@@ -12,7 +13,16 @@ from phyagentos.protocol.sessions.tasks import GoalStatus, Relation, Step, iter_
 MOST = 60  # boxes that are drawn one by one
 
 
-def draw_goal(goal: GoalStatus, *, find: str = "", link: Callable[[Step], str] = lambda _: "") -> str:
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """What is drawn of a step beside its name and state: where it leads, a picture's address, how long it took [s]."""
+
+    link: str = ""
+    picture: str = ""
+    time_s: float | None = None
+
+
+def draw_goal(goal: GoalStatus, *, find: str = "", show: Callable[[Step], Drawn] = lambda _: Drawn()) -> str:
     """SVG of a goal's graph; with `find` the steps whose name, skill or state holds that text, and their neighbours."""
     steps = {step.name: step for step in iter_steps(goal)}
     arrows = [
@@ -28,18 +38,22 @@ def draw_goal(goal: GoalStatus, *, find: str = "", link: Callable[[Step], str] =
     title = f"Graph of the goal {goal.id}"
     if len(steps) > MOST and not found:
         return _draw_collapsed(steps, arrows, title)
-    boxes = [
-        Box(
-            name=name,
-            title=name,
-            below=[step.state],
-            kind=f"{step.state} found" if name in found else step.state,
-            link=link(step),
-            hint=goal.nodes[step.node].objective,
-        )
-        for name, step in steps.items()
-    ]
+    boxes = [_draw_step(goal, step, show(step), is_found=name in found) for name, step in steps.items()]
     return draw_layers(boxes, arrows, title)
+
+
+def _draw_step(goal: GoalStatus, step: Step, drawn: Drawn, *, is_found: bool) -> Box:
+    node, state = goal.nodes[step.node], step.state
+    timed = state if drawn.time_s is None else f"{state}, {drawn.time_s:.1f} s"
+    return Box(
+        name=step.name,
+        title=step.name,
+        below=[node.skill, timed] if drawn.picture else [timed],
+        kind=f"{state} found" if is_found else state,
+        link=drawn.link,
+        hint=node.objective,
+        picture=drawn.picture,
+    )
 
 
 def _find(goal: GoalStatus, steps: dict[str, Step], text: str) -> list[str]:

@@ -7,7 +7,8 @@ import networkx
 
 from phyagentos.protocol.documents.flowchart import Arrow, Box
 
-HEIGHT, LAYER, GAP, LETTER, MARGIN = 40, 84, 18, 7.0, 10  # pixels
+HEIGHT, BETWEEN, GAP, LETTER, MARGIN = 40, 44, 18, 7.0, 10  # pixels
+PICTURE, LINE = (112, 84), 15  # width and height of a picture in a box, height of a line of text below it
 STYLE = """
 .box rect{fill:#eceff1;stroke:#78909c}.box text{fill:#263238;font:12px sans-serif;text-anchor:middle}
 .box .sub{fill:#455a64;font-size:11px}.edge{stroke:#78909c;fill:none}.edge.other{stroke-dasharray:5 3}
@@ -34,16 +35,20 @@ def draw_layers(boxes: Sequence[Box], arrows: Iterable[Arrow], label: str) -> st
         [sorted(names, key=order.__getitem__) for names in networkx.topological_generations(ahead)], ahead
     )
     width_of = {box.name: _compute_width(box) for box in boxes}
+    tall = HEIGHT + (PICTURE[1] + LINE if any(box.picture for box in boxes) else 0)
     widths = [sum(width_of[name] + GAP for name in names) - GAP for names in layers]
     width = max(widths, default=0.0) + 2 * MARGIN
     at: dict[str, tuple[float, float]] = {}
     for level, names in enumerate(layers):
         left = (width - widths[level]) / 2
         for name in names:
-            at[name] = (left + width_of[name] / 2, MARGIN + level * LAYER)
+            at[name] = (left + width_of[name] / 2, MARGIN + level * (tall + BETWEEN))
             left += width_of[name] + GAP
-    height = MARGIN * 2 + (len(layers) - 1) * LAYER + HEIGHT if layers else 0
-    shapes = [*(_draw_arrow(each, at) for each in arrows), *(_draw_box(box, *at[box.name]) for box in boxes)]
+    height = MARGIN * 2 + (len(layers) - 1) * (tall + BETWEEN) + tall if layers else 0
+    shapes = [
+        *(_draw_arrow(each, at, tall) for each in arrows),
+        *(_draw_box(box, *at[box.name], tall) for box in boxes),
+    ]
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" '
         f'role="group" aria-label="{escape(label)}"><style>{STYLE}</style>'
@@ -54,7 +59,12 @@ def draw_layers(boxes: Sequence[Box], arrows: Iterable[Arrow], label: str) -> st
 
 def _compute_width(box: Box) -> float:
     """In pixels."""
-    return max(64.0, max(map(len, (box.title, *box.below[:1]))) * LETTER + 18)
+    least = PICTURE[0] + 12.0 if box.picture else 64.0
+    return max(least, max(map(len, (box.title, *_list_lines(box)))) * LETTER + 18)
+
+
+def _list_lines(box: Box) -> Sequence[str]:
+    return box.below[: 2 if box.picture else 1]
 
 
 def _sort_layers(layers: list[list[str]], graph: "networkx.DiGraph[str]") -> list[list[str]]:
@@ -69,33 +79,36 @@ def _sort_layers(layers: list[list[str]], graph: "networkx.DiGraph[str]") -> lis
     return layers
 
 
-def _draw_arrow(arrow: Arrow, at: dict[str, tuple[float, float]]) -> str:
+def _draw_arrow(arrow: Arrow, at: dict[str, tuple[float, float]], tall: int) -> str:
+    layer = tall + BETWEEN
     (left, top), (right, bottom) = at[arrow.before], at[arrow.after]
-    if bottom > top + LAYER:  # past other boxes, in a bow around them
-        bow = max(left, right) + 20 + 6 * (bottom - top) / LAYER
-        path = f"M{left:.0f} {top + HEIGHT}C{bow:.0f} {top + LAYER} {bow:.0f} {bottom - LAYER} {right:.0f} {bottom}"
-        where = (left + right + 2 * bow) / 4, (top + HEIGHT + bottom) / 2
+    if bottom > top + layer:  # past other boxes, in a bow around them
+        bow = max(left, right) + 20 + 6 * (bottom - top) / layer
+        path = f"M{left:.0f} {top + tall}C{bow:.0f} {top + layer} {bow:.0f} {bottom - layer} {right:.0f} {bottom}"
+        where = (left + right + 2 * bow) / 4, (top + tall + bottom) / 2
     elif bottom > top:
-        path = (
-            f"M{left:.0f} {top + HEIGHT}C{left:.0f} {top + LAYER - 16} {right:.0f} {bottom - 30} {right:.0f} {bottom}"
-        )
-        where = (left + right) / 2, (top + HEIGHT + bottom) / 2 + 3
+        path = f"M{left:.0f} {top + tall}C{left:.0f} {top + layer - 16} {right:.0f} {bottom - 30} {right:.0f} {bottom}"
+        where = (left + right) / 2, (top + tall + bottom) / 2 + 3
     else:  # back, around the side
         side = max(left, right) + 70
-        end = f"{right:.0f} {bottom + HEIGHT}"
-        path = f"M{left:.0f} {top + HEIGHT / 2}C{side:.0f} {top} {side:.0f} {bottom + HEIGHT} {end}"
-        where = side - 22, (top + bottom) / 2 + HEIGHT / 2
+        end = f"{right:.0f} {bottom + tall}"
+        path = f"M{left:.0f} {top + tall / 2}C{side:.0f} {top} {side:.0f} {bottom + tall} {end}"
+        where = side - 22, (top + bottom) / 2 + tall / 2
     kind, note = ("edge other", _draw_text("note", *where, arrow.label)) if arrow.label else ("edge", "")
     return f'<path class="{kind}" d="{path}" marker-end="url(#tip)"/>{note}'
 
 
-def _draw_box(box: Box, middle: float, top: float) -> str:
+def _draw_box(box: Box, middle: float, top: float, tall: int) -> str:
     rows = [_draw_text("", middle, top + (17 if box.below else 25), box.title)]
-    rows += [_draw_text("sub", middle, top + 32, text) for text in box.below[:1]]
+    rows += [_draw_text("sub", middle, top + 32 + LINE * row, text) for row, text in enumerate(_list_lines(box))]
     width = _compute_width(box)
+    if box.picture:
+        place = f'x="{middle - PICTURE[0] / 2:.0f}" y="{top + tall - PICTURE[1] - 6:.0f}"'
+        size = f'width="{PICTURE[0]}" height="{PICTURE[1]}"'
+        rows.append(f'<image href="{escape(box.picture)}" {place} {size} preserveAspectRatio="xMidYMid slice"/>')
     shape = (
         f'<g class="box {escape(box.kind)}"><title>{escape(box.hint or box.title)}</title>'
-        f'<rect x="{middle - width / 2:.0f}" y="{top:.0f}" width="{width:.0f}" height="{HEIGHT}" rx="7"/>'
+        f'<rect x="{middle - width / 2:.0f}" y="{top:.0f}" width="{width:.0f}" height="{tall}" rx="7"/>'
         f"{''.join(rows)}</g>"
     )
     return f'<a href="{escape(box.link)}">{shape}</a>' if box.link else shape

@@ -21,7 +21,13 @@ _OVERVIEW, _OF_SESSION = (
 
 
 class AnchoredQuery(Query):
-    """Links lead to the same file."""
+    """Links lead to the same file, and pictures stand in it."""
+
+    @override
+    def show(self, picture: Picture) -> str:
+        path = picture.folder / picture.file
+        data = read_picture(path, picture.member) if picture.member else path.read_bytes()
+        return f"data:image/png;base64,{b64encode(data).decode()}"
 
     @override
     def link(self, **changed: str) -> str:
@@ -30,7 +36,7 @@ class AnchoredQuery(Query):
 
 def build_archive(documents: Documents, goal: GoalStatus) -> str:
     """The HTML of a goal, as its documents stand; raises DefinitionError `EXTRA_MISSING`."""
-    renderer = PanelRenderer(documents, lambda: {"actions": False, "live": False, "embed": _embed})
+    renderer = PanelRenderer(documents, lambda: {"actions": False, "live": False})
     by_name = {panel.name: panel for panel in PANELS}
 
     def show(names: tuple[str, ...], session: str = "") -> list[tuple[str, str]]:
@@ -59,10 +65,3 @@ def write_archive(root: Path, goal: str, to: Path) -> Written:
         raise DefinitionError.unknown("goal", str(root), goal, documents.ledger.goals)
     to.write_text(build_archive(documents, status), encoding="utf-8")
     return Written(file=to)
-
-
-def _embed(picture: Picture) -> str:
-    """A picture as an address that holds it."""
-    path = picture.folder / picture.file
-    data = read_picture(path, picture.member) if picture.member else path.read_bytes()
-    return f"data:image/png;base64,{b64encode(data).decode()}"

@@ -11,7 +11,7 @@ from urllib.parse import urlencode
 from phyagentos.agent.tools.proposals import Proposals
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.operations.answer import iter_open
-from phyagentos.pictures.goals import draw_goal
+from phyagentos.pictures.goals import Drawn, draw_goal
 from phyagentos.pictures.statechart import draw_statechart
 from phyagentos.pictures.trees import draw_tree, tick
 from phyagentos.protocol.capabilities.trees import read_tree
@@ -22,8 +22,8 @@ from phyagentos.protocol.sessions.estop import read_latch
 from phyagentos.protocol.sessions.evidence import BEFORE, TRAJECTORY
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
 from phyagentos.protocol.sessions.lessons import LESSONS
-from phyagentos.protocol.sessions.session import SessionStatus
-from phyagentos.protocol.sessions.tasks import GoalStatus
+from phyagentos.protocol.sessions.session import SessionId, SessionStatus
+from phyagentos.protocol.sessions.tasks import GoalStatus, Step
 from phyagentos.protocol.settings.safety import get_target_limits, read_safety
 from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.store.views.tasks import describe_fault
@@ -31,7 +31,7 @@ from phyagentos.view.comparison import list_moved
 from phyagentos.view.documents import Documents
 from phyagentos.view.frames import read_frames
 from phyagentos.view.plots import draw_plots
-from phyagentos.view.story import find_decisive, find_pictures, list_phases
+from phyagentos.view.story import Picture, find_decisive, find_pictures, list_phases
 from phyagentos.view.timeline import measure_length, read_timeline
 
 SESSIONS_SHOWN, LINES_SHOWN, FRAMES_SHOWN, GOALS_SHOWN = 60, 40, 12, 20
@@ -52,6 +52,10 @@ class Query:
     goal: str = ""
     session: str = ""
     find: str = ""
+
+    def show(self, picture: Picture) -> str:
+        """Address of a picture."""
+        return picture.address
 
     def link(self, **changed: str) -> str:
         """Address of the page with another choice."""
@@ -119,7 +123,16 @@ def _read_goal(documents: Documents, query: Query, status: Session) -> Fields:
     goal = _choose_goal(documents, query, status)
     if goal is None or not goal.nodes:
         return {"goal": None}
-    svg = draw_goal(goal, find=query.find, link=lambda step: query.link(session=step.session) if step.session else "")
+
+    def show(step: Step) -> Drawn:
+        if not step.session:
+            return Drawn()
+        execution = documents.ledger.sessions[SessionId(step.session)].execution
+        pictures = find_pictures(documents.workspace.evidence_of(SessionId(step.session))) if execution else []
+        last = query.show(pictures[-1]) if pictures else ""
+        return Drawn(query.link(session=step.session), last, execution.sim_time_s if execution else None)
+
+    svg = draw_goal(goal, find=query.find, show=show)
     every = [each for node in goal.nodes.values() for each in node.replans]
     replans = [(each, describe_fault(each, documents.ledger)) for each in every]
     return {"goal": goal, "svg": svg, "replans": replans}

@@ -65,7 +65,7 @@ def see(text):
 @pytest.mark.parametrize("panel", PANELS, ids=lambda panel: panel.name)
 def test_every_panel_names_its_file_and_the_command_that_prints_the_same(reported, panel):
     shown = see(read(reported, panel.name, session="tidy-7.a"))
-    if panel.name in {"frames", "proposals", "memory", "log"}:  # they have nothing to show
+    if panel.name in {"frames", "questions", "proposals", "memory", "log"}:  # they have nothing to show
         assert read(reported, panel.name, session="tidy-7.a") == NOTHING
         return
     assert panel.title in shown
@@ -355,3 +355,14 @@ def test_a_document_of_400_mb_stops_no_panel_and_a_link_is_not_followed(document
     for name, code in (("memory", "bytes"), ("tree", "EVIDENCE_DAMAGED")):
         assert code in see(read(documents, name, session="tidy-7.a"))
     assert "Tidy." in see(read(documents, "headline"))
+
+
+def test_the_graph_of_a_goal_shows_of_each_session_its_skill_its_time_and_what_it_left(reported):
+    svg = read(reported, "goal")
+    first = reported.workspace.evidence_of("tidy-7.a")
+    (first / "after.png").write_bytes(b"a picture")
+
+    assert "<image" not in svg
+    assert 'href="evidence/tidy-7.a/after.png"' in read(reported, "goal")
+    assert "pick_and_place" in see(read(reported, "goal"))
+    assert "3.9 s" in see(svg)

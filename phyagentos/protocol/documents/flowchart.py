@@ -14,10 +14,11 @@ class Box:
 
     Attributes:
         title: First line.
-        below: Lines below it; as SVG only the first.
+        below: Lines below it; as SVG only the first, of one with a picture the first two.
         kind: Classes of the style sheet, the first one decides the shape.
         link: Where it leads.
         hint: Shown on hovering.
+        picture: Address of one that stands in it, as SVG.
     """
 
     name: str
@@ -26,6 +27,7 @@ class Box:
     kind: str = ""
     link: str = ""
     hint: str = ""
+    picture: str = ""
 
 
 @dataclass(frozen=True, slots=True)
