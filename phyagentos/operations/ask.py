@@ -72,6 +72,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True):
         before: File of the earlier goal that *again* means, and whose scene is the default.
         report: Of the run; None where the plan was not approved.
         picture: File of the goal as a picture, where it was wanted.
+        is_grounded: Whether words of the request name what it is about; else a model alone has chosen it.
     """
 
     understood: bool = True
@@ -87,6 +88,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True):
     before: str | None
     report: RunReport | None = None
     picture: str | None = None
+    is_grounded: bool = True
 
 
 class NotUnderstood(msgspec.Struct, frozen=True, kw_only=True):
@@ -174,6 +176,7 @@ def _describe_goal(
         left_out=understood.left_out,
         unsaid=understood.unsaid,
         chosen=understood.chosen,
+        is_grounded=understood.is_grounded,
         sessions=plan.sessions,
         mermaid=plan.mermaid,
         graph=str(graph) if graph is not None else None,

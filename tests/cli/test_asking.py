@@ -209,6 +209,13 @@ def test_answers_of_a_model_are_kept_and_replace_it(paos, model, monkeypatch):
     assert other.code == ExitCode.INVALID_INPUT
 
 
+def test_a_goal_that_a_model_alone_has_chosen_runs_by_no_approval_in_advance(paos, model, monkeypatch):
+    monkeypatch.setattr("phyagentos.cli.asking.run_shown", lambda *_, **__: pytest.fail("it was run"))
+    asked = paos("ask", FOREIGN, *CUBES, "--yes")
+
+    assert_ended(asked, ExitCode.INVALID_INPUT, err=["--yes approves no goal that a model alone has chosen"])
+
+
 def test_a_model_without_its_name_is_refused(paos, model, monkeypatch):
     monkeypatch.delenv("PHYAGENTOS_MODEL")
 

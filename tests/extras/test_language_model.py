@@ -86,7 +86,7 @@ def test_one_of_them_is_approved_carried_out_and_verified(endpoint, tmp_path):
     pytest.fail(f"none of {len(NAMED)} goals was met; the last: {done.stdout}{done.stderr}")
 
 
-def test_a_request_that_names_nothing_moves_nothing(endpoint, tmp_path):
+def test_a_request_that_names_nothing_moves_nothing_without_a_person(endpoint, tmp_path):
     done = ask_and_run(endpoint, "sing a song about the moon", tmp_path / "w")
 
     assert done.returncode == 2

@@ -59,16 +59,24 @@ def list_kept(vocabulary: Vocabulary) -> list[str]:
 
 
 def find_disagreements(request: str, goal: WantedGoal, vocabulary: Vocabulary) -> list[str]:
-    """Where a goal leaves out an object that words of the request name, or is about one that none of them can mean."""
+    """Where a goal leaves out an object that words of the request name, or is about one that none of them can mean.
+
+    A request that names nothing here, as one in another language, agrees with every goal: a person decides.
+    """
     wanted = frozenset[str]().union(*map(_find, (*goal.accept, *(text for step in goal.steps for text in step))))
     about = wanted.union(*map(_find, goal.constraints))
     left_out = [words for words, names in _iter_named(request, vocabulary) if not names & about]
-    if not _find_meant(request, vocabulary) and not _find_postures(request, vocabulary):
-        return ["no word of the request names anything of the scene"]
+    if not names_anything(request, vocabulary):
+        return []
     return [
         *(f"the goal says nothing of {words!r}" for words in left_out),
         *(f"no word of the request means {name}" for name in sorted(wanted - _find_meant(request, vocabulary))),
     ]
+
+
+def names_anything(request: str, vocabulary: Vocabulary) -> bool:
+    """Whether a word of a request names something of the scene, or can mean any of it."""
+    return bool(_find_meant(request, vocabulary) or _find_postures(request, vocabulary))
 
 
 def _find_meant(request: str, vocabulary: Vocabulary) -> frozenset[str]:

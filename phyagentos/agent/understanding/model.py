@@ -6,7 +6,7 @@ back to it, at most as often as the limits allow. Its answers can be kept in a f
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,7 +14,7 @@ import msgspec
 import pydantic
 
 from phyagentos.agent.context.context import Section, build_context
-from phyagentos.agent.understanding.grounding import choose_statements, find_disagreements
+from phyagentos.agent.understanding.grounding import choose_statements, find_disagreements, names_anything
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,
@@ -227,7 +227,8 @@ def _read(text: str, request: str, vocabulary: Vocabulary, answers: Mapping[str,
         found = conclude(request, vocabulary, answer.goal.model_dump(), reasons=answer.reasons)
         if isinstance(found, Impossible):
             return [" ".join((each.kind, each.words, *each.nearest.split())) for each in found.lacks]
-        return find_disagreements(request, found.goal, vocabulary) or found
+        is_grounded = names_anything(request, vocabulary)
+        return find_disagreements(request, found.goal, vocabulary) or replace(found, is_grounded=is_grounded)
     named = (name for each in answer.questions for name in each.candidates)
     if strange := [f"no such thing: {name}" for name in named if name not in vocabulary.things]:
         return strange

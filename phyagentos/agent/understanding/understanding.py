@@ -101,6 +101,7 @@ class Understood:
         left_out: Objects that the request names and the goal leaves as they are, each with the missing place.
         unsaid: Words without an effect on the goal, as `carefully`.
         chosen: Objects that stand for `a cube` or `two of the cubes`, where the choice was left open.
+        is_grounded: Whether words of the request name what it is about; else it rests on a model alone.
     """
 
     goal: WantedGoal
@@ -108,6 +109,7 @@ class Understood:
     left_out: Mapping[str, str] = field(default_factory=dict)
     unsaid: tuple[str, ...] = ()
     chosen: tuple[str, ...] = ()
+    is_grounded: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

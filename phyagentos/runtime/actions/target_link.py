@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 
+from phyagentos.errors import ExecutionError
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import VERBS, Trait
@@ -59,7 +60,10 @@ class TargetLink:
         if self._local is not None:
             self._local.send_ahead(request)
         else:
-            wire.send_request(self.connection, request)
+            try:
+                self.connection.send_bytes(wire.REQUESTS.encode(request))
+            except OSError as error:
+                raise ExecutionError("TARGET_LOST", "the target closed the connection") from error
         self._sent.append(request)
 
     def collect(self) -> wire.Reply:

@@ -262,7 +262,7 @@ class MotionPlanner:
         for name, known in wanted:
             if name not in known:
                 hint = format_hint(name, known)
-                return job.fail("UNKNOWN_ENTITY", f"There is no {name!r} among {format_names(known)}. {hint}".strip())
+                return job.fail("OBJECT_GONE", f"There is no {name!r} among {format_names(known)}. {hint}".strip())
         return None
 
 
