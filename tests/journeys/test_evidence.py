@@ -105,7 +105,7 @@ def copy(plane, calm, tmp_path):
 
     def leave_out(folder, names):
         others = [name for name in names if not name.startswith("calm-5.")] if Path(folder) == all_bundles else []
-        return {"sockets", *others}
+        return {"sockets", "signals", *others}
 
     return Workspace(shutil.copytree(plane.workspace.root, tmp_path / "copy", ignore=leave_out))
 
