@@ -75,12 +75,9 @@ def ask(
     if not isinstance(found, asking.Asked):
         return _show_without_goal(found, as_json=as_json)
     _show(found, mermaid=mermaid, as_json=as_json)
-    if yes and not found.is_grounded:
-        print_note("--yes approves no goal that a model alone has chosen: no word of the request names anything here")
     is_approved = (yes and found.is_grounded) or (not as_json and not preview and _is_approved())
     if found.graph is None or not is_approved:
-        ended = _end_without_run(found, as_json=as_json)
-        return ExitCode.INVALID_INPUT if yes and not found.is_grounded else ended
+        return _end_without_run(found, yes=yes, as_json=as_json)
     into = Path(found.workspace) if found.workspace is not None else None
     run = RunRequest(graph=Path(found.graph), seed=seed, workspace=into, pictures=not no_pictures)
     report = run_shown(replace(run, memory=memory, trusts_python=trust_python), as_json=as_json)
@@ -96,11 +93,14 @@ def _prepare_preview(*, yes: bool) -> bool:
     return True
 
 
-def _end_without_run(found: asking.Asked, *, as_json: bool) -> ExitCode:
+def _end_without_run(found: asking.Asked, *, yes: bool, as_json: bool) -> ExitCode:
     place = f" -w {found.workspace}" if found.workspace is not None else ""
     print_note(f"nothing was run; next: paos run {found.graph}{place}" if found.graph else "nothing is to be done")
     if as_json:
         print_json(found)
+    if yes and not found.is_grounded:
+        print_note("--yes approves no goal that a model alone has chosen: no word of the request names anything here")
+        return ExitCode.INVALID_INPUT
     return ExitCode.GOAL_MET
 
 
