@@ -12,7 +12,7 @@ def serve(serve_so, policy, descriptor):
 
 
 def take(client):
-    """The chunk that a client has asked for."""
+    """The chunk that a client has requested."""
     while (chunk := client.poll()) is None:
         client.wait(1.0)
     return chunk

@@ -116,7 +116,7 @@ def _hold(draft: Draft) -> None:
 
 
 def _find_spot(draft: Draft, is_fit: Callable[[Thing], bool]) -> tuple[Thing, list[float]] | None:
-    """A thing on the table, and a free place there that it may be brought to [m]."""
+    """An object on the table, and a free place there for it [m]."""
     thing = draft.choose(lambda t: t.on == "table" and is_fit(t))
     place = draft.floor.find(0.07, (0.40, 0.60)) if thing else None
     if thing is None or place is None:

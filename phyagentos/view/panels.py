@@ -19,7 +19,7 @@ from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.regular_files import open_regular, read_regular
 from phyagentos.protocol.sessions.estop import read_latch
-from phyagentos.protocol.sessions.evidence import BEFORE, TRAJECTORY
+from phyagentos.protocol.sessions.evidence import BEFORE, PICTURE_AFTER, TRAJECTORY
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
 from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
@@ -128,9 +128,9 @@ def _read_goal(documents: Documents, query: Query, status: Session) -> Fields:
         if not step.session:
             return Drawn()
         execution = documents.ledger.sessions[SessionId(step.session)].execution
-        pictures = find_pictures(documents.workspace.evidence_of(SessionId(step.session))) if execution else []
-        last = query.show(pictures[-1]) if pictures else ""
-        return Drawn(query.link(session=step.session), last, execution.sim_time_s if execution else None)
+        after = Picture("after", documents.workspace.evidence_of(SessionId(step.session)), PICTURE_AFTER)
+        picture = query.show(after) if (after.folder / after.file).is_file() else ""
+        return Drawn(query.link(session=step.session), picture, execution.sim_time_s if execution else None)
 
     svg = draw_goal(goal, find=query.find, show=show)
     every = [each for node in goal.nodes.values() for each in node.replans]

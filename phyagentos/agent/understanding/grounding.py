@@ -52,7 +52,7 @@ def list_wanted(vocabulary: Vocabulary) -> list[str]:
 
 
 def list_kept(vocabulary: Vocabulary) -> list[str]:
-    """Statements that can be asked to hold all through."""
+    """Statements that may have to hold all through."""
     kept = [(each, _KEPT[each.meaning]) for each in get_predicate_library() if each.meaning in _KEPT]
     filled = ((form, text) for each, form in kept for text in _iter_filled(each, vocabulary))
     return [form.format(text) for form, text in filled if not any(find_unfit(_parse_call(text), vocabulary))]

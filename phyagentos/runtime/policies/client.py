@@ -142,7 +142,7 @@ class PolicyClient:
             raise self._name_stall(error, silence_s) from error
         if chunk.sequence != request.sequence:
             raise ExecutionError(
-                "POLICY_FAILED", message=f"chunk {chunk.sequence} came where {request.sequence} was asked for"
+                "POLICY_FAILED", message=f"chunk {chunk.sequence} came where {request.sequence} was requested"
             )
         return chunk
 

@@ -127,4 +127,4 @@ def _read_answer(content: str) -> _Answer:
     try:
         return msgspec.json.decode(content, type=_Answer)
     except (msgspec.MsgspecError, UnicodeError) as error:
-        raise ExecutionError("MODEL_FAILED", f"not the JSON object that was asked for: {error}") from error
+        raise ExecutionError("MODEL_FAILED", f"not the JSON object of the schema: {error}") from error
