@@ -189,7 +189,7 @@ GONE = remove(make_world(), "red_cube")
             id="a stop for want of a command is the machine's",
         ),
         pytest.param(
-            GONE, Stage.BEFORE, {"code": "GRASP_MISSED"}, Cause.OBJECT_GONE, True, id="an absent thing is gone"
+            GONE, Stage.BEFORE, {"code": "GRASP_MISSED"}, Cause.OBJECT_GONE, True, id="an absent object is gone"
         ),
         pytest.param(
             GONE, Stage.LIFTED, {"code": "GRASP_LOST"}, Cause.GRASP_LOST, False, id="but not once it was taken hold of"

@@ -199,7 +199,7 @@ SUCCESS, FAILURE = {"verdict": "success", "exit_code": 0}, {"verdict": "failure"
                 "sessions": [("red", "succeeded"), ("green", "rejected")],
                 "reasons": {"": "PRECONDITION_UNMET: found visible(green_cube)"},
             },
-            id="a thing that vanished before its own session is an objective not met",
+            id="an object that vanished before its own session is an objective not met",
         ),
         pytest.param(
             TIDY,

@@ -219,7 +219,7 @@ GREEN = ("green", "succeeded")
                 "reasons": {"red.r2": "After 2 looks: "},
             },
             [PICK_AND_PLACE, PICK_AND_PLACE, LOOK, LOOK],
-            id="what stays unseen is looked at twice and then its cause is told",
+            id="what stays unseen is looked at twice and then its cause is named",
         ),
         pytest.param(
             {"script": {"red": achieve_and_hide_green, "green.r1": still_unseen, "green.r2": still_unseen}},

@@ -383,7 +383,7 @@ def zone_of(half_m: float) -> dict[str, Any]:
             OTHER_SKILL,
             ("push", {"object": "red_cube", "to": [0.5, -0.3, 0.04]}),
             "which covers inside(red_cube, zone)",
-            id="a thing too wide for the hand is pushed into the region",
+            id="an object too wide for the hand is pushed into the region",
         ),
         pytest.param(
             Cause.NO_PLAN,

@@ -216,7 +216,7 @@ RESTORED = [*DONE, ("red", "rejected"), ("green.r1", "succeeded")]
             ONCE,
             {"script": {"red": LOSE}},
             {"verdict": "failure", "sessions": [*DONE, ("red", "replanned"), ("red.r1", "rejected")]},
-            id="a child keeps what the node itself requires and is refused when nobody can restore it",
+            id="a child keeps what the node itself requires and is refused when nothing can restore it",
         ),
         pytest.param(
             TWICE,

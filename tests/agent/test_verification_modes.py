@@ -87,7 +87,7 @@ RED, BLUE = [("red", "succeeded")], [("blue", "succeeded")]
             succeed,
             {"verdict": "unverified", "sessions": UNJUDGED},
             "verification is off: every execution completed, none was judged",
-            id="what succeeded is no success when nobody judged",
+            id="what succeeded is no success without a judgement",
         ),
     ],
 )

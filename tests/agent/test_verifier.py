@@ -142,7 +142,7 @@ UNSEEN = {"cause": Cause.EVIDENCE_MISSING, "missing_evidence": ("red_cube",)}
             SPENT,
             UNSEEN | {"verdict": Verdict.FAILURE},
             "",
-            id="what should be looked at is told even when the budget is spent",
+            id="what should be looked at is named even when the budget is spent",
         ),
         pytest.param(
             remove(perceive(DONE), "red_cube"),

@@ -252,7 +252,7 @@ def test_a_cancelled_goal_leaves_no_session_that_waits_though_no_plane_is_left(r
         (signal.SIGHUP, signal.SIG_DFL, 1),  # the kernel reports it, and then the shell
         (signal.SIGHUP, signal.SIG_IGN, 0),
     ],
-    ids=["interrupted twice", "a terminal that hangs up never insists", "told to outlive its terminal"],
+    ids=["interrupted twice", "a terminal that hangs up never insists", "kept alive beyond its terminal"],
 )
 def test_interrupts_are_counted_and_the_handlers_given_back(number, handler, count):
     outside = signal.signal(number, handler)
@@ -317,10 +317,10 @@ def test_a_latched_emergency_stop_is_told_once_with_its_way_out(run, screen, tmp
     run.end("success")
 
     follow(run, tmp_path)
-    told = screen()
+    message = screen()
 
-    assert told.count("emergency stop latched by paos estop (a hand in the cell)") == 1
-    assert f"paos estop -w {run.workspace.root} --reset --reason ... lets it go on" in told
+    assert message.count("emergency stop latched by paos estop (a hand in the cell)") == 1
+    assert f"paos estop -w {run.workspace.root} --reset --reason ... lets it go on" in message
 
 
 @pytest.mark.parametrize(

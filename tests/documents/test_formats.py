@@ -45,9 +45,9 @@ def problems_of(text: str, file: str) -> list[str]:
 
 
 def test_every_problem_of_every_block_is_told_at_its_place():
-    told = problems_of(LESSONS, "LESSONS.md")
+    message = problems_of(LESSONS, "LESSONS.md")
 
-    assert [line.partition(";")[0] for line in told] == [
+    assert [line.partition(";")[0] for line in message] == [
         "F.md:12:1: INVALID_VALUE: found 1.5",
         "F.md:13:1: UNKNOWN_NAME (key): found 'suported'",
         "F.md:15:3: UNKNOWN_NAME (key): found 'skil'",
@@ -55,9 +55,9 @@ def test_every_problem_of_every_block_is_told_at_its_place():
         "F.md:23:1: INVALID_VALUE: found 'actve'",
         "F.md:22:1: MISSING_VALUE: found nothing",
     ]
-    assert "expected a number <= 1.0" in told[0]
-    assert "Did you mean 'supported'?" in told[1]
-    assert "expected active, expired, hypothesis, retracted. Did you mean 'active'?" in told[4]
+    assert "expected a number <= 1.0" in message[0]
+    assert "Did you mean 'supported'?" in message[1]
+    assert "expected active, expired, hypothesis, retracted. Did you mean 'active'?" in message[4]
 
 
 @pytest.mark.parametrize(
@@ -76,8 +76,8 @@ def test_every_problem_of_every_block_is_told_at_its_place():
 def test_what_is_wrong_with_a_document_is_named(change, problem):
     text = render_lessons([Lesson(id="grip", statement="Wide grips hold.")])
     assert change[0] in text
-    told = problems_of(text.replace(*change, 1), "LESSONS.md")
-    assert (len(told), problem in told[0]) == (1, True)
+    message = problems_of(text.replace(*change, 1), "LESSONS.md")
+    assert (len(message), problem in message[0]) == (1, True)
 
 
 def test_a_block_that_has_no_place_in_a_document_is_named():
@@ -93,8 +93,8 @@ def test_a_block_that_has_no_place_in_a_document_is_named():
 
 def test_a_line_of_the_log_that_is_none_is_named():
     text = render_pristine()["LOG.md"] + "\n## 2026-11-21\n\n- 12:00:00 **g** (agent) fine\n- yesterday\n"
-    (told,) = problems_of(text, "LOG.md")
-    assert "INVALID_VALUE: found '- yesterday'; expected '- hh:mm:ss **about** (by) text'" in told
+    (message,) = problems_of(text, "LOG.md")
+    assert "INVALID_VALUE: found '- yesterday'; expected '- hh:mm:ss **about** (by) text'" in message
 
 
 def test_what_is_fenced_is_neither_heading_nor_block():
@@ -121,8 +121,8 @@ def test_a_session_that_a_person_adds_is_checked_as_the_one_who_takes_it_in_does
     check_document(text, "SESSIONS.md")
 
     line = text.split("  skill: home")[0].count("\n") + 1
-    (told,) = problems_of(text.replace("  skill: home", "  skil: home\n  skill: home"), "SESSIONS.md")
-    assert told.startswith(f"F.md:{line}:3: UNKNOWN_NAME (key): found 'skil'")
+    (message,) = problems_of(text.replace("  skill: home", "  skil: home\n  skill: home"), "SESSIONS.md")
+    assert message.startswith(f"F.md:{line}:3: UNKNOWN_NAME (key): found 'skil'")
     assert "NOT_PERMITTED: found 'goal'" in str(
         problems_of(text.replace("  skill:", "  goal: g\n  skill:"), "SESSIONS.md")
     )
@@ -135,8 +135,8 @@ def test_a_request_that_a_person_adds_is_checked_as_a_signal():
     text = render_pristine()["RUNTIME_SIGNAL.md"] + "\n## Request\n\n```yaml\nkind: cancel\nby: ann\n```\n"
     check_document(text, "RUNTIME_SIGNAL.md")
 
-    told = problems_of(text.replace("kind: cancel", "kind: cancle\nsesion: a"), "RUNTIME_SIGNAL.md")
-    assert [line.partition("; ")[0].partition(": ")[2] for line in told] == [
+    message = problems_of(text.replace("kind: cancel", "kind: cancle\nsesion: a"), "RUNTIME_SIGNAL.md")
+    assert [line.partition("; ")[0].partition(": ")[2] for line in message] == [
         "INVALID_VALUE: found 'cancle'",
         "UNKNOWN_NAME (key): found 'sesion'",
     ]
@@ -165,6 +165,6 @@ def test_lint_accepts_every_pristine_document_and_refuses_a_damaged_one(root, tm
     path.write_text((root / "protocol" / file).read_text(encoding="utf-8"), encoding="utf-8")
     assert lint_file(path) == []
     path.write_text(path.read_text(encoding="utf-8").replace("phy: ", "phi: ", 1), encoding="utf-8")
-    told = [str(problem) for problem in lint_file(path)]
-    assert told[0].startswith(f"{path}:2:1: UNKNOWN_NAME (key): found 'phi'")
-    assert f"{path}:2:1: MISSING_VALUE: found nothing; expected key 'phy'. Add 'phy'." in told
+    message = [str(problem) for problem in lint_file(path)]
+    assert message[0].startswith(f"{path}:2:1: UNKNOWN_NAME (key): found 'phi'")
+    assert f"{path}:2:1: MISSING_VALUE: found nothing; expected key 'phy'. Add 'phy'." in message

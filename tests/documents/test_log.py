@@ -84,9 +84,9 @@ def tail(pens):
 
 def test_the_log_tells_the_story_in_order_and_nothing_twice(tail):
     text = tail.render(16)
-    told = [re.sub(r"^- \d\d:\d\d:\d\d ", "", line) for line in text.splitlines() if re.match(r"- \d\d:", line)]
+    message = [re.sub(r"^- \d\d:\d\d:\d\d ", "", line) for line in text.splitlines() if re.match(r"- \d\d:", line)]
 
-    assert told == [
+    assert message == [
         "**tidy-7** (agent) goal requested: Tidy the table, seed 7",
         "**tidy-7** (agent) compiled into 11 nodes: red, n0, n1, n2, n3, n4, n5, n6, n7, n8, …",
         "**tidy-7/red** (agent) ready",
@@ -142,10 +142,10 @@ def test_a_judgement_is_told_as_it_was_whatever_comes_before_the_next_rendering(
 
 
 @pytest.mark.parametrize(
-    ("reason", "told"),
+    ("reason", "message"),
     [(FAILURE.reason, "cannot be done: tidy-7.red failed"), ("red comes first", "cannot be done: red comes first")],
 )
-def test_a_node_that_cannot_be_done_tells_the_reason_unless_the_verdict_did(pens, reason, told):
+def test_a_node_that_cannot_be_done_tells_the_reason_unless_the_verdict_did(pens, reason, message):
     pens[Side.AGENT].commit(
         [
             Entry("goal:tidy-7", "goal_submitted", {"graph": "tidy", "seed": 7}),
@@ -155,7 +155,7 @@ def test_a_node_that_cannot_be_done_tells_the_reason_unless_the_verdict_did(pens
     )
     run_session(pens, "tidy-7.red", FAILURE, Entry("node:tidy-7/red", "node_blocked", {"reason": reason}))
 
-    assert read_lines(pens[Side.AGENT])[-2:] == ["verdict failure (GRASP_LOST): no budget is left.", told]
+    assert read_lines(pens[Side.AGENT])[-2:] == ["verdict failure (GRASP_LOST): no budget is left.", message]
 
 
 def test_a_long_log_shows_its_end_and_says_how_much_is_older(pens):

@@ -88,8 +88,8 @@ def test_an_interior_that_is_written_stands(tmp_path):
 def test_a_shape_that_cannot_be_is_told_at_its_line(tmp_path, shape, said):
     with pytest.raises(DefinitionError) as raised:
         read(tmp_path, shape)
-    told = str(raised.value)
-    assert (said in told, "one.yaml:8:" in told, "<ShapeKind" in told) == (True, True, False)
+    message = str(raised.value)
+    assert (said in message, "one.yaml:8:" in message, "<ShapeKind" in message) == (True, True, False)
 
 
 def test_one_number_is_a_fixed_yaw(tmp_path):

@@ -54,18 +54,18 @@ def test_one_that_beats_and_acts_or_rests_is_left_alone(heart, says):
 
 
 @pytest.mark.parametrize(
-    ("said", "told", "limit_s"),
+    ("said", "message", "limit_s"),
     [
         ({"tick": 7, "sim_time_s": 1.0}, "it acts, and no control period has passed for 5.0 s", LIMITS.stall_s),
         ({"phase": "thinking"}, "waits for a planner", LIMITS.think_s),
     ],
 )
-def test_one_that_beats_without_progress_is_stalled_after_the_limit_of_what_it_does(heart, said, told, limit_s):
+def test_one_that_beats_without_progress_is_stalled_after_the_limit_of_what_it_does(heart, said, message, limit_s):
     heart.beat(**said)
 
     fault, after_s = heart.beat_until_trouble()
 
-    assert (fault.kind, told in fault.message) == (FaultKind.STALLED, True)
+    assert (fault.kind, message in fault.message) == (FaultKind.STALLED, True)
     assert limit_s <= after_s <= limit_s + 2 * PERIOD_S
 
 
@@ -93,7 +93,7 @@ def test_one_that_says_nothing_new_is_silent(heart):
 
 
 @pytest.mark.parametrize(
-    ("said", "told"),
+    ("said", "message"),
     [
         ({"sequence": 8, "tick": 6}, "beat 8 follows beat 9"),
         ({"tick": 4}, ""),
@@ -101,12 +101,12 @@ def test_one_that_says_nothing_new_is_silent(heart):
         ({"pid": PID + 1, "tick": 6}, f"process {PID + 1} beats for arm, whose worker is process {PID}"),
     ],
 )
-def test_what_runs_backwards_and_two_beaters_for_one_target_are_inconsistent(heart, said, told):
+def test_what_runs_backwards_and_two_beaters_for_one_target_are_inconsistent(heart, said, message):
     heart.beat(sequence=9, tick=5, sim_time_s=1.0)
 
     fault = heart.beat(**said)
 
-    assert (fault.kind, fault.message) == (FaultKind.INCONSISTENT, told or fault.message)
+    assert (fault.kind, fault.message) == (FaultKind.INCONSISTENT, message or fault.message)
 
 
 def test_the_next_session_begins_to_count_anew(heart):

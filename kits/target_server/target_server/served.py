@@ -211,9 +211,9 @@ class Served:
         standing, loaded = self._scene, {"type": "Loaded", "episode": request["episode"], "model_sha256": ""}
         if standing is not None:
             if request["episode"] == standing["episode"] and not request["snapshot"]:
-                known, asked = [(each["scene"], each["seed"]) for each in (standing, request)]
-                if known != asked:
-                    raise Refusal("BUSY", f"episode {request['episode']} is {known}, not {asked}")
+                known, wanted = [(each["scene"], each["seed"]) for each in (standing, request)]
+                if known != wanted:
+                    raise Refusal("BUSY", f"episode {request['episode']} is {known}, not {wanted}")
                 return loaded
             if not request["may_reset"]:
                 message = f"episode {request['episode']} would end episode {standing['episode']}; no reset is permitted"

@@ -80,7 +80,7 @@ def test_exactly_two_keeps_the_others_out(understand):
         pytest.param("the red cube is in the red tray", id="a statement is no wish"),
         pytest.param("is the red cube in the red tray?", id="a question is no wish"),
         pytest.param(PUT.replace(" into", ""), id="a word too few is not made up"),
-        pytest.param(PUT.replace(" tray", ""), id="nor is a thing"),
+        pytest.param(PUT.replace(" tray", ""), id="nor is a noun without a name"),
         pytest.param("put " + "the red cube and " * 300 + "the bottle into the red tray", id="a request without end"),
     ],
 )

@@ -33,7 +33,7 @@ def table(build):
 
 @pytest.fixture
 def grasp(planner, home):
-    """The ways to take a thing of a world, of which there is one at least."""
+    """The ways to take an object of a world, of which there is one at least."""
 
     def find(world, name):
         answer = planner.answer(FindGrasps(world=world, object=name, q_rad=home, seed=1))

@@ -162,17 +162,17 @@ def test_an_answer_longer_than_any_chunk_is_a_fault_and_not_waited_for(listener,
 
 
 @pytest.mark.parametrize(
-    ("length", "parts", "timeout_s", "code", "told"),
+    ("length", "parts", "timeout_s", "code", "message"),
     [
         (256, [b"a"] * 256, 0.2, "POLICY_LOST", r"only \d+ bytes of an answer within 0\.2 s"),
         (2**25, [bytes(2**25)], 60.0, "POLICY_FAILED", "answered with more than 1048576 bytes"),
     ],
     ids=["a drip", "a flood"],
 )
-def test_over_http_an_answer_without_end_is_given_up_as_well(listener, length, parts, timeout_s, code, told):
+def test_over_http_an_answer_without_end_is_given_up_as_well(listener, length, parts, timeout_s, code, message):
     head = b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n" % length
     endpoint = serve_bytes(listener, head, *parts, pause_s=0.05).replace("tcp", "http")
-    with pytest.raises(ExecutionError, match=f"{code}: .*{told}"):
+    with pytest.raises(ExecutionError, match=f"{code}: .*{message}"):
         converse(endpoint, infer(), timeout_s=timeout_s)
 
 

@@ -99,9 +99,9 @@ class SimulatedWorld:
         if len(self.robots) > 1 and self._present is not None and not request.snapshot:
             standing, loaded = self._present
             if request.episode == standing.episode:
-                known, asked = (standing.scene, standing.seed), (request.scene, request.seed)
-                if known != asked:
-                    raise ExecutionError("BUSY", f"episode {request.episode} is {known}, not {asked}")
+                known, wanted = (standing.scene, standing.seed), (request.scene, request.seed)
+                if known != wanted:
+                    raise ExecutionError("BUSY", f"episode {request.episode} is {known}, not {wanted}")
                 return loaded
             busy = next((robot.session for robot in self.robots.values() if robot.session), "")
             if busy:
