@@ -203,7 +203,7 @@ def nest(depth):
         (lie(dtype="<V4"), "expected booleans or numbers"),
         (nest(40), "deeper than"),
         (bytes(2**21), "more than 1048576 bytes"),
-        (pack(actions=ROWS, phyagentos={"sequence": 5}), "chunk 5 came where 0 was asked for"),
+        (pack(actions=ROWS, phyagentos={"sequence": 5}), "chunk 5 came where 0 was requested"),
     ],
     ids=[*"abcdefghijklmnop"],
 )
