@@ -19,6 +19,7 @@ from phyagentos.runtime.targets.wire import Artefact, ToolResult
 _MAX_WIDTH, _MAX_HEIGHT = 1920, 1440
 _SHADOW_MAP = 2048  # pixels of its side
 _DRAWING = threading.Lock()  # robots of one world are served by a thread each
+_OPEN = threading.local()  # graphics belong to the thread that opened them
 _FAR = 0.99  # of the far plane: beyond it nothing was drawn
 
 
@@ -28,12 +29,25 @@ def render_png(model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: i
     if camera not in names:
         return ToolResult({}, f"no camera {camera!r}; there are {', '.join(names) or 'none'}")
     try:
-        with _DRAWING, _open_renderer(model, min(width, _MAX_WIDTH), min(height, _MAX_HEIGHT)) as renderer:
+        with _DRAWING:
+            renderer = _reuse_renderer(model, min(width, _MAX_WIDTH), min(height, _MAX_HEIGHT))
             mujoco.mj_camlight(model, data)
             renderer.update_scene(data, camera, _make_options())
             return ToolResult({"picture.png": Artefact("image/png", _encode(renderer.render()))})
     except Exception as error:  # graphics drivers raise what they like
         return ToolResult({}, f"{type(error).__name__}: {error}")
+
+
+def _reuse_renderer(model: mujoco.MjModel, width: int, height: int) -> mujoco.Renderer:
+    """The graphics of this thread, opened again for another world or size: to open them costs more than to draw."""
+    kept: mujoco.Renderer | None = getattr(_OPEN, "renderer", None)
+    if kept and kept.model is model and (kept.width, kept.height) == (width, height):
+        return kept
+    if kept:
+        kept.close()
+    _OPEN.renderer = None
+    _OPEN.renderer = _open_renderer(model, width, height)
+    return _OPEN.renderer
 
 
 def _open_renderer(model: mujoco.MjModel, width: int, height: int) -> mujoco.Renderer:
