@@ -24,6 +24,7 @@ MODEL_SOURCES = ("menagerie", "package", "models")  # before the colon of a mode
 SHARING = "mujoco"  # the driver whose world holds several targets
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")  # commanded before those of the arm
 HAND = "hand/"  # begins the names of a mounted hand
+FINGERTIP_CLEAR_M = 0.006  # that the fingertips keep from what an object stands on
 YAW_MAX_RAD = 3.1  # a heading is measured between half a turn to either side
 
 Triple = tuple[float, float, float]
@@ -233,7 +234,8 @@ class Gripper(Authored):
         close_time_s: Time the drive is given to build up its grip [s].
         palm_depth_m: How far an object may reach above the tool centre point before it meets the palm [m].
         palm_height_m: How far the palm stands above the fingertips [m].
-        fingertip_m: Least height of the tool centre point above a support that the fingertips must not touch [m].
+        fingertip_m: Least height of the tool centre point above a support that the fingertips must not touch [m]: its
+            height above the fingertips, and `FINGERTIP_CLEAR_M`.
         grasp_reach_m: How far from the tool centre point the fingers hold an object, beyond its own size [m].
     """
 

@@ -12,6 +12,7 @@ import yaml
 
 from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.targets import FINGERTIP_CLEAR_M
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.models.compiling import compile_model
 from phyagentos.runtime.models.hand_drafting import (
@@ -33,7 +34,6 @@ GUESSED_TORQUE_NM, GUESSED_SPEED_RAD_S, GUESSED_LOAD_KG = 20.0, 1.0, 1.0
 STIFFNESS_PER_TORQUE, DAMPING_SHARE = 40.0, 0.1  # of a servo that holds its arm within a few milliradians
 UNMOVED = Pose((0.0, 0.0, 0.0))
 ARM, LEG = 4, 3  # hinges after which what branches is a hand; that make one of several arms
-CLEAR_M = 0.006  # that the fingertips keep from what an object stands on
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,9 +172,9 @@ def _list_gripper(hand: HandDraft, width_m: float) -> list[str]:
         "  stiffness_n_m: 2000.0",
         "  damping_ns_m: 60.0",
         "  force_n: 20.0   # check: its data sheet",
-        f"  palm_depth_m: {max(hand.palm_m - CLEAR_M, 0.005):.3g}",
+        f"  palm_depth_m: {max(hand.palm_m - FINGERTIP_CLEAR_M, 0.005):.3g}",
         f"  palm_height_m: {max(hand.palm_m + hand.tip_m, 0.01):.3g}",
-        f"  fingertip_m: {hand.tip_m + CLEAR_M:.3g}",
+        f"  fingertip_m: {hand.tip_m + FINGERTIP_CLEAR_M:.3g}",
     ]
 
 

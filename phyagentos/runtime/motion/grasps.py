@@ -16,7 +16,7 @@ from itertools import chain, product
 import numpy as np
 
 from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, make_matrix, rotate
-from phyagentos.protocol.capabilities.targets import Gripper
+from phyagentos.protocol.capabilities.targets import FINGERTIP_CLEAR_M, Gripper
 from phyagentos.protocol.world.entity_geometry import compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity, ShapeKind
 from phyagentos.protocol.world.mechanisms import compute_motion
@@ -27,7 +27,7 @@ from phyagentos.runtime.motion.pad_contacts import PadContact, find_pad_contact
 from phyagentos.runtime.motion.planning_scene import PlanningScene
 from phyagentos.runtime.motion.poses import UP, find_way_out, move_pose, point_tool_down, tilt_tool
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindGrasps, NoPlan, Payload
-from phyagentos.runtime.motion.shapes import compute_entity_box, compute_shape_boxes, is_round, settle
+from phyagentos.runtime.motion.shapes import Box, compute_entity_box, compute_shape_boxes, is_round, settle
 
 WIDTH_CLEARANCE_M = 0.006  # room for an error of the believed pose, both sides together
 LEAST_CLEARANCE_M = 0.002  # of what is nearly as wide as the hand opens: it is taken so or not at all
@@ -37,6 +37,8 @@ SIDE_DEG = (65, -65)  # from the side, where nothing else is free
 LYING_DEG = (80, -80, 65, -65)  # of a hand that comes along its own axis; it rises on the way back, with the object
 HAND_HALF_M = 0.036  # of a lying hand, above what the object stands on
 EDGE_DEPTH_M = 0.008  # of the tool centre point within an edge; the pads reach a centimetre further
+BESIDE_M, FLAT_CLEAR_M = 0.004, 0.002  # that fingertips reach down beside a flat object, and keep from its support
+BELOW_M = 0.001  # the foot of an object by its support, as believed
 SHIFTS = (0.5, -0.5, 1.0, -1.0)  # along an object, as shares of the longest way
 SHIFT_MAX_M = 0.025  # from the middle: its weight turns it between the pads
 DEAD_ENDS_MAX = 6  # groups of grasps after which the object cannot be put down, until the first is taken
@@ -70,7 +72,7 @@ def find_grasps(
     make_way = partial(
         ApproachCandidate,
         hover_m=request.hover_m,
-        tolerate=frozenset((jaw, entity.name) for jaw in scene.robot.jaws),
+        tolerate=frozenset(product(scene.robot.jaws, (entity.name, *_find_supports(entity, request.world.entities)))),
         tolerate_m=STRADDLE_M,
     )
     turns = request.then is not None and request.then.up is not None
@@ -291,7 +293,8 @@ def _iter_contacts(entity: Entity, gripper: Gripper, *, whole: bool, corners: bo
     first, second = (vertical + 1) % 3, (vertical + 2) % 3
     upright_round = is_round(entity) and vertical == 2
     yaw_rad = float(np.arctan2(box.pose[1, first], box.pose[0, first]))
-    tips_m = -np.inf if entity.part_of else box.bottom_m + gripper.fingertip_m  # a handle stands on nothing
+    above_m = gripper.fingertip_m - _measure_lowering(box)
+    tips_m = -np.inf if entity.part_of else box.bottom_m + above_m  # a handle stands on nothing
     height_m = max(box.pose[2, 3], box.top_m - gripper.palm_depth_m, tips_m)
     position = np.array((box.pose[0, 3], box.pose[1, 3], height_m))
     solids = [] if whole else compute_shape_boxes(entity)
@@ -308,6 +311,21 @@ def _iter_contacts(entity: Entity, gripper: Gripper, *, whole: bool, corners: bo
         if upright_round:
             contact = replace(contact, end=point_tool_down(turn_rad, contact.end[:3, 3]))
         yield f"yaw+{degrees:03d}", contact
+
+
+def _measure_lowering(box: Box) -> float:
+    """How much nearer than otherwise the fingertips come to what a flat object stands on [m]."""
+    beside_m = box.top_m - box.bottom_m - FINGERTIP_CLEAR_M
+    return min(max(BESIDE_M - beside_m, 0.0), FINGERTIP_CLEAR_M - FLAT_CLEAR_M)
+
+
+def _find_supports(entity: Entity, others: tuple[Entity, ...]) -> list[str]:
+    """Fixed entities that end below the foot of a flat object, which fingertips above it cannot touch."""
+    box = compute_entity_box(entity)
+    if not _measure_lowering(box):
+        return []
+    tops_m = ((each.name, compute_shape_boxes(each)) for each in others if not each.movable)
+    return [name for name, boxes in tops_m if max(each.top_m for each in boxes) <= box.bottom_m + BELOW_M]
 
 
 def _iter_solid_ways(

@@ -102,6 +102,15 @@ def test_a_thin_thing_whose_height_is_believed_wrong_is_met_above_its_support(pl
     assert planner._chain.compute_tcp(push.approaches[0].line_rad[-1])[2, 3] == pytest.approx(0.018, abs=2e-4)
 
 
+def test_a_flat_board_is_closed_on_with_the_fingertips_beside_it_and_off_the_table(planner, build, table, grasp):
+    """Of a board of 4.7 mm the fingers closed over its top, three times in a row."""
+    board = msgspec.structs.replace(
+        build.cube("board", 0.5, 0.0, z=0.0024), shapes=(build.box((0, 0, 0), (0.02, 0.02, 0.0024)),)
+    )
+    tips_m = grasp(World((table, board)), "board")[0].tcp_end.position_m[2] - 0.010
+    assert 0.0015 < tips_m < 0.0048 - 0.002
+
+
 def build_bowl(build, x, y):
     """Ten flat walls that lean outwards, wider above than the hand opens."""
     base = Shape(ShapeKind.CYLINDER, (0.03, 0.002), Pose((0.0, 0.0, -0.013)))
