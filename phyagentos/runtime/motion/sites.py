@@ -8,6 +8,7 @@ along the walls of the destination first, so that the room that is left stays in
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 
@@ -33,6 +34,7 @@ PACK_STEP_M = 0.015  # between packed sites along a wall
 ROOM_SHARE = 3.0  # of the area of a payload with its gaps, from which on a container is packed
 HOLLOW_STEP_M = 0.004  # between points at which the side of a hollow is looked for
 WALL_BAND_M = 0.02  # a wall is this near to the side of an interior
+ROUND = 0.7  # of half the side of a square: how far it is at most from the wall of a vessel that is round about it
 LEVEL_BAND_M = 0.005  # solids of one floor end at heights that differ by no more
 TIPPED_M = 0.005  # what stands with its middle this near to an edge may tip over it
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
@@ -139,7 +141,7 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
         box = _place_box(compute_matrix(entity.pose), entity.interior.center_m, entity.interior.half_m)
         space = _level_space(box, box.bottom_m, [entity, *_carriers(others, box)], walled=True)
         return replace(
-            space, depth_m=_measure_depth(space, box, [entity]), floor=_list_level(entity, space.center_m[2])
+            space, depth_m=_measure_depth(space, box, [entity], ROUND), floor=_list_level(entity, space.center_m[2])
         )
     if region is not None:
         box = _place_box(compute_matrix(region.pose), (0.0, 0.0, 0.0), region.half_m)
@@ -415,14 +417,21 @@ def _measure_hollow(space: Space, entity: Entity) -> float:
     return min(depths_m)
 
 
-def _measure_depth(space: Space, box: Box, entities: Sequence[Entity]) -> float:
-    """Height of the lowest wall of an interior above its floor; 0 where a side has none."""
-    R, lowest = space.rotation, max(0.0, box.top_m - box.bottom_m)
+def _measure_depth(space: Space, box: Box, entities: Sequence[Entity], beyond: float = 0.0) -> float:
+    """Height of the lowest wall of an interior above its floor; 0 where a side has none.
+
+    A wall stands near the middle of a side, or further out by less than `beyond` of half the interior's extent.
+    """
+    lowest = max(0.0, box.top_m - box.bottom_m)
     solids = [each for entity in entities for each in compute_shape_boxes(entity)]
-    for axis in (0, 1):
-        for sign in (-1.0, 1.0):
-            side = space.center_m + sign * space.half_m[axis] * R[:, axis]
-            lowest = min(lowest, _climb(space, [each for each in solids if _is_beside(each, side, WALL_BAND_M)]))
+    for axis, sign in product((0, 1), (-1.0, 1.0)):
+        way, half_m = sign * space.rotation[:, axis], space.half_m[axis]
+        sides = [space.center_m + away_m * way for away_m in np.arange(half_m, half_m * (1.0 + beyond), HOLLOW_STEP_M)]
+        at_m = space.center_m + half_m * way
+        walls = [
+            w for w in solids if _is_beside(w, at_m, WALL_BAND_M) or any(_is_beside(w, each, 0.0) for each in sides)
+        ]
+        lowest = min(lowest, _climb(space, walls))
     return lowest
 
 

@@ -52,6 +52,27 @@ def test_a_thing_falls_into_a_bin_that_is_too_deep_for_the_hand_and_no_further_t
     assert place_into(planner, deep(0.02), home, 0.03).approaches[0].fall_m == 0.0
 
 
+def test_walls_round_about_a_wide_basin_keep_what_falls_into_it(planner, build, deep, home):
+    """The square within it is further from its walls than in a box: no site could be reached, and nothing fell."""
+    turns, radius_m = np.radians(range(0, 360, 36)), 0.08
+    halves = [Pose(quaternion_wxyz=(float(np.cos(a / 2)), 0.0, 0.0, float(np.sin(a / 2)))) for a in turns]
+    walls = [
+        Shape(
+            ShapeKind.BOX,
+            (0.002, 0.03, 0.04),
+            Pose((*(radius_m * np.array((np.cos(a), np.sin(a)))), 0.04), at.quaternion_wxyz),
+        )
+        for a, at in zip(turns, halves, strict=True)
+    ]
+    interior = Interior((0, 0, 0.0425), (0.056, 0.056, 0.0375))
+    basin = build.fixed(
+        "bin", (0.5, 0.3, 0), build.box((0, 0, 0.0025), (0.07, 0.07, 0.0025)), *walls, interior=interior
+    )
+    table, _, cube = deep(0.1, half_m=0.01).entities
+    answer = place_into(planner, World((table, basin, cube)), home, 0.02)
+    assert 0.0 < answer.approaches[0].fall_m < 0.08
+
+
 def test_one_placement_is_asked_for_by_who_wants_to_know_whether_there_is_any(planner, deep, home):
     four, one = (place_into(planner, deep(0.02), home, 0.03, count=count) for count in (4, 1))
     assert len(four.approaches) == 4
