@@ -74,6 +74,7 @@ SECTIONS = {  # of the help -> name -> module and function, the first line of wh
     "Control": {
         "cancel": "stopping:cancel",
         "pause": "stopping:pause",
+        "take-over": "taking_over:take_over",
         "resume": "stopping:resume",
         "estop": "stopping:estop",
         "approve": "deciding:approve",

@@ -56,7 +56,7 @@ def render_request(request: StopRequest) -> str:
             return f"reset; the former latch is kept in {request.file}"
     if not request.file:
         return f"cancelled goal {request.subject}"
-    return f"asked to {request.kind} {request.subject}: {request.file}"
+    return f"asked to {request.kind.replace('_', ' ')} {request.subject}: {request.file}"
 
 
 def _show(found: Stopped) -> Reply[Stopped]:

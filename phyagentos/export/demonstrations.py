@@ -64,6 +64,7 @@ class Demonstration:
     """One session with its verdict.
 
     Attributes:
+        led_by: Who took the arm over in its midst; empty without a take-over.
         contested: Who contests the verdict, when and why; empty where none does.
         state: (n, d) measured joint positions [rad] and, where the target has one, opening of its gripper [m].
         action: (n, d) set-points in force one step later, alike.
@@ -82,6 +83,7 @@ class Demonstration:
     world: Array
     pictures: dict[str, tuple[RecordedPicture, ...]]
     contested: str = ""
+    led_by: str = ""
 
     def iter_pictures(self, camera: str) -> Iterator[NDArray[np.uint8]]:
         """The pictures (height, width, 3) of a camera, one for each step."""
@@ -203,6 +205,7 @@ def _read(bundle: Path, status: SessionStatus, choice: Choice, fps: int, width: 
         task=status.contract.objective,
         seed=status.contract.scene.seed,
         verdict=decided,
+        led_by=status.execution.led_by if status.execution is not None else "",
         contested="; ".join(each.reason for each in status.attempts if each.verifier == PERSON),
         state=measured[rows[:-1], :width].astype(np.float32),
         action=commanded[rows[1:], :width].astype(np.float32),

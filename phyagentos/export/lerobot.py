@@ -111,7 +111,7 @@ def _describe_episode(
     row |= {"session_id": each.session, "bundle": str(each.bundle), "skill": each.skill, "seed": each.seed}
     row |= {"verdict": each.verdict.verdict.value, "cause": each.verdict.cause, "verdict_reason": each.verdict.reason}
     people = [f"{one.text} {one.because}" for one in each.verdict.criteria if find_question(one.text)]
-    row |= {"answers": "; ".join(people), "contested": each.contested}
+    row |= {"answers": "; ".join(people), "contested": each.contested, "led_by": each.led_by}
     row |= {"sensing": each.verdict.sensing, "verifier": each.verdict.verifier}
     measured = _measure(table | pixels).items()
     row |= {f"stats/{key}/{name}": value for key, numbers in measured for name, value in numbers.items()}

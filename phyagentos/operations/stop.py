@@ -1,4 +1,4 @@
-"""Stops: an end, a rest, the emergency stop, and what lifts them; each drops a file as any tool could.
+"""Stops: an end, a rest, a person at the arm, the emergency stop; each drops a file as any tool could.
 
 Only the end of a goal is a record: every agent that continues the goal must read it.
 """
@@ -13,6 +13,7 @@ import msgspec
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, PhyAgentOSError, format_names
 from phyagentos.operations.workspaces import find_running, read_ledger
+from phyagentos.protocol.capabilities.registries import get_registered_target
 from phyagentos.protocol.sessions import estop as latches
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, Side
 from phyagentos.protocol.sessions.session import GoalId
@@ -38,7 +39,7 @@ class StopRequest(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     workspace: str
-    kind: Literal["cancel", "pause", "resume", "estop", "reset"]
+    kind: Literal["cancel", "pause", "resume", "take_over", "estop", "reset"]
     subject: str = EVERY_SESSION
     file: str = ""
     warning: str = ""
@@ -62,12 +63,36 @@ def cancel(subject: str, root: Path | None = None, *, reason: str = "", by: str 
 
 def pause(session: str = ALL, root: Path | None = None, *, reason: str = "", by: str = "paos pause") -> Stopped:
     """Ask a session, or all, to rest at the end of the present motion."""
-    return _reach(root, lambda each: (_request("pause", session, each, reason, by),))
+    return _reach(root, lambda each: (_request(Signal(kind="pause", by=by, reason=reason), session, each),))
 
 
 def resume(session: str = ALL, root: Path | None = None, *, by: str = "paos resume") -> Stopped:
     """Let a paused session, or all, go on."""
-    return _reach(root, lambda each: (_request("resume", session, each, "", by),))
+    return _reach(root, lambda each: (_request(Signal(kind="resume", by=by), session, each),))
+
+
+def take_over(
+    session: str, root: Path | None = None, *, leader: str, speaks: Literal["tool", "joints"] = "tool", by: str
+) -> Stopped:
+    """Let a person move the arm of a running session, until the policy server at `leader` says that it is done.
+
+    The session ends then and is judged like any other. The server is on this machine (`tcp://127.0.0.1:PORT`); its rows
+    are steps of the `tool` in the world (x, y, z [m], rotation vector [rad], opening [m]), ten a second, or `joints` as
+    the target takes them, one a control period.
+    """
+    asked = Signal(kind="take_over", by=by, leader=leader, speaks=speaks)
+    return _reach(root, lambda each: (_request(asked, session, each),))
+
+
+def find_opening(session: str, root: Path | None = None) -> float:
+    """How far the gripper of a session's target opens [m]; raises as `cancel`."""
+    for each in [root] if root is not None else find_running():
+        sessions = read_ledger(each, parts=_READ).sessions
+        if root is not None or session in sessions:
+            target = sessions[get_session(session, sessions)].contract.target
+            registry = Workspace.open(each, _WRITTEN).target_registry
+            return get_registered_target(registry, target).gripper.max_width_m
+    raise DefinitionError.of("NOT_RUNNING", session, "no workspace with it is running", "a session of `paos status`")
 
 
 def estop(root: Path | None = None, *, reason: str = "", by: str = "paos estop") -> Stopped:
@@ -108,7 +133,7 @@ def _cancel(subject: str, root: Path, reason: str, by: str) -> tuple[StopRequest
     ledger = Ledger() if subject == ALL else read_ledger(root, parts=_READ)  # damage must not hold up a stop
     goal = ledger.goals.get(GoalId(subject))
     if goal is None:
-        return (_request("cancel", subject, root, reason, by),)
+        return (_request(Signal(kind="cancel", by=by, reason=reason), subject, root),)
     live = [status.contract.id for status in ledger.live_sessions() if status.contract.goal == goal.id]
     signals = [Signal(kind="cancel", session=id, by=by, reason=reason) for id in live]
     return (_cancel_goal(goal, root, reason, by), *(_drop(each, root) for each in signals))
@@ -127,7 +152,7 @@ def _cancel_goal(goal: GoalStatus, root: Path, reason: str, by: str) -> StopRequ
     return StopRequest(workspace=str(root), kind="cancel", subject=goal.id)
 
 
-def _request(kind: Literal["cancel", "pause", "resume"], session: str, root: Path, reason: str, by: str) -> StopRequest:
+def _request(asked: Signal, session: str, root: Path) -> StopRequest:
     id = EVERY_SESSION
     if session != ALL:
         ledger = read_ledger(root, parts=_READ)
@@ -136,7 +161,7 @@ def _request(kind: Literal["cancel", "pause", "resume"], session: str, root: Pat
             live = [status.contract.id for status in ledger.live_sessions()]
             possible = f"a live session: {format_names(live)}"
             raise DefinitionError.of("ALREADY_OVER", id, f"its state {state!r} is final", possible)
-    return _drop(Signal(kind=kind, session=id, by=by, reason=reason), root)
+    return _drop(msgspec.structs.replace(asked, session=id), root)
 
 
 def _drop(signal: Signal, root: Path) -> StopRequest:

@@ -139,6 +139,7 @@ def _iter_execution(execution: Execution) -> Iterator[Fact]:
     )
     yield "", execution.message
     yield "moved by", execution.driver and f"driver {execution.driver}"
+    yield "taken over", execution.led_by and f"by {execution.led_by}"
 
 
 def _iter_attempt(attempt: Attempt, bundle: Bundle) -> Iterator[Fact]:

@@ -47,7 +47,8 @@ Whether a runtime serves this workspace, the latest heartbeat of each target's w
 - **Written by** the process of the watchdog, from `heartbeats/` and `signals/`; renewed at least every ten seconds
   while it runs. An older time than that means that it ended without recording its end.
 - **To ask for something**, use `paos cancel`, or drop a YAML file into `signals/new/`; any tool can:
-  `{kind: cancel, session: "*", by: <who>, reason: <why>}`. Kinds: `cancel`, `pause`, `resume`, `estop`.
+  `{kind: cancel, session: "*", by: <who>, reason: <why>}`. Kinds: `cancel`, `pause`, `resume`, `estop`, and
+  `take_over` with the `leader` whose commands move the arm.
 - **An edit becomes a request** when it adds a section `## Request` with such a mapping as a YAML block, within a few
   seconds, while a runtime runs. Whatever else is changed is lost with the next rendering.
 

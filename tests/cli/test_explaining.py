@@ -149,6 +149,18 @@ def test_a_request_leaves_a_signal_for_one_session(run, paos, kind):
     assert (signal.kind, signal.session, signal.by) == (kind, "tidy-7.red", f"paos {kind}")
 
 
+def test_a_take_over_names_the_leader_of_the_arm_and_its_keys_need_a_terminal(run, paos):
+    run.begin()
+    run.submit("red")
+    where = ("red", "--workspace", run.workspace.root, "--by", "ada")
+    assert_refused(paos("take-over", *where), "its keys need a terminal")
+    found = paos("take-over", *where, "--leader", "tcp://127.0.0.1:5555", "--speaks", "joints", "--json")
+    (signal,) = take_signals(run.workspace.signals)
+    assert found.code == ExitCode.GOAL_MET
+    assert (signal.session, signal.by) == ("tidy-7.red", "ada")
+    assert (signal.leader, signal.speaks) == ("tcp://127.0.0.1:5555", "joints")
+
+
 def test_cancel_all_needs_no_session(run, paos):
     paos("cancel", "all", "--workspace", run.workspace.root)
     assert [signal.session for signal in take_signals(run.workspace.signals)] == ["*"]

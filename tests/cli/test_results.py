@@ -63,6 +63,7 @@ ELSEWHERE = {  # command -> the test file that calls it
     "ask": "tests/cli/test_asking.py",
     "logs": "tests/cli/test_observing.py",
     "contest": "tests/cli/test_answering.py",
+    "take-over": "tests/cli/test_explaining.py",
     "scene save": "tests/cli/test_scenes.py",
     "import": "tests/export/test_bt_xml.py",
     "deny": "tests/cli/test_approving.py",

@@ -175,14 +175,18 @@ def find_key(status: SessionStatus) -> str:
 def find_episode(
     status: SessionStatus, surroundings: Surroundings, sessions: Mapping[SessionId, SessionStatus] = _NO_SESSIONS
 ) -> Episode | None:
-    """The episode of a session; None while its verdict is open, when it serves no goal, or had nothing to do.
+    """The episode of a session; None while its verdict is open, when it serves no goal, or its skill did not end it.
 
     A session that preflight refused for what no second try changes is one, too. `sessions` are those of its goal.
     """
     decision, contract, execution = status.decision, status.contract, status.execution
     refused = find_refusal(status.problems) if status.state == SessionState.REJECTED else None
     is_judged = status.state in JUDGED and decision is not None
-    if not contract.goal or not (is_judged or refused) or (execution is not None and execution.is_idle):
+    if (
+        not contract.goal
+        or not (is_judged or refused)
+        or (execution is not None and (execution.is_idle or execution.led_by))
+    ):
         return None
     skill = surroundings.skills.get(contract.skill)
     found = (decision.found or decision.verdict) if decision is not None and is_judged else Verdict.FAILURE

@@ -30,12 +30,12 @@ _OF_PLANS = frozenset({Cause.NO_PLAN, Cause.IMPOSSIBLE, Cause.ADAPTER_REFUSED})
 def find_repeated(case: Case, revision: Revision) -> str:
     """Why a child would end as an earlier session did; empty where that is not known.
 
-    Further looks are counted, not compared: each one measures anew.
+    Further looks are counted, not compared: each one measures anew. What a person did says nothing of the next attempt.
     """
     skill = case.catalogue.skills.get((revision.choice or case.choice).skill)
     if revision.purpose == PURPOSE or case.world is None or (skill is not None and skill.kind == "policy"):
         return ""
-    for status in reversed(case.lineage):
+    for status in reversed([each for each in case.lineage if each.execution is None or not each.execution.led_by]):
         alike = status.contract.purpose == revision.purpose and _goes_same_way(case, revision, status.contract)
         if alike and (cause := _find_lasting_cause(case, status, revision.strategy)):
             return f"{status.contract.id} ended with {cause} in the same way, and the world is as it was"

@@ -32,6 +32,7 @@ AFTER = "environment_after.json"
 TRACE = "trace.jsonl"  # one TraceEvent per change of a node of the tree; grows while the session runs
 TRAJECTORY = "trajectory.npz"  # time_s, q_commanded, q_measured, qd_measured, gripper_*_m; force_n where it is felt
 MOTION = "motion.npz"  # time_s, qpos (n, nq): the simulated world 25 times a second; never read by the agent
+TAKEN_OVER = "taken_over"  # kind of the event from which on a person moves the arm; `by` says who
 EVENTS = "events.jsonl"  # safety interventions, planner answers, errors of leaves, timing
 HOLDS = "holds.json"  # list of Criterion: worst value of each hold condition and constraint
 FAULTS = "faults.json"  # what the simulated world did; never read by the agent

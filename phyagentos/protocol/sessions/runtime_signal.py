@@ -50,11 +50,13 @@ class Request(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     Attributes:
         file: Its name.
         state: What became of it.
-        kind: `cancel`, `pause`, `resume` or `estop`; empty when it cannot be read.
+        kind: `cancel`, `pause`, `resume`, `take_over` or `estop`; empty when it cannot be read.
         session: Which session, `*` for all.
         by: Who asks.
         reason: Why.
         at: UTC wall time, where it names one.
+        leader: Of `take_over`, where the person's commands come from.
+        speaks: Of `take_over`, what these are: steps of the `tool`, or `joints`.
     """
 
     file: str
@@ -64,6 +66,8 @@ class Request(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     by: str = ""
     reason: str = ""
     at: str = ""
+    leader: str = ""
+    speaks: str = "tool"
 
 
 class Signs(msgspec.Struct, frozen=True, kw_only=True):

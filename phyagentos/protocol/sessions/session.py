@@ -246,6 +246,7 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         driver: What moved the target, as it described itself; empty in records of before, and when nothing was moved.
         idealisations: What of the target and its world was simpler than reality, as it described itself.
         is_final: Whether the leaf that failed says that another attempt would meet the same.
+        led_by: Who took the arm over in its midst; empty without a take-over.
         defect: Where a person's own code raised the error that ended it: `file:line`, or the server that has it.
     """
 
@@ -262,6 +263,7 @@ class Execution(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     driver: str = ""
     idealisations: tuple[Idealisation, ...] = ()
     is_final: bool = False
+    led_by: str = ""
     defect: str = ""
 
     @property

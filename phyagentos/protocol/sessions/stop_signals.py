@@ -44,17 +44,22 @@ _WORDS_MAX = 40  # five keys with their values are possible
 _LOADER: type[yaml.BaseLoader] = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 _Key = tuple[int, int, int]
 _NUMBERS = itertools.count(1)
-_KINDS = ("cancel", "pause", "resume", "estop")
+_KINDS = ("cancel", "pause", "resume", "take_over", "estop")
 
 
 class Signal(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One request, for one session or all (`*`); `at` is UTC wall time, filled in when it is dropped."""
+    """One request, for one session or all (`*`); `at` is UTC wall time, filled in when it is dropped.
 
-    kind: Literal["cancel", "pause", "resume", "estop"]
+    `leader` is where a person's commands come from that `take_over` lets move the arm, `speaks` the language of these.
+    """
+
+    kind: Literal["cancel", "pause", "resume", "take_over", "estop"]
     session: str = EVERY_SESSION
     by: str = ""
     reason: str = ""
     at: str = ""
+    leader: str = ""
+    speaks: Literal["tool", "joints"] = "tool"
 
 
 def drop_signal(folder: Path, signal: Signal, clock: Clock) -> Path:

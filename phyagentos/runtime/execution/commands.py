@@ -60,6 +60,11 @@ class CommandBuffer:
         self._gripper = check_rows("width_m", width_m, (self.n_steps,))
         self._ends = self._ends or not goes_on
 
+    def go_on_from(self, points: SetPoints) -> None:
+        """Take the end of a commanded period for what was commanded last, whoever set it; drop what is set."""
+        self._q, self._qd = points.q_rad[-1].copy(), points.qd_rad_s[-1].copy()
+        self._width_m, self._arm, self._gripper = float(points.gripper_width_m[-1]), None, None
+
     def hold(self) -> None:
         """Command the present set-points once more where the arm rests and none are set."""
         if self._arm is None and self.at_rest:

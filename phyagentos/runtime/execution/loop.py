@@ -6,8 +6,9 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 
 from phyagentos.clock import Clock
-from phyagentos.errors import DefectError, ExecutionError, is_defect
+from phyagentos.errors import DefectError, DefinitionError, ExecutionError, is_defect
 from phyagentos.protocol.documents.plain_data import Fields
+from phyagentos.protocol.sessions.evidence import TAKEN_OVER
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.runtime.actions.handle import CommandRefused, TargetSessionHandle
 from phyagentos.runtime.actions.set_points import SetPoints
@@ -16,6 +17,7 @@ from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.holds import HoldMonitor
 from phyagentos.runtime.execution.leaf import FailureCode, LeafError
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillRuntime, SkillStatus, TickResult
+from phyagentos.runtime.execution.taken_over import Leader, LedSkill
 from phyagentos.runtime.perception.world_model import WORLD, ConfirmationCapture
 from phyagentos.runtime.targets.wire import Step
 
@@ -34,7 +36,7 @@ class EndRequest:
     why: str = ""
 
 
-Cancel = Callable[[], EndRequest | None]
+Cancel = Callable[[], EndRequest | Leader | None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,10 +67,11 @@ class SessionLoop:
     """Runs one skill on one target; `handle` has authority for the session.
 
     Attributes:
-        cancel: Polled every turn; a request ends the execution.
+        cancel: Polled every turn; a request ends the execution, a leader takes the arm over.
         clock: Bounds planning by the wall.
         on_turn: Called when the skill was ticked, with the commands so far and the target's time [s].
         on_step: Called when a command was carried out.
+        lead: Opens the server of a person who takes the arm over.
         cameras: Keeps pictures on the way, where that is asked for.
         ticks: Control periods commanded.
         ms: Wall time so far by part [ms].
@@ -82,8 +85,10 @@ class SessionLoop:
     clock: Clock
     on_turn: Callable[[TickResult, int, float], None] = lambda _result, _ticks, _time_s: None
     on_step: Callable[[SetPoints, Step], None] = lambda _points, _step: None
+    lead: Callable[[Leader], SkillRuntime] | None = None
     cameras: CameraRecorder | None = None
     ticks: int = field(default=0, init=False)
+    _latest: SetPoints | None = field(default=None, init=False)
     _unreported: deque[_Unreported] = field(default_factory=deque, init=False)
     _owes_sample: bool = field(default=False, init=False)  # a confirmation was uncertain: the world is to stand
     ms: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("tree", "think", "apply", "record"), 0.0))
@@ -96,8 +101,10 @@ class SessionLoop:
         wall_deadline_s = now_s() + limits.wall_timeout_s
         try:
             while True:
-                if request := self.cancel():
+                if isinstance(request := self.cancel(), EndRequest):
                     return describe_request(request)
+                if request is not None and (violation := self._hand_over(request, deadline_s)):
+                    return violation
                 began_s = now_s()
                 result = self.skill.tick()
                 self.ms["tree"] += 1e3 * (now_s() - began_s)
@@ -119,7 +126,7 @@ class SessionLoop:
                     return Outcome(ended=Ended.TIMED_OUT, code="TIMED_OUT", leaf=result.active, message=message)
         except CommandRefused as refusal:
             request = self.cancel() if refusal.code == "ABORTED" else None
-            return describe_request(request) if request else self._describe_refusal(refusal)
+            return describe_request(request) if isinstance(request, EndRequest) else self._describe_refusal(refusal)
         except LeafError as error:
             cause = error.cause
             code = cause.code if isinstance(cause, ExecutionError) else "LEAF_ERROR"
@@ -143,6 +150,7 @@ class SessionLoop:
         context, now_s = self.context, self.clock.now_s
         began_s = now_s()
         self.handle.send(points)
+        self._latest = points
         for each in self.handle.take_interventions():
             context.note(
                 "intervention", each.code, where=each.where, row=each.row, before=each.before, after=each.after
@@ -160,6 +168,23 @@ class SessionLoop:
         while len(self._unreported) > (0 if self._owes_sample else ahead):
             if violation := self._account():
                 return violation
+        return None
+
+    def _hand_over(self, leader: Leader, deadline_s: float) -> Outcome | None:
+        """Interrupt the skill, bring the arm to rest, and follow a person; an outcome as of `_apply`."""
+        context = self.context
+        self.skill.halt()
+        if self._latest is not None:
+            context.commands.go_on_from(self._latest)
+        while (points := context.commands.take()) is not None:
+            if violation := self._apply(points, TickResult(SkillStatus.RUNNING, points), deadline_s):
+                return violation
+        context.note(TAKEN_OVER, "", by=leader.by, leader=leader.endpoint)
+        try:
+            assert self.lead is not None, "a session of this kind cannot be taken over"
+            self.skill = LedSkill(self.skill, self.lead(leader))
+        except DefinitionError as error:
+            raise ExecutionError(error.problems[0].code, f"the arm cannot be taken over: {error}") from error
         return None
 
     def _may_run_ahead(self, result: TickResult, deadline_s: float) -> bool:

@@ -12,13 +12,14 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 from py_trees.common import Status
 
 from phyagentos.errors import DefectError, DefinitionError, ExecutionError, find_place
-from phyagentos.protocol.capabilities.action_spaces import describe_target_space
-from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
+from phyagentos.protocol.capabilities.action_spaces import ActionSpace, describe_target_space
+from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor, PolicyExecution, Stream
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.plain_data import Fields
@@ -37,6 +38,7 @@ from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.criteria import is_met
 from phyagentos.runtime.execution.leaf import FailureCode
 from phyagentos.runtime.execution.skill_runtime import Failure, SkillStatus, TickResult
+from phyagentos.runtime.execution.taken_over import Leader
 from phyagentos.runtime.perception.world_model import WORLD
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient
@@ -48,6 +50,8 @@ LEAF = "policy"
 OVERLAP = 4  # rows that only shape the end of a spline: so far before it an error of its end velocity is 0.27^4
 EMPTY_MAX = 20  # chunks in a row without a row that could be carried out
 TIME_TOLERANCE_S = 1e-9
+LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
+LEADER_HZ, LEADER_ROWS, LEADER_SILENCE_S = 10.0, 20, 1.0  # of a person who moves the arm
 METADATA_MAX = 300  # characters of what a server says of itself
 
 
@@ -371,6 +375,38 @@ def _list_poses(session: Session, world: Environment) -> dict[str, tuple[float, 
     return {key: (*each.pose.position_m, *each.pose.quaternion_wxyz) for key, each in named.items()}
 
 
+def _describe_leader(leader: Leader, profile: TargetProfile) -> SkillRuntime:
+    """A person as a policy: what the server is shown, and how its rows are read."""
+    if urlsplit(leader.endpoint).scheme != "tcp" or urlsplit(leader.endpoint).hostname not in LOOPBACK:
+        raise DefinitionError.of("INVALID_VALUE", "leader", leader.endpoint, "a server here: tcp://127.0.0.1:PORT")
+    target, sense = describe_target_space(profile), {"modality": "proprioception", "dtype": "float64", "rate_hz": 50}
+    steps = ActionSpace(
+        representation="tool_pose",
+        delta=True,
+        rotation="axis_angle",
+        rate_hz=LEADER_HZ,
+        interpolation="cubic",
+        chunk_length=LEADER_ROWS,
+        gripper=target.gripper,
+        clamp=True,
+    )
+    return SkillRuntime(
+        skill="by_hand",
+        description="A person moves the arm.",
+        kind="policy",
+        tree="",
+        action_space=steps if leader.speaks == "tool" else target,
+        policy=PolicyDescriptor(
+            policy=f"person/{leader.by}",
+            endpoint=leader.endpoint,
+            observations={name: Stream.model_validate(sense) for name in ("tool_pose", "joint_state", "gripper_width")},
+            inference_s=2.0 / LEADER_HZ,
+            execution=PolicyExecution(mode="open_loop", underrun="brake", interruption="row"),
+            heartbeat_s=LEADER_SILENCE_S,
+        ),
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Policies:
     """The policy skills of a workspace, by name; a frame may come late by perception.yaml's `max_age_s` [s]."""
@@ -388,7 +424,17 @@ class Policies:
         Raises:
             DefinitionError: When the documents have changed since, so that there is no such policy any more.
         """
-        skill = self.skills[session.skill]
+        return self._open(self.skills[session.skill], session, context)
+
+    def open_leader(self, leader: Leader, context: SkillContext) -> PolicySkillRuntime:
+        """A person who moves the arm of a session: `tool` steps ten times a second, or joint positions.
+
+        Raises:
+            DefinitionError: When the target cannot take such commands.
+        """
+        return self._open(_describe_leader(leader, self.profile), context.session, context)
+
+    def _open(self, skill: SkillRuntime, session: Session, context: SkillContext) -> PolicySkillRuntime:
         target, arm = describe_target_space(self.profile), read_arm(self.handle.describe(), context.step.target)
         compile_from = partial(compile_chain, target=target, frames=describe_frames(self.profile), arm=arm)
         chain = compile_from(skill.action_space or target)

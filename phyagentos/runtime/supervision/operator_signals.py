@@ -1,4 +1,4 @@
-"""Operator requests from `signals/`: cancel, pause, resume, emergency stop.
+"""Operator requests from `signals/`: cancel, pause, resume, take-over, emergency stop.
 
 Targets read an emergency stop themselves; the latch waits for targets that do not run. Here too it goes before every
 other request, however many wait.
@@ -15,7 +15,7 @@ from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal,
 from phyagentos.runtime.supervision.target_phase import Phase
 from phyagentos.runtime.supervision.target_supervisor import TargetSupervisor
 from phyagentos.runtime.targets.stop_listener import StopListener
-from phyagentos.runtime.worker.orders import Pause, Resume
+from phyagentos.runtime.worker.orders import Pause, Resume, TakeOver
 
 
 class OperatorSignals:
@@ -39,7 +39,7 @@ class OperatorSignals:
                 reason = signal.reason or f"requested by {signal.by}"
                 for id, trigger in self._iter_cancellable(signal.session):
                     self._journal.try_commit(make_entry(id, trigger, reason=reason))
-            elif signal.kind in {"pause", "resume"}:
+            elif signal.kind in {"pause", "resume", "take_over"}:
                 _pass_on(signal, supervisors)
         return goes_on
 
@@ -67,9 +67,11 @@ class OperatorSignals:
 
 
 def _pass_on(signal: Signal, supervisors: Iterable[TargetSupervisor]) -> None:
-    """Pause and resume concern running sessions; the end of a session ends its pause too."""
-    order = Pause if signal.kind == "pause" else Resume
+    """Pause, resume and a take-over concern running sessions; the end of a session ends its pause too."""
     for each in supervisors:
         is_named = each.session is not None and signal.session in {EVERY_SESSION, each.session.id}
         if each.session is not None and is_named and each.phase is Phase.RUNNING:
-            each.worker.send(order(session=each.session.id))
+            id = each.session.id
+            order = Pause(id) if signal.kind == "pause" else Resume(id)
+            is_led = signal.kind == "take_over"
+            each.worker.send(TakeOver(id, signal.leader, signal.speaks, signal.by) if is_led else order)

@@ -17,6 +17,7 @@ from phyagentos.runtime.actions.handle import TargetSessionHandle
 from phyagentos.runtime.execution.context import NeighbourAccess, SkillContext, open_context
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.skill_runtime import SkillRuntime
+from phyagentos.runtime.execution.taken_over import Leader
 from phyagentos.runtime.execution.tree_loader import build_tree
 from phyagentos.runtime.execution.tree_runtime import TreeSkillRuntime
 from phyagentos.runtime.perception.world_model import WorldModel
@@ -86,6 +87,11 @@ class SkillLoader:
                 clock=self.clock,
             )
         return self._open_tree(str(plan["tree"]), context)
+
+    def open_leader(self, leader: Leader, context: SkillContext) -> SkillRuntime:
+        """What follows a person; raises DefinitionError where this target cannot take the person's commands."""
+        assert self.policies is not None, "whatever runs sessions of people can run policies"
+        return self.policies.open_leader(leader, context)
 
     def _open_tree(self, tree: str, context: SkillContext) -> SkillRuntime:
         """The tree of the context's session."""

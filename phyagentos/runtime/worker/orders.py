@@ -1,6 +1,7 @@
 """Messages between the watchdog and a worker process, which has one session at a time."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import msgspec
 
@@ -76,6 +77,20 @@ class Resume(msgspec.Struct, frozen=True, tag=True):
     session: str
 
 
+class TakeOver(msgspec.Struct, frozen=True, tag=True):
+    """Let a person move the arm of the running session, until the server at `leader` says that it is done.
+
+    Attributes:
+        speaks: `tool`, steps of the tool, or `joints`, positions.
+        by: Who.
+    """
+
+    session: str
+    leader: str
+    speaks: Literal["tool", "joints"]
+    by: str = ""
+
+
 class Reconcile(msgspec.Struct, frozen=True, tag=True):
     """Observe the world for a session whose runner was lost. Answer: `Finished`.
 
@@ -116,7 +131,7 @@ class Finished(msgspec.Struct, frozen=True, tag=True):
     is_target_lost: bool = False
 
 
-ToWorker = Check | Run | Renew | Stop | Pause | Resume | Reconcile
+ToWorker = Check | Run | Renew | Stop | Pause | Resume | TakeOver | Reconcile
 FromWorker = Ready | Checked | Finished
 
 _ORDERS = Codec[ToWorker](ToWorker, "order")

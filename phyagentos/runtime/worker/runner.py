@@ -87,7 +87,8 @@ class SessionRunner:
             epoch: Fencing token of the claim.
             plan: The adapter plan as plain data; `tree` names the behaviour tree.
             evidence: Folder of the bundle, relative to the workspace.
-            cancel: Called in every turn; a reason (`cancelled`, `timed_out`, `stalled`) ends the execution.
+            cancel: Called in every turn; a reason (`cancelled`, `timed_out`, `stalled`) ends the execution, a leader
+                takes the arm over.
             beat: Called in every turn.
             await_lease: Called when the bundle is open, before anything is asked of the target.
         """
@@ -126,6 +127,7 @@ class SessionRunner:
             interventions=sum(event.kind == "intervention" for event in loop.context.events),
             ticks=loop.ticks,
             open_criteria=self._open_criteria,
+            led_by=next((str(each.details["by"]) for each in loop.context.events if each.kind == files.TAKEN_OVER), ""),
             driver=live.driver,
             idealisations=live.idealisations,
         )
@@ -175,7 +177,7 @@ class SessionRunner:
             phase, now = "thinking" if result.thinking else "executing", handle.step.target
             posture = {"q_rad": now.q_rad, "gripper_width_m": now.gripper_width_m}
             beat(phase=phase, tick=ticks, sim_time_s=time_s, leaf=result.active, **posture)
-            recorder.follow_trace(skill.trace)
+            recorder.follow_trace(loop.skill.trace)
 
         handle = self._handle
         observation = handle.begin(session.id, epoch)
@@ -190,7 +192,7 @@ class SessionRunner:
         self._take_picture(recorder, files.PICTURE_BEFORE)
         context = self._skills.open_context(session, self._target, initial, recorder.folder)
         skill = self._skills.open(session, plan, context)
-        return SessionLoop(
+        loop = SessionLoop(
             handle=handle,
             context=context,
             skill=skill,
@@ -199,8 +201,10 @@ class SessionRunner:
             clock=self._clock,
             on_turn=on_turn,
             on_step=recorder.on_step,
+            lead=partial(self._skills.open_leader, context=context),
             cameras=self._open_cameras(),
         )
+        return loop
 
     def _open_cameras(self) -> CameraRecorder | None:
         """Of what is to be recorded, the cameras that this target has."""

@@ -23,6 +23,7 @@ from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.handle import CommandRefused
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.execution.loop import LEASE_LOST, EndRequest
+from phyagentos.runtime.execution.taken_over import Leader
 from phyagentos.runtime.lookahead.gate import LookaheadGate
 from phyagentos.runtime.perception.look import Look
 from phyagentos.runtime.perception.look_file import read_look
@@ -67,6 +68,7 @@ class WorkerLoop:
         self._granted: dict[tuple[str, int], Fields] = {}  # plan of what passed its check last, until it runs
         self._stop: EndRequest | None = None
         self._is_paused = False
+        self._leader: Leader | None = None
         self._lease_until_s = float("inf")
         self._waiting: deque[orders.ToWorker] = deque()  # orders that came while a session ran
 
@@ -138,7 +140,7 @@ class WorkerLoop:
 
     def _check(self, order: orders.Check) -> orders.Checked:
         session = order.session
-        self._granted, self._stop, self._is_paused = {}, None, False
+        self._granted, self._stop, self._leader, self._is_paused = {}, None, None, False
         is_new = session.scene.episode != self._episode
         self._episode = session.scene.episode
         self._heartbeat.beat(phase="loading", session=session.id, epoch=order.epoch, at_once=is_new)
@@ -190,8 +192,11 @@ class WorkerLoop:
         while not self._lease_until_s:
             self._obey(orders.receive_order(self._control))
 
-    def _find_stop(self) -> EndRequest | None:
-        """Why the session has to end, if it has; called in every turn of the runner's loop. Waits during a pause."""
+    def _find_stop(self) -> EndRequest | Leader | None:
+        """Why the session has to end, if it has, or who takes its arm over; called in every turn of the runner's loop.
+
+        Waits during a pause.
+        """
         while self._stop is None and self._control.poll():
             self._obey(orders.receive_order(self._control))
         while self._is_paused and self._stop is None and self._handle.is_at_rest:
@@ -202,6 +207,9 @@ class WorkerLoop:
                 break
         if self._stop is None and self._clock.now_s() > self._lease_until_s:
             return EndRequest(LEASE_LOST)
+        if self._stop is None and self._leader is not None:
+            leader, self._leader = self._leader, None
+            return leader
         return self._stop
 
     def _is_ending(self) -> bool:
@@ -218,6 +226,8 @@ class WorkerLoop:
             self._lease_until_s = order.until_s
         elif isinstance(order, orders.Pause | orders.Resume):
             self._is_paused = isinstance(order, orders.Pause)
+        elif isinstance(order, orders.TakeOver):
+            self._leader, self._is_paused = Leader(order.leader, order.speaks, order.by), False
         else:
             self._waiting.append(order)
 

@@ -43,13 +43,15 @@ def test_what_nobody_judged_is_no_episode(surroundings):
     assert find_episode(make_status(SessionState.UNVERIFIED, skipped), surroundings) is None
 
 
-def test_a_session_that_had_nothing_to_do_teaches_nothing(surroundings):
+def test_a_session_that_had_nothing_to_do_or_that_a_person_led_is_no_experience(surroundings):
     met = Attempt(verdict=Verdict.SUCCESS, found=Verdict.SUCCESS, criteria=())
     status = make_status(SessionState.SUCCEEDED, met)
+    led = replace(status, execution=replace(status.execution, led_by="ada"))
     idle = replace(status, execution=replace(status.execution, code=ALREADY_MET))
 
     assert find_episode(status, surroundings) is not None
     assert find_episode(idle, surroundings) is None
+    assert find_episode(led, surroundings) is None
 
 
 def test_a_judgement_that_was_added_later_changes_no_episode(surroundings):

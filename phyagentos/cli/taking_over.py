@@ -1,0 +1,126 @@
+"""`paos take-over`: the arm of a running session is moved from the keyboard, or by a leader of the person's own."""
+
+import getpass
+import select
+import sys
+import termios
+import threading
+import tty
+from collections.abc import Callable
+from functools import partial
+from queue import Queue
+from typing import Annotated, Literal
+
+import numpy as np
+import typer
+
+from phyagentos.cli.outcome import Exit, ExitCode, print_note
+from phyagentos.cli.reply import Reply
+from phyagentos.cli.stopping import Space, render_request
+from phyagentos.clock import SystemClock
+from phyagentos.operations import stop
+from phyagentos.operations.stop import Stopped
+from phyagentos.policies import Array, Infer, PolicyDescriptor, Start, serve_policy
+
+STEP_M, STEP_RAD, ROW_S = 0.01, 0.05, 0.1
+SHIFTS = {
+    "w": (STEP_M, 0, 0, 0, 0, 0), "s": (-STEP_M, 0, 0, 0, 0, 0), "a": (0, STEP_M, 0, 0, 0, 0),
+    "d": (0, -STEP_M, 0, 0, 0, 0), "r": (0, 0, STEP_M, 0, 0, 0), "f": (0, 0, -STEP_M, 0, 0, 0),
+    "q": (0, 0, 0, 0, 0, STEP_RAD), "e": (0, 0, 0, 0, 0, -STEP_RAD),
+}  # fmt: skip
+GRIPPER, BACK = " ", "\n"
+KEYS = "w s: away, back · a d: left, right · r f: up, down · q e: turn · space: gripper · enter: hand back"
+FOLLOWED_S = 3.0
+TAKEN_S = 15.0  # until the runtime follows: a motion that plans is interrupted first
+
+
+class Keyboard:
+    """The keys of a person as a policy: a row of a step of the tool each tenth of a second."""
+
+    def __init__(self, width_max_m: float) -> None:
+        self._width_max_m, self._width_m = width_max_m, -1.0
+        self._left = np.zeros(6)  # of the way that was asked for
+        self._changed = threading.Condition()
+        self._is_over = False
+        self._clock, self._asked_at_s = SystemClock(), np.inf
+        self.is_taken, self.is_back = threading.Event(), threading.Event()
+
+    def press(self, key: str) -> None:
+        """One key; those without a meaning are ignored."""
+        with self._changed:
+            self._left += SHIFTS.get(key, 0.0)
+            self._is_over = self._is_over or key == BACK
+            if key == GRIPPER:
+                self._width_m = 0.0 if self._width_m > self._width_max_m / 2 else self._width_max_m
+            self._changed.notify()
+
+    @property
+    def is_followed(self) -> bool:
+        """Whether the session still asks for rows."""
+        return self._clock.now_s() < self._asked_at_s + FOLLOWED_S
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether a way that was asked for is not gone yet."""
+        return bool(self._left.any())
+
+    def start(self, request: Start) -> None:
+        """The arm is the person's now."""
+        self.is_taken.set()
+
+    def infer(self, request: Infer) -> tuple[Array, bool]:
+        """The next row: at most a step in each direction, and the opening, which at first stays as it is."""
+        self._asked_at_s = self._clock.now_s()
+        with self._changed:
+            if not self._left.any():
+                self._changed.wait_for(lambda: self._is_over or self._left.any(), ROW_S)
+            if self._width_m < 0.0:
+                self._width_m = float(request.observations["gripper_width"])
+            step = np.clip(self._left, (-STEP_M,) * 3 + (-STEP_RAD,) * 3, (STEP_M,) * 3 + (STEP_RAD,) * 3)
+            self._left -= step
+            if self._is_over:
+                self.is_back.set()
+            return np.append(step, self._width_m)[None], self._is_over
+
+
+def take_over(
+    session: Annotated[str, typer.Argument(metavar="SESSION")],
+    workspace: Space = None,
+    by: Annotated[str, typer.Option(help="Who; it is recorded.")] = "",
+    leader: Annotated[str, typer.Option(help="A policy server of yours here, instead of the keyboard.")] = "",
+    speaks: Annotated[Literal["tool", "joints"], typer.Option(help="What its rows are.")] = "tool",
+) -> Reply[Stopped]:
+    """Move the arm of a running session yourself, guarded as ever; once you hand it back, the session is judged."""
+    request = partial(stop.take_over, session, workspace, by=by or getpass.getuser())
+    if leader:
+        found = request(leader=leader, speaks=speaks)
+    elif sys.stdin.isatty():
+        found = _lead(Keyboard(stop.find_opening(session, workspace)), request)
+    else:
+        what = "paos take-over: its keys need a terminal; without one name a server: --leader tcp://127.0.0.1:PORT"
+        raise Exit(ExitCode.INVALID_INPUT, what)
+    return Reply(found, "\n".join(map(render_request, found.requests)) if leader else "", found.failed)
+
+
+def _lead(keyboard: Keyboard, request: Callable[..., Stopped]) -> Stopped:
+    """Serve the keys until the arm is handed back; Ctrl-C hands it back, too."""
+    addresses = Queue[str]()
+    descriptor = PolicyDescriptor(policy="keyboard", endpoint="tcp://127.0.0.1:0", observations={}, inference_s=1.0)
+    threading.Thread(target=serve_policy, args=(keyboard, descriptor, addresses.put), daemon=True).start()
+    found = request(leader=addresses.get())
+    if not keyboard.is_taken.wait(TAKEN_S):
+        what = f"paos take-over: nothing follows within {TAKEN_S:g} s: does the session run? See `paos status`."
+        raise Exit(ExitCode.GOAL_NOT_MET, what)
+    print_note(f"the arm is yours. {KEYS}")
+    before = termios.tcgetattr(sys.stdin)
+    try:
+        tty.setcbreak(sys.stdin)
+        while not keyboard.is_back.is_set() and keyboard.is_followed:
+            keyboard.press(sys.stdin.read(1) if select.select([sys.stdin], [], [], ROW_S)[0] else "")
+    except KeyboardInterrupt:
+        keyboard.press(BACK)
+    finally:
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+    ended = "handed back" if keyboard.is_back.wait(FOLLOWED_S) else "the session has ended"
+    print_note(f"{ended}; what came of it: `paos why`")
+    return found
