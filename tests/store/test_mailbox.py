@@ -60,7 +60,7 @@ def test_what_cannot_be_read_is_put_aside_with_the_reason(tmp_path, text, reason
     assert (tmp_path / "rejected" / "by-hand.yaml").read_text() == text
     told = (tmp_path / "rejected" / "by-hand.yaml.reason.txt").read_text()
     assert re.search(f"by-hand.yaml: .*{reason}", told, re.DOTALL)
-    assert "cancel, pause, resume, estop" in told
+    assert "cancel, pause, resume, take_over, estop" in told
     assert list((tmp_path / "new").iterdir()) == []
 
 

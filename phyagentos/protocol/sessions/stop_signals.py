@@ -328,7 +328,7 @@ def extend_name(name: str, suffix: str) -> str:
 
 
 def _explain(path: Path, error: Exception) -> str:
-    example = msgspec.json.encode(Signal(kind="cancel", by="me", reason="why")).decode()
+    example = '{"kind": "cancel", "session": "*", "by": "me", "reason": "why"}'
     word = str(error).rsplit("'", 2)[-2] if str(error).count("'") >= 2 else ""
     nearest = find_nearest(word, _KINDS)
     hint = f" Did you mean {nearest!r}?" if nearest and nearest != word else ""
