@@ -1,0 +1,271 @@
+"""One goal from its request to its verdict, whoever calls it: proposed, decided on, followed in the journal, cancelled.
+
+What decides on it is what decides on the proposals of every other program: a person, a policy file of the operator, or
+the operator's list of goals that may be called. Nothing of ROS is imported here.
+"""
+
+import queue
+import subprocess
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ros2_goals.framework import Framework, Record, Refused
+from ros2_goals.processes import end
+
+CANCEL, TURN = object(), object()  # what a queue of events holds beside records
+_FINAL = {"succeeded", "failed", "replanned", "unverified", "rejected", "cancelled"}  # states of a session
+_LOOK_S = 1.0  # between two looks at what no record says: a denial, a process that ended
+_END_S = 30.0  # for a run to end after the verdict, then it is ended
+
+
+@dataclass(frozen=True)
+class Request:
+    """A goal as it is called; `graph` is a name or YAML, or else `words` say in `scene` what is wanted."""
+
+    graph: str = ""
+    words: str = ""
+    scene: str = ""
+    parameters: Sequence[str] = ()
+    seed: int = 0
+
+    def parse_parameters(self) -> dict[str, str]:
+        """By name; raises `Refused`."""
+        pairs = [each.partition("=") for each in self.parameters]
+        if wrong := [name for name, equals, _ in pairs if not (name and equals)]:
+            raise Refused(f"parameters: found {', '.join(map(repr, wrong))}; expected KEY=VALUE")
+        return {name: value for name, _, value in pairs}
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What decides on goals that are called.
+
+    Attributes:
+        permitted: Names of goal graphs of the library that run without a further decision.
+        policy: A policy file that decides at level `submit`; where it is None, another process decides.
+    """
+
+    permitted: frozenset[str] = frozenset()
+    policy: Path | None = None
+
+
+@dataclass(frozen=True)
+class Progress:
+    """A record of the journal about a goal, as it is shown to a caller."""
+
+    at: str
+    node: str
+    session: str
+    event: str
+    state: str
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a goal ended; the verdict is empty where nothing was decided."""
+
+    goal: str = ""
+    verdict: str = ""
+    reason: str = ""
+    failed_criteria: Sequence[str] = ()
+    causes: Sequence[str] = ()
+    evidence: Sequence[str] = ()
+
+
+@dataclass
+class Pursuit:
+    """One goal that is called; `events` takes records, `TURN` once it is the first in the line, and `CANCEL`."""
+
+    framework: Framework
+    rules: Rules
+    request: Request
+    show: Callable[[Progress], object]
+    events: "queue.SimpleQueue[Any]" = field(default_factory=queue.SimpleQueue)
+    name: str = ""
+    has_begun: bool = False
+    is_cancelled: bool = False
+    _is_over: bool = False
+    _child: "subprocess.Popen[str] | None" = None
+    _live: set[str] = field(default_factory=set)
+    _printed: Any = field(default_factory=lambda: tempfile.TemporaryFile("w+", encoding="utf-8"))
+
+    def carry_out(self) -> Outcome:
+        """Wait for its turn, propose it, follow it to its end; a refusal is an outcome too."""
+        try:
+            while (event := self.events.get()) is not TURN:
+                if event is CANCEL:
+                    return Outcome(verdict="cancelled", reason="cancelled while it waited for its turn")
+            self._propose()
+            return self._follow()
+        except Refused as error:
+            return Outcome(self.name, reason=str(error))
+        finally:
+            if self._child is not None:
+                self._end_child(self._child)
+            self._printed.close()
+
+    def _propose(self) -> None:
+        """Propose it to whom the rules name, and start what decides where that is a process of this node."""
+        graph, is_grounded = self.request.graph, True
+        if self.request.words:
+            graph, is_grounded = understand(self.framework, self.request)
+        overrides = self.request.parse_parameters()
+        is_permitted = graph in self.rules.permitted and not any(each.startswith("targets.") for each in overrides)
+        by_policy = self.framework.level == "submit" and is_grounded and not is_permitted
+        asked = {"graph": graph, "overrides": overrides, "seed": self.request.seed, "reason": "called as a ROS 2 action"}
+        self.name = self.framework.tools.call("submit" if by_policy else "propose", **asked)["proposal"]
+        pipes = {"stderr": self._printed}
+        if is_permitted:
+            why = "in the list of goals that may be called as an action"
+            self._child = self.framework.start("approve", self.name, "--yes", "--reason", why, **pipes)
+        elif by_policy and self.rules.policy is not None:
+            self._child = self.framework.start("approve", "--policy", str(self.rules.policy), "--once-idle", **pipes)
+
+    def _follow(self) -> Outcome:
+        while not (self._is_over and not self._live):
+            try:
+                event = self.events.get(timeout=_LOOK_S)
+            except queue.Empty:
+                if (outcome := self._look()) is not None:
+                    return outcome
+                continue
+            if event is CANCEL:
+                self.is_cancelled = True
+                self._cancel()
+            elif event is not TURN:
+                self._take(event)
+        report = self.framework.tools.call("wait", id=self.name, timeout_s=0.0)["report"]
+        return self._conclude(report)
+
+    def _take(self, record: Record) -> None:
+        """A record of the journal: shown where it is about this goal."""
+        id, event, to = record["id"], record["ev"], record["to"]
+        kind, _, rest = id.rpartition(":")
+        if kind == "goal" and rest == self.name:
+            node, session, state = "", "", event.removeprefix("goal_")
+            self.has_begun = True
+            self._is_over |= event in {"goal_verdict", "goal_cancelled"}
+        elif kind == "node" and rest.startswith(f"{self.name}/"):
+            node, session, state = rest.removeprefix(f"{self.name}/"), "", event.removeprefix("node_")
+        elif not kind and id.startswith(f"{self.name}."):
+            node, session, state = id.removeprefix(f"{self.name}.").partition(".")[0], id, to
+            (self._live.discard if to in _FINAL else self._live.add)(id)
+        else:
+            return
+        body = record["body"]
+        verdict = body.get("verdict") or body.get("attempt", {}).get("verdict") or ""
+        self.show(Progress(record["at"], node, session, event, state, verdict))
+        if event == "goal_submitted" and self.is_cancelled:
+            self._cancel()
+
+    def _cancel(self) -> None:
+        """End it: the goal with its sessions, or what would begin it, or the proposal."""
+        if self.has_begun:
+            try:
+                self.framework.stop("cancel", subject=self.name, reason="requested by the caller of the action")
+            except Refused:
+                if self._child is not None:  # the tools are gone or the goal is over; this ends it in either case
+                    self._child.terminate()
+        elif self._child is not None:
+            self._child.terminate()
+        else:  # where it is approved meanwhile, its first record ends it
+            self.framework.run("deny", self.name, "--reason", "cancelled by the caller of the action")
+
+    def _look(self) -> Outcome | None:
+        """What no record says: the outcome of a goal that nothing will begin, or go on with."""
+        ended = self._child.poll() if self._child is not None else None
+        if not self.has_begun:
+            if ended is not None and self.is_cancelled:
+                return Outcome(self.name, "cancelled", "cancelled before it began")
+            found = self.framework.tools.call("wait", id=self.name, timeout_s=0.0)
+            if found["state"] == "denied":
+                verdict = "cancelled" if self.is_cancelled else ""
+                return Outcome(self.name, verdict, f"denied: {found['decision']['reason']}")
+        if ended is not None and not self._is_over:
+            if self.has_begun:  # it has no caller any more
+                self.framework.stop("cancel", subject=self.name, reason="its run ended without a verdict")
+            return Outcome(self.name, reason=f"its run ended with code {ended}: {self._read_printed()}")
+        return None
+
+    def _read_printed(self) -> str:
+        self._printed.seek(0)
+        return " | ".join(self._printed.read().splitlines()[-3:])
+
+    def _conclude(self, report: Record) -> Outcome:
+        """The outcome that a report shows."""
+        folders = [self.framework.root / "evidence" / each["id"] for each in report["sessions"]]
+        return Outcome(
+            self.name,
+            report["verdict"],
+            report["reason"],
+            [*dict.fromkeys(_iter_failed(report))],
+            [f"{each['id']} {each['cause']} {each['reason']}" for each in report["sessions"] if each["cause"]],
+            [str(each) for each in folders if each.is_dir()],
+        )
+
+    @staticmethod
+    def _end_child(child: "subprocess.Popen[str]") -> None:
+        try:
+            child.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            end(child, _END_S)
+
+
+def _iter_failed(report: Record) -> Iterator[str]:
+    """Criteria of the goal that do not hold; where none was judged, those of the last session of each node."""
+    last = {each["node"]: each for each in report["sessions"]}
+    for each in report["criteria"] or [each for session in last.values() for each in session["criteria"]]:
+        if each["truth"] != "true":
+            yield f"{each['text']}: {each['truth']}, {each['because']}"
+
+
+def understand(framework: Framework, request: Request) -> tuple[str, bool]:
+    """The goal graph of a request in words as YAML, and whether words of the request name it; raises `Refused`."""
+    scene = ["--scene", request.scene] if request.scene else []
+    code, found = framework.run("ask", request.words, "--seed", str(request.seed), *scene)
+    if not found.get("graph"):
+        asked = [each.get("text") or each.get("question") or each["key"] for each in found.get("questions", ())]
+        raise Refused(f"{request.words!r}: no goal (code {code}); {' '.join(asked) or found.get('answer', found)}")
+    return Path(found["graph"]).read_text(encoding="utf-8"), bool(found["is_grounded"])
+
+
+class Line:
+    """The goals that wait for their turn, in the order in which they came; the first one runs."""
+
+    def __init__(self) -> None:
+        self._line: list[Pursuit] = []
+        self._lock = threading.Lock()
+
+    def __len__(self) -> int:
+        return len(self._line)
+
+    def enter(self, pursuit: Pursuit) -> None:
+        """Join it at its end."""
+        with self._lock:
+            self._line.append(pursuit)
+            if len(self._line) == 1:
+                pursuit.events.put(TURN)
+
+    def leave(self, pursuit: Pursuit) -> None:
+        """Leave it; the next one has its turn where the first one left."""
+        with self._lock:
+            was_first = self._line[0] is pursuit
+            self._line.remove(pursuit)
+            if was_first and self._line:
+                self._line[0].events.put(TURN)
+
+    def put(self, event: object) -> None:
+        """Hand a record to the goal that runs, or `CANCEL` to all."""
+        with self._lock:
+            for each in self._line if event is CANCEL else self._line[:1]:
+                each.events.put(event)
+
+    def find_present(self) -> Pursuit | None:
+        """The goal that runs."""
+        with self._lock:
+            return self._line[0] if self._line else None
