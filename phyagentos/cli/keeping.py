@@ -1,4 +1,4 @@
-"""Commands about what a workspace keeps: `evidence verify` and `prune`; `store check`, `repair`, `compact`, `follow`."""
+"""Commands about what a workspace keeps: `evidence verify`, `prune`; `store check`, `repair`, `compact`, `follow`."""
 
 from collections.abc import Iterator
 from pathlib import Path

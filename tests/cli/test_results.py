@@ -62,6 +62,7 @@ ELSEWHERE = {  # command -> the test file that calls it
     "run": "tests/examples/test_own_python.py",
     "ask": "tests/cli/test_asking.py",
     "logs": "tests/cli/test_observing.py",
+    "store follow": "tests/cli/test_observing.py",
     "contest": "tests/cli/test_answering.py",
     "scene save": "tests/cli/test_scenes.py",
     "import": "tests/export/test_bt_xml.py",

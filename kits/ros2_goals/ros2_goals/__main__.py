@@ -37,7 +37,8 @@ def main() -> None:
     node = GoalServer(framework, Rules(frozenset(given.permit), given.policy), given.waiting)
     executor = MultiThreadedExecutor(num_threads=given.waiting + 8)  # a goal holds one until its end
     executor.add_node(node)
-    threading.Thread(target=executor.spin, daemon=True).start()
+    spinning = threading.Thread(target=executor.spin, daemon=True)
+    spinning.start()
     is_over = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: is_over.set())
@@ -45,6 +46,7 @@ def main() -> None:
     node.close(_END_S)
     executor.shutdown()
     rclpy.shutdown()
+    spinning.join(_END_S)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ros2_goals.processes import end, make_environment, start
+from ros2_goals.processes import make_environment, start, start_kept
 
 _PROTOCOL = "2025-06-18"  # of MCP: what this client speaks
 _STOP_S, _CALL_S, _COMMAND_S = 10.0, 60.0, 120.0
@@ -39,7 +39,7 @@ class Tools:
         return _read(tool, self._await(answer, tool, patience_s))
 
     def _open(self) -> None:
-        self._process = start(self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self._process = start(self._command, stdout=subprocess.PIPE)
         threading.Thread(target=self._listen, args=[self._process], daemon=True).start()
         about = {"name": "ros2_goals", "version": "0.1.0"}
         greeting = {"protocolVersion": _PROTOCOL, "capabilities": {}, "clientInfo": about}
@@ -124,17 +124,20 @@ class Framework:
 
     def start(self, *words: str, **pipes: Any) -> "subprocess.Popen[str]":
         """Start a long command."""
-        return start([self.paos, *words, "--workspace", str(self.root)], **pipes)
+        return start_kept([self.paos, *words, "--workspace", str(self.root)], **pipes)
 
-    def follow(self, on_record: Callable[[Record], object], is_over: threading.Event, say: Callable[[str], object]) -> None:
+    def follow(
+        self, on_record: Callable[[Record], object], is_over: threading.Event, say: Callable[[str], object]
+    ) -> None:
         """Hand over every record of the journal once, the old ones first, until it is over."""
         seen, command = 0, [self.paos, "store", "follow", str(self.root), "--json"]
         while not is_over.is_set():
-            process = start(command, stdout=subprocess.PIPE)
-            threading.Thread(target=lambda ends=process: (is_over.wait(), end(ends, 5.0)), daemon=True).start()
+            process = start_kept(command, stdout=subprocess.PIPE)
             assert process.stdout is not None, "a pipe"
             for line in process.stdout:
                 record = json.loads(line)
+                if is_over.is_set():
+                    break
                 if record["seq"] > seen:
                     seen = record["seq"]
                     on_record(record)

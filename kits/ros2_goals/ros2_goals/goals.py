@@ -10,6 +10,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -92,7 +93,7 @@ class Pursuit:
     _is_over: bool = False
     _child: "subprocess.Popen[str] | None" = None
     _live: set[str] = field(default_factory=set)
-    _printed: Any = field(default_factory=lambda: tempfile.TemporaryFile("w+", encoding="utf-8"))
+    _printed: Any = field(default_factory=partial(tempfile.TemporaryFile, "w+", encoding="utf-8"))
 
     def carry_out(self) -> Outcome:
         """Wait for its turn, propose it, follow it to its end; a refusal is an outcome too."""
@@ -117,8 +118,9 @@ class Pursuit:
         overrides = self.request.parse_parameters()
         is_permitted = graph in self.rules.permitted and not any(each.startswith("targets.") for each in overrides)
         by_policy = self.framework.level == "submit" and is_grounded and not is_permitted
-        asked = {"graph": graph, "overrides": overrides, "seed": self.request.seed, "reason": "called as a ROS 2 action"}
-        self.name = self.framework.tools.call("submit" if by_policy else "propose", **asked)["proposal"]
+        propose, seed, why = "submit" if by_policy else "propose", self.request.seed, "called as a ROS 2 action"
+        done = self.framework.tools.call(propose, graph=graph, overrides=overrides, seed=seed, reason=why)
+        self.name = done["proposal"]
         pipes = {"stderr": self._printed}
         if is_permitted:
             why = "in the list of goals that may be called as an action"
@@ -157,8 +159,8 @@ class Pursuit:
             (self._live.discard if to in _FINAL else self._live.add)(id)
         else:
             return
-        body = record["body"]
-        verdict = body.get("verdict") or body.get("attempt", {}).get("verdict") or ""
+        judged = record["body"].get("attempt")  # of a session that is repeated: a number
+        verdict = judged["verdict"] if isinstance(judged, dict) else record["body"].get("verdict", "")
         self.show(Progress(record["at"], node, session, event, state, verdict))
         if event == "goal_submitted" and self.is_cancelled:
             self._cancel()

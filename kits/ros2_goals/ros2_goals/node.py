@@ -20,7 +20,7 @@ _DIAGNOSTICS_S = 1.0
 _CALLER = "a ROS 2 service call"
 
 
-class GoalServer(Node):
+class GoalServer(Node):  # type: ignore[misc,unused-ignore]  # a ROS distribution brings no types
     """Serves one workspace; `waiting_max` goals wait for their turn, and further ones are rejected."""
 
     def __init__(self, framework: Framework, rules: Rules, waiting_max: int) -> None:
@@ -75,7 +75,7 @@ class GoalServer(Node):
         if self._open > self._waiting_max:
             return f"{self._waiting_max} goals wait already; expected: a later call"
         if bool(request.graph) == bool(request.words):
-            return "graph, words: found both or none; expected exactly one of them"
+            return f"graph, words: found {'both' if request.graph else 'none'} of them; expected one"
         if request.seed < 0:
             return f"seed: found {request.seed}; expected 0 or greater"
         try:
@@ -164,5 +164,5 @@ def _iter_facts(progress: Progress) -> Iterator[tuple[str, str]]:
 
 
 def _read_time(at: str) -> Time:
-    seconds = datetime.fromisoformat(at.replace("Z", "+00:00")).timestamp()
+    seconds = datetime.fromisoformat(at.removesuffix("Z") + "+00:00").timestamp()  # Python 3.10 reads no Z
     return Time(sec=int(seconds), nanosec=int(seconds % 1 * 1e9))
