@@ -351,8 +351,8 @@ def test_a_server_of_the_level_read_takes_no_goal(ros, caller, workspace):
 @pytest.mark.parametrize(
     ("words", "printed"),
     [
-        (["close_doo", "close_door"], "close_doo FAILURE close_door SUCCESS"),
-        (["--halt", "tidy_table"], "halted cancelled\ntidy_table INVALID"),
+        (["close_doo", "close_door"], "SUCCESS"),
+        (["--halt", "tidy_table"], "halted cancelled\nINVALID"),
     ],
     ids=["to its end", "halted"],
 )

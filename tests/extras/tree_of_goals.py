@@ -1,6 +1,6 @@
 """A behaviour tree of py_trees, without phyagentos, whose leaves are verified goals: the first that is met will do.
 
-Arguments are goal graphs; with `--halt` the tree is interrupted once a session runs. Prints how the leaves ended.
+Arguments are goal graphs; with `--halt` the tree is halted once a session runs. Prints how it ended.
 """
 
 import sys
@@ -55,8 +55,8 @@ while tree.root.status in {Status.INVALID, Status.RUNNING}:
     tree.tick()
     rclpy.spin_once(node, timeout_sec=0.05)
     if halts and "running" in leaves[-1].states:
-        tree.interrupt()
+        tree.root.stop(Status.INVALID)
         rclpy.spin_until_future_complete(node, leaves[-1].ended, timeout_sec=30.0)
         sys.stdout.write(f"halted {leaves[-1].ended.result().result.verdict}\n")
         break
-sys.stdout.write(" ".join(f"{each.name} {each.status.value}" for each in leaves) + "\n")
+sys.stdout.write(f"{tree.root.status.value}\n")
