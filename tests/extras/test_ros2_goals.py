@@ -7,6 +7,7 @@ import contextlib
 import json
 import os
 import queue
+import signal
 import subprocess
 import sys
 import threading
@@ -21,7 +22,7 @@ from phyagentos.agent.tools.proposals import Proposals
 from phyagentos.clock import SystemClock
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.sessions.estop import read_latch
+from phyagentos.protocol.sessions.estop import is_latched, read_latch
 from phyagentos.protocol.sessions.stop_signals import take_signals
 from phyagentos.protocol.workspace.process_lock import RUNTIME_LOCK, is_held
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -300,6 +301,37 @@ def test_a_server_that_is_killed_leaves_no_motion_and_the_next_one_serves(ros, c
     with serving(ros, workspace, *options), calling(ros) as another:  # the first one believes in the dead for seconds
         another.say(do="send", name="b", graph="close_door", seed=7)
         assert another.wait("result", name="b")["status"] == "SUCCEEDED"
+
+
+def kill_servants(workspace):
+    """The tools and the follower of a node, whose command lines name the workspace."""
+    for name in ("mcp", "follow"):
+        for path in Path("/proc").glob("[0-9]*/cmdline"):
+            with contextlib.suppress(OSError):
+                words = path.read_text().split("\0")
+                if name in words and str(workspace.root) in words and PAOS in words:
+                    os.kill(int(path.parent.name), signal.SIGKILL)
+
+
+def test_a_goal_ends_by_its_verdict_when_what_the_node_relies_on_is_killed(served, caller, workspace):
+    caller.say(do="send", name="a", graph="close_door", seed=7)
+    caller.wait_for_state("a", "claimed")
+    kill_servants(workspace)
+    done = caller.wait("result", name="a")
+    assert (done["status"], done["result"]["verdict"]) == ("SUCCEEDED", "success")
+    kill_servants(workspace)
+    caller.say(do="trigger", name="stop")
+    assert caller.wait("stop")["success"]
+    assert is_latched(workspace.signals.parent)
+
+
+def test_a_folder_that_is_no_workspace_is_refused_at_the_start(ros, tmp_path):
+    python, environment = ros
+    command = [python, "-m", "ros2_goals", tmp_path / "nowhere", "--paos", PAOS]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    assert done.returncode == 1
+    assert "NOT_A_WORKSPACE: found no such folder" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_the_stop_service_latches_and_pause_rests(served, caller, workspace):

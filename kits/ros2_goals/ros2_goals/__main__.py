@@ -2,6 +2,7 @@
 
 import argparse
 import signal
+import sys
 import threading
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import rclpy
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from ros2_goals.framework import Framework
+from ros2_goals.framework import Framework, Refused
 from ros2_goals.goals import Rules
 from ros2_goals.node import GoalServer
 
@@ -32,8 +33,12 @@ def read_arguments() -> tuple[argparse.Namespace, list[str]]:
 def main() -> None:
     """Serve until a signal; then every goal is cancelled."""
     given, of_ros = read_arguments()
-    rclpy.init(args=of_ros, signal_handler_options=SignalHandlerOptions.NO)
     framework = Framework(given.paos, given.workspace.resolve(), given.level)
+    try:
+        framework.tools.open()
+    except Refused as error:
+        sys.exit(f"ros2_goals: {error}")
+    rclpy.init(args=of_ros, signal_handler_options=SignalHandlerOptions.NO)
     node = GoalServer(framework, Rules(frozenset(given.permit), given.policy), given.waiting)
     executor = MultiThreadedExecutor(num_threads=given.waiting + 8)  # a goal holds one until its end
     executor.add_node(node)

@@ -12,13 +12,17 @@ from typing import Any
 from ros2_goals.processes import make_environment, start, start_kept
 
 _PROTOCOL = "2025-06-18"  # of MCP: what this client speaks
-_STOP_S, _CALL_S, _COMMAND_S = 10.0, 60.0, 120.0
+_STOP_S, _CALL_S, _COMMAND_S = 3.0, 60.0, 120.0
 _AGAIN_S = 1.0
 Record = Mapping[str, Any]
 
 
 class Refused(Exception):
     """The framework refused, or is gone; the message says what, where and what is possible."""
+
+
+class Gone(Refused):
+    """The tools do not answer."""
 
 
 class Tools:
@@ -32,14 +36,26 @@ class Tools:
 
     def call(self, tool: str, *, patience_s: float = _CALL_S, **arguments: Any) -> Record:
         """The facts that a tool answers; raises `Refused` with every problem, and where no answer comes in time."""
-        with self._lock:
+        if not self._lock.acquire(timeout=patience_s):
+            raise Gone(f"{tool}: {' '.join(self._command)} has not begun within {patience_s:g} s")
+        try:
             if self._process is None or self._process.poll() is not None:
                 self._open()
             answer = self._send("tools/call", {"name": tool, "arguments": arguments})
+        finally:
+            self._lock.release()
         return _read(tool, self._await(answer, tool, patience_s))
 
+    def open(self) -> None:
+        """Start them, so that the first call need not wait; raises `Refused`."""
+        with self._lock:
+            self._open()
+
     def _open(self) -> None:
-        self._process = start(self._command, stdout=subprocess.PIPE)
+        try:
+            self._process = start(self._command, stdout=subprocess.PIPE)
+        except OSError as error:
+            raise Gone(f"{error}; expected the command of an environment that has phyagentos[mcp]") from error
         threading.Thread(target=self._listen, args=[self._process], daemon=True).start()
         about = {"name": "ros2_goals", "version": "0.1.0"}
         greeting = {"protocolVersion": _PROTOCOL, "capabilities": {}, "clientInfo": about}
@@ -59,15 +75,17 @@ class Tools:
             self._process.stdin.write(json.dumps({"jsonrpc": "2.0", **message}) + "\n")
             self._process.stdin.flush()
         except OSError as error:
-            raise Refused(f"{' '.join(self._command)}: {error}; what it printed says why") from error
+            raise Gone(f"{' '.join(self._command)}: {error}; what it printed says why") from error
 
     def _await(self, answer: "queue.SimpleQueue[Record]", what: str, patience_s: float) -> Record:
         try:
             found = answer.get(timeout=patience_s)
         except queue.Empty:
-            raise Refused(f"{what}: no answer within {patience_s:g} s from {' '.join(self._command)}") from None
+            raise Gone(f"{what}: no answer within {patience_s:g} s from {' '.join(self._command)}") from None
         if "error" in found:
-            raise Refused(f"{what}: {found['error'].get('message', found['error'])}")
+            raise (Gone if found.get("is_gone") else Refused)(
+                f"{what}: {found['error'].get('message', found['error'])}"
+            )
         result: Record = found["result"]
         return result
 
@@ -80,7 +98,7 @@ class Tools:
         process.wait()
         for number in [*self._waiting]:
             ended = f"{' '.join(self._command)} ended with code {process.returncode}; what it printed says why"
-            self._waiting.pop(number).put({"error": {"message": ended}})
+            self._waiting.pop(number).put({"error": {"message": ended}, "is_gone": True})
 
 
 def _read(tool: str, result: Record) -> Record:
@@ -108,17 +126,24 @@ class Framework:
         return (self.root / "signals" / "estop.json").exists()
 
     def stop(self, tool: str, **arguments: Any) -> Record:
-        """Call a tool that stops, which waits for no other call."""
-        return self.tools.call(tool, patience_s=_STOP_S, **arguments)
-
-    def run(self, *words: str) -> tuple[int, Any]:
-        """Exit code and result of a short command; raises `Refused` where it has none."""
-        command = [self.paos, *words, "--workspace", str(self.root), "--json"]
-        done = subprocess.run(
-            command, env=make_environment(), capture_output=True, encoding="utf-8", check=False, timeout=_COMMAND_S
-        )
+        """Call a tool that stops, which waits for no other call; where the tools are gone, the command of that name."""
         try:
-            return done.returncode, json.loads(done.stdout)
+            return self.tools.call(tool, patience_s=_STOP_S, **arguments)
+        except Gone:
+            reason = str(arguments.pop("reason"))
+            found: Record = self.run(tool, *map(str, arguments.values()), "--reason", reason)
+            return found
+
+    def run(self, *words: str) -> Any:
+        """What a short command answers; raises `Refused` where it answers nothing in time."""
+        command = [self.paos, *words, "--workspace", str(self.root), "--json"]
+        given: Any = {"env": make_environment(), "capture_output": True, "encoding": "utf-8", "timeout": _COMMAND_S}
+        try:
+            done = subprocess.run(command, check=False, **given)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise Refused(str(error)) from error
+        try:
+            return json.loads(done.stdout)
         except ValueError:
             raise Refused(" | ".join(done.stderr.splitlines()[-5:])) from None
 

@@ -141,8 +141,7 @@ class Pursuit:
                 self._cancel()
             elif event is not TURN:
                 self._take(event)
-        report = self.framework.tools.call("wait", id=self.name, timeout_s=0.0)["report"]
-        return self._conclude(report)
+        return self._conclude(self._ask()["report"])
 
     def _take(self, record: Record) -> None:
         """A record of the journal: shown where it is about this goal."""
@@ -179,20 +178,24 @@ class Pursuit:
             self.framework.run("deny", self.name, "--reason", "cancelled by the caller of the action")
 
     def _look(self) -> Outcome | None:
-        """What no record says: the outcome of a goal that nothing will begin, or go on with."""
-        ended = self._child.poll() if self._child is not None else None
-        if not self.has_begun:
-            if ended is not None and self.is_cancelled:
-                return Outcome(self.name, "cancelled", "cancelled before it began")
-            found = self.framework.tools.call("wait", id=self.name, timeout_s=0.0)
-            if found["state"] == "denied":
-                verdict = "cancelled" if self.is_cancelled else ""
-                return Outcome(self.name, verdict, f"denied: {found['decision']['reason']}")
-        if ended is not None and not self._is_over:
-            if self.has_begun:  # it has no caller any more
-                self.framework.stop("cancel", subject=self.name, reason="its run ended without a verdict")
-            return Outcome(self.name, reason=f"its run ended with code {ended}: {self._read_printed()}")
-        return None
+        """What no record says: a denial, a run that ended, and the verdict where the journal is no longer followed."""
+        ended, found = self._child.poll() if self._child is not None else None, self._ask()
+        if found["state"] == "denied":
+            verdict = "cancelled" if self.is_cancelled else ""
+            return Outcome(self.name, verdict, f"denied: {found['decision']['reason']}")
+        if report := found.get("report"):
+            self.has_begun = True
+            if found["is_over"] and all(each["state"] in _FINAL for each in report["sessions"]):
+                return self._conclude(report)
+        if ended is None or self._is_over:
+            return None
+        if self.has_begun:  # nothing pursues it any more
+            self.framework.stop("cancel", subject=self.name, reason="its run ended without a verdict")
+        verdict, why = ("cancelled", "cancelled before it began") if self.is_cancelled else ("", self._read_printed())
+        return Outcome(self.name, verdict, f"its run ended with code {ended}: {why}")
+
+    def _ask(self) -> Record:
+        return self.framework.tools.call("wait", id=self.name, timeout_s=0.0)
 
     def _read_printed(self) -> str:
         self._printed.seek(0)
@@ -229,11 +232,15 @@ def _iter_failed(report: Record) -> Iterator[str]:
 def understand(framework: Framework, request: Request) -> tuple[str, bool]:
     """The goal graph of a request in words as YAML, and whether words of the request name it; raises `Refused`."""
     scene = ["--scene", request.scene] if request.scene else []
-    code, found = framework.run("ask", request.words, "--seed", str(request.seed), *scene)
-    if not found.get("graph"):
-        asked = [each.get("text") or each.get("question") or each["key"] for each in found.get("questions", ())]
-        raise Refused(f"{request.words!r}: no goal (code {code}); {' '.join(asked) or found.get('answer', found)}")
-    return Path(found["graph"]).read_text(encoding="utf-8"), bool(found["is_grounded"])
+    found = framework.run("ask", request.words, "--seed", str(request.seed), *scene)
+    if found.get("graph"):
+        return Path(found["graph"]).read_text(encoding="utf-8"), bool(found["is_grounded"])
+    unclear = [
+        f"{each['words']!r} ({each['kind']}: {', '.join(each.get('candidates') or each.get('possible') or ['?'])})"
+        for each in (*found.get("questions", ()), *found.get("lacks", ()))
+    ]
+    why = found.get("error") or found.get("answer") or f"unclear: {', '.join(unclear) or found}"
+    raise Refused(f"{request.words!r} is no goal here; {why}. Possible: {', '.join(found.get('examples', ()))}")
 
 
 class Line:

@@ -123,13 +123,13 @@ class GoalServer(Node):  # type: ignore[misc,unused-ignore]  # a ROS distributio
 
     def _pause(self, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
         """A rest at the end of the present motion; only a person lets it go on."""
-        return self._answer("pause", answer)
+        return self._answer("pause", answer, session="all")
 
-    def _answer(self, tool: str, answer: Trigger.Response) -> Trigger.Response:
+    def _answer(self, tool: str, answer: Trigger.Response, **about: str) -> Trigger.Response:
         try:
-            done = self._framework.stop(tool, reason=_CALLER)
-            answer.message = "; ".join(each["file"] or each["subject"] for each in done["requests"])
-            answer.success = True
+            done = self._framework.stop(tool, reason=_CALLER, **about)
+            answer.message = "; ".join(each["file"] or each["subject"] for each in done.get("requests", ()))
+            answer.success = bool(answer.message)
         except Refused as error:
             answer.message = str(error)
         return answer
