@@ -9,17 +9,18 @@ import subprocess
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ros2_goals.framework import Framework, Record, Refused
+from ros2_goals.framework import Framework, Gone, Record, Refused
 from ros2_goals.processes import end
 
 CANCEL, TURN = object(), object()  # what a queue of events holds beside records
 _FINAL = {"succeeded", "failed", "replanned", "unverified", "rejected", "cancelled"}  # states of a session
 _LOOK_S = 1.0  # between two looks at what no record says: a denial, a process that ended
+_TRIES = 3  # to reach the tools, which are started anew
 _END_S = 30.0  # for a run to end after the verdict, then it is ended
 
 
@@ -91,24 +92,38 @@ class Pursuit:
     has_begun: bool = False
     is_cancelled: bool = False
     _is_over: bool = False
+    _is_concluded: bool = False
     _child: "subprocess.Popen[str] | None" = None
     _live: set[str] = field(default_factory=set)
-    _printed: Any = field(default_factory=partial(tempfile.TemporaryFile, "w+", encoding="utf-8"))
+    _printed: Any = None
 
     def carry_out(self) -> Outcome:
         """Wait for its turn, propose it, follow it to its end; a refusal is an outcome too."""
+        while (event := self.events.get()) is not TURN:
+            if event is CANCEL:
+                return Outcome(verdict="cancelled", reason="cancelled while it waited for its turn")
+        with tempfile.TemporaryFile("w+", encoding="utf-8") as self._printed:
+            try:
+                self._propose()
+                outcome = self._follow()
+                self._is_concluded = True
+            except Refused as error:
+                outcome = Outcome(self.name, reason=str(error))
+            finally:
+                self._clear_up()
+        return outcome
+
+    def _clear_up(self) -> None:
+        """Leave nothing that moves for a caller that is answered."""
+        if self.name and not self._is_concluded:
+            with suppress(Refused):
+                self._cancel()
+        if self._child is None or not self.has_begun:  # one without this goal ends by itself, or serves others
+            return
         try:
-            while (event := self.events.get()) is not TURN:
-                if event is CANCEL:
-                    return Outcome(verdict="cancelled", reason="cancelled while it waited for its turn")
-            self._propose()
-            return self._follow()
-        except Refused as error:
-            return Outcome(self.name, reason=str(error))
-        finally:
-            if self._child is not None:
-                self._end_child(self._child)
-            self._printed.close()
+            self._child.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            end(self._child, _END_S)
 
     def _propose(self) -> None:
         """Propose it to whom the rules name, and start what decides where that is a process of this node."""
@@ -172,14 +187,18 @@ class Pursuit:
             except Refused:
                 if self._child is not None:  # the tools are gone or the goal is over; this ends it in either case
                     self._child.terminate()
-        elif self._child is not None:
+            return
+        denied = self.framework.run("deny", self.name, "--reason", "cancelled by the caller of the action")
+        if "error" in denied and self._child is not None:  # it is approved, and may begin; its first record ends it too
             self._child.terminate()
-        else:  # where it is approved meanwhile, its first record ends it
-            self.framework.run("deny", self.name, "--reason", "cancelled by the caller of the action")
 
     def _look(self) -> Outcome | None:
         """What no record says: a denial, a run that ended, and the verdict where the journal is no longer followed."""
-        ended, found = self._child.poll() if self._child is not None else None, self._ask()
+        ended = self._child.poll() if self._child is not None else None
+        try:
+            found = self._ask()
+        except Gone:
+            found = {"state": "unknown"}
         if found["state"] == "denied":
             verdict = "cancelled" if self.is_cancelled else ""
             return Outcome(self.name, verdict, f"denied: {found['decision']['reason']}")
@@ -190,12 +209,17 @@ class Pursuit:
         if ended is None or self._is_over:
             return None
         if self.has_begun:  # nothing pursues it any more
-            self.framework.stop("cancel", subject=self.name, reason="its run ended without a verdict")
+            with suppress(Refused):
+                self.framework.stop("cancel", subject=self.name, reason="its run ended without a verdict")
         verdict, why = ("cancelled", "cancelled before it began") if self.is_cancelled else ("", self._read_printed())
         return Outcome(self.name, verdict, f"its run ended with code {ended}: {why}")
 
     def _ask(self) -> Record:
-        return self.framework.tools.call("wait", id=self.name, timeout_s=0.0)
+        """How it stands; raises `Refused`."""
+        for _ in range(_TRIES):
+            with suppress(Gone):
+                return self.framework.tools.call("wait", id=self.name, timeout_s=0.0)
+        raise Gone(f"{self.name}: the tools of {self.framework.root} do not answer")
 
     def _read_printed(self) -> str:
         self._printed.seek(0)
@@ -212,13 +236,6 @@ class Pursuit:
             [f"{each['id']} {each['cause']} {each['reason']}" for each in report["sessions"] if each["cause"]],
             [str(each) for each in folders if each.is_dir()],
         )
-
-    @staticmethod
-    def _end_child(child: "subprocess.Popen[str]") -> None:
-        try:
-            child.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            end(child, _END_S)
 
 
 def _iter_failed(report: Record) -> Iterator[str]:

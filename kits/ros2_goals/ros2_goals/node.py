@@ -26,7 +26,7 @@ class GoalServer(Node):  # type: ignore[misc,unused-ignore]  # a ROS distributio
     def __init__(self, framework: Framework, rules: Rules, waiting_max: int) -> None:
         super().__init__("phyagentos")
         self._framework, self._rules, self._waiting_max = framework, rules, waiting_max
-        self._line, self._admitting, self._open = Line(), threading.Lock(), 0
+        self._line, self._places = Line(), threading.Semaphore(waiting_max + 1)
         self._pursuits: dict[bytes, Pursuit] = {}
         self._said = {"last rejection": "", "last goal": ""}
         self._is_over = threading.Event()
@@ -54,26 +54,24 @@ class GoalServer(Node):  # type: ignore[misc,unused-ignore]  # a ROS distributio
         self._line.put(CANCEL)
         waits = threading.Event()
         for _ in range(int(10 * patience_s)):
-            if not self._open or waits.wait(0.1):
+            if not len(self._line) or waits.wait(0.1):
                 break
         self._is_over.set()
 
     def _admit(self, request: RunGoal.Goal) -> GoalResponse:
         """Reject what cannot be proposed at all; whether it may run is decided later."""
-        with self._admitting:  # one at a time, so that goals that come at once are counted
-            problem = self._find_problem(_read(request))
-            if problem:
-                self.get_logger().warning(f"rejected: {problem}")
-                self._said["last rejection"] = problem
-                return GoalResponse.REJECT
-            self._open += 1
-            return GoalResponse.ACCEPT
+        problem = self._find_problem(_read(request))
+        if not problem and not self._places.acquire(blocking=False):
+            problem = f"{self._waiting_max} goals wait already; expected: a later call"
+        if problem:
+            self.get_logger().warning(f"rejected: {problem}")
+            self._said["last rejection"] = problem
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
 
     def _find_problem(self, request: Request) -> str:
         if self._framework.level == "read":
             return "this server was started with the level `read`: goals need `propose` or `submit`"
-        if self._open > self._waiting_max:
-            return f"{self._waiting_max} goals wait already; expected: a later call"
         if bool(request.graph) == bool(request.words):
             return f"graph, words: found {'both' if request.graph else 'none'} of them; expected one"
         if request.seed < 0:
@@ -114,7 +112,7 @@ class GoalServer(Node):  # type: ignore[misc,unused-ignore]  # a ROS distributio
                 handle.canceled()
             else:
                 handle.abort()
-            self._open -= 1
+            self._places.release()
         return RunGoal.Result(**vars(outcome))
 
     def _stop(self, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
