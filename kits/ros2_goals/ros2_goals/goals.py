@@ -1,4 +1,4 @@
-"""One goal from its request to its verdict, whoever calls it: proposed, decided on, followed in the journal, cancelled.
+"""One goal from its request to its verdict: proposed, decided on, followed in the journal, cancelled.
 
 What decides on it is what decides on the proposals of every other program: a person, a policy file of the operator, or
 the operator's list of goals that may be called. Nothing of ROS is imported here.
