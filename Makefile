@@ -18,7 +18,7 @@ export OPENBLAS_NUM_THREADS := 1
 FAST  := fast
 BOTH  := -n 2 --dist worksteal
 BY_PLANE := -n 2 --dist loadgroup
-OTHERS := peers gymnasium kit openpi libero lerobot
+OTHERS := peers gymnasium kit openpi libero lerobot ros2
 OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
 PYTHONS ?= python3.12 python3.13
 DRIVERS := build/drivers
@@ -100,11 +100,12 @@ FORCE:
 mutants: $(STAMP)  ## mutation tests: each bent line of our own source turns red the tests that stand beside it (MUTANTS="NAME …")
 	@$(BIN)/python -m tests.mutants $(MUTANTS)
 
-test-extras: setup $(OTHERS:%=build/%/.installed) $(DRIVERS)/.installed $(VIEW)/.installed $(MODEL)/.installed  ## tests beside systems of others, which it installs in build/
+test-extras: setup $(OTHERS:%=build/%/.installed) build/ros2/.messages $(DRIVERS)/.installed $(VIEW)/.installed $(MODEL)/.installed  ## tests beside systems of others, which it installs in build/
 	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS),--$(each)-python=build/$(each)/bin/python)
 	@$(DRIVERS)/bin/pytest -q -m device
 	@$(DRIVERS)/bin/pytest -q tests/runtime/policies/test_onnx.py tests/runtime/models/test_xacro.py tests/examples/test_trained_policy.py
 	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py tests/extras/test_mcp.py tests/extras/test_bt_cpp.py tests/extras/test_rerun.py tests/extras/test_site.py
+	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python --ros2-python=build/ros2/bin/python tests/extras/test_ros2_goals.py
 	@$(VIEW)/bin/pytest -q -m extras --peers-python=build/peers/bin/python --axe $(VIEW)/$(AXE).tgz $(wildcard tests/extras/test_view*.py)
 
 $(MODEL)/.installed:
@@ -135,6 +136,13 @@ build/%/.installed: pyproject.toml | $(STAMP)
 	@PIP_DISABLE_PIP_VERSION_CHECK=1 build/$*/bin/python -m pip --quiet --quiet install $$($(BIN)/python -c '$(OTHERS_OF)' $*)
 	@touch $@
 
+build/ros2/.messages: build/ros2/.installed $(wildcard kits/phyagentos_msgs/* kits/phyagentos_msgs/*/*)
+	@for each in cmake ninja c++; do command -v $$each > /dev/null || { \
+	echo "test-extras: $$each is not installed here: goals over ROS 2 are not tested"; exit 0; }; done; \
+	echo "test-extras: building the messages of kits/phyagentos_msgs into build/ros2 (a minute)" \
+	&& $(PIPIN) build/ros2/bin/python -m pip --quiet --quiet install $$($(BIN)/python -c '$(OTHERS_OF)' ros2_messages) \
+	&& tools/build_ros2_messages build/ros2 kits/phyagentos_msgs build/ros2/messages && touch $@
+
 check: static  ## formatting, lint, types, import contracts, fast tests
 	@$(BIN)/pytest -q $(BOTH) -m "$(FAST)"
 
@@ -145,6 +153,7 @@ static: $(STAMP)
 	@$(BIN)/mypy --no-error-summary
 	@$(BIN)/mypy --no-error-summary --python-version 3.10 kits/target_server/target_server
 	@$(BIN)/mypy --no-error-summary --ignore-missing-imports kits/lerobot_bridge
+	@MYPYPATH=kits/ros2_goals $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2_goals/ros2_goals
 	@MYPYPATH=kits/learned_forecaster $(BIN)/mypy --no-error-summary kits/learned_forecaster/learned_forecaster
 	@MYPYPATH=kits/rollouts $(BIN)/mypy --no-error-summary kits/rollouts/rollout_forecaster
 	@$(BIN)/lint-imports > $(VENV)/contracts.log 2>&1 || { cat $(VENV)/contracts.log; exit 1; }

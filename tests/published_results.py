@@ -30,7 +30,7 @@ def check_result(command: str, found: object) -> None:
 
 
 def check_printed(command: str, text: str) -> None:
-    """What was printed with `--json` is what the schema says; `paos logs` prints one object a line."""
-    for each in text.splitlines() if command == "logs" else filter(None, [text]):
+    """What was printed with `--json` is what the schema says; what follows prints one object a line."""
+    for each in text.splitlines() if command in {"logs", "store follow"} else filter(None, [text]):
         if not (isinstance(data := json.loads(each), dict) and data.keys() == ERROR):
             load_validator(command).validate(data)

@@ -31,7 +31,7 @@ GROUPS = {  # name -> help, module and functions
     "robot": ("Profiles of robots.", "robots", ("list_", "show", "check", "render", "try_", "new")),
     "export": ("Trees, goals and sessions as files for the tools of others.", "exporting", EXPORTS),
     "evidence": ("Evidence bundles.", "keeping", ("verify", "prune")),
-    "store": ("The journal of a workspace.", "keeping", ("check", "repair", "compact")),
+    "store": ("The journal of a workspace.", "keeping", ("check", "repair", "compact", "follow")),
     "policy": ("Policies that carry out skills.", "policies", ("serve", "replay")),
     "bench": (
         "Suites of many episodes on the ordinary path.",

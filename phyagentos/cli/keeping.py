@@ -1,14 +1,15 @@
-"""Commands about what a workspace keeps: `evidence verify` and `prune`; `store check`, `repair`, `compact`."""
+"""Commands about what a workspace keeps: `evidence verify`, `prune`; `store check`, `repair`, `compact`, `follow`."""
 
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import typer
 
 from phyagentos.cli.arguments import choose_newest
 from phyagentos.cli.explaining import Space
-from phyagentos.cli.outcome import ExitCode
+from phyagentos.cli.outcome import ExitCode, print_result
 from phyagentos.cli.reply import Reply, list_problems
 from phyagentos.operations import evidence, store
 from phyagentos.operations.evidence import EvidenceCheck
@@ -74,6 +75,18 @@ def compact(workspace: Named, partition: Lane = None) -> Reply[Compaction]:
     found = store.compact_journal(workspace, partition)
     text = f"{len(found.archived)} segments archived; checkpoint at record {found.seq}"
     return Reply(found, text, [f"archived {name}" for name in found.archived])
+
+
+def follow(
+    workspace: Read,
+    partition: Lane = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a line, with the record's body.")] = False,
+) -> None:
+    """Print every record, and go on with those that are written, as they come, until Ctrl-C."""
+    for each in store.iter_records(workspace, partition, follows=True):
+        print_result(
+            msgspec.json.encode(each).decode() if as_json else f"{each.at} {each.id} {each.ev} {each.to}".rstrip()
+        )
 
 
 def _describe_pruning(report: RetentionReport, *, dry_run: bool) -> Iterator[str]:

@@ -31,6 +31,7 @@ LATE = {  # command -> types below phyagentos; the result is one of them
     "graph": ("operations.goal_graph:StandingGraph",),
     "context": ("agent.context.context:Context",),
     "logs": ("operations.logs:LogLine",),
+    "store follow": ("operations.store:RecordLine",),
     "init": ("operations.init:NewProject",),
     "lint": ("operations.lint:LintReport",),
     "compile": ("operations.compile:CompiledGraph",),

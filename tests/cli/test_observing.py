@@ -18,6 +18,7 @@ from phyagentos.protocol.sessions.estop import Latch, is_latched, latch
 from phyagentos.protocol.sessions.stop_signals import take_signals
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.watch import Watch
 from tests.command_line import assert_refused
 
 
@@ -80,6 +81,37 @@ def test_logs_follow_what_is_written_later(here):
         with log.open("a") as file:
             file.write("two\n")
         assert follower.stdout.readline() == "two\n"
+        follower.terminate()
+
+
+def test_records_of_the_journal_are_printed_as_they_come(here, paos, monkeypatch):
+    def wait(*_):
+        if "green" in here.nodes:
+            raise KeyboardInterrupt
+        here.nodes.add("green")
+        here.submit("green")
+
+    here.nodes = set()
+    monkeypatch.setattr(Watch, "wait", wait)
+    result = paos("store", "follow", "workspaces/new", "--json")
+    records = [json.loads(line) for line in result.out.splitlines()]
+    assert result.code == ExitCode.INTERRUPTED
+    assert [each["seq"] for each in records] == [*range(1, len(records) + 1)]
+    submitted = {each["id"]: each for each in records if each["ev"] == "submit"}
+    assert [*submitted] == ["tidy-7.red", "tidy-7.green"]
+    assert (submitted["tidy-7.green"]["to"], submitted["tidy-7.green"]["body"]["skill"]) == (
+        "pending",
+        "pick_and_place",
+    )
+    assert "tidy-7.red submit pending" in paos("store", "follow", "workspaces/new").out
+
+
+@pytest.mark.slow
+def test_the_journal_of_a_workspace_in_which_nothing_has_run_is_followed_too(run):
+    command = [sys.executable, "-m", "phyagentos", "store", "follow", str(run.workspace.root)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as follower:
+        run.begin()
+        assert "goal:tidy-7 goal_submitted" in follower.stdout.readline()
         follower.terminate()
 
 

@@ -62,6 +62,7 @@ ELSEWHERE = {  # command -> the test file that calls it
     "run": "tests/examples/test_own_python.py",
     "ask": "tests/cli/test_asking.py",
     "logs": "tests/cli/test_observing.py",
+    "store follow": "tests/cli/test_observing.py",
     "contest": "tests/cli/test_answering.py",
     "take-over": "tests/cli/test_explaining.py",
     "scene save": "tests/cli/test_scenes.py",
