@@ -3,13 +3,15 @@
 The solids are grown for the calibration error of the cameras.
 """
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from phyagentos.geometry import as_pose
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.world.environment import ShapeKind, TargetState
+from phyagentos.protocol.world.environment import Pose, ShapeKind, TargetState
 from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.models.robot import compile_robot
 from phyagentos.runtime.models.scene import GEOM_TYPES
@@ -17,6 +19,7 @@ from phyagentos.runtime.perception.solids import Array, Solids
 
 LINK_M = 0.012  # links are drawn up to this much thicker than their collision solids, and cameras stand askew
 TIP_M = 0.006  # the fingers are close to what they hold
+WIDTHS = 401  # openings of a gripper that are tried
 _KINDS = {int(geom): kind for kind, geom in GEOM_TYPES.items()}
 
 
@@ -27,6 +30,7 @@ class RobotMask:
         self.reach_m = profile.gripper.grasp_reach_m
         self._model = compile_robot(profile, folder)
         self._data = mujoco.MjData(self._model)
+        self._tool = self._model.site(profile.tcp).id
         self._arm = [int(self._model.joint(name).qposadr[0]) for name in profile.arm.joints]
         self._hand = measure_hand(profile, folder)
         self.find_middle = self._hand.find_middle
@@ -35,6 +39,25 @@ class RobotMask:
         model = self._model
         self._kinds, self._sizes, self._offsets = _read_geoms(model)
         self._grown = np.where(np.isin(model.geom_bodyid, list(tips)), TIP_M, LINK_M)
+
+    def find_tool(self, q_rad: Sequence[float]) -> Pose:
+        """`world_T_tcp` at joint positions (n_joints,) [rad]."""
+        data = self._data
+        data.qpos[self._arm] = q_rad
+        mujoco.mj_kinematics(self._model, data)
+        return as_pose(data.site_xmat[self._tool].reshape(3, 3), data.site_xpos[self._tool])
+
+    def find_width(self, positions: Mapping[str, float]) -> float:
+        """The opening [m] at which the gripper's joints are nearest to these positions of some of them."""
+        chosen = [self.fingers.index(name) for name in positions]
+        widths_m = np.linspace(self._hand.widths_m[0], self._hand.widths_m[-1], WIDTHS)
+        away = [np.linalg.norm(self._hand.pose(each)[chosen] - [*positions.values()]) for each in widths_m.tolist()]
+        return float(widths_m[np.argmin(away)])
+
+    @property
+    def fingers(self) -> tuple[str, ...]:
+        """Joints of the gripper."""
+        return self._hand.joints
 
     def pose(self, state: TargetState) -> Solids:
         """Its solids in the world, at the measured joint positions."""
