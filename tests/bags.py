@@ -6,7 +6,9 @@ What it records is rendered by the simulator's cameras with their noise, and wri
 from dataclasses import dataclass, field
 
 import cv2
+import mujoco
 import numpy as np
+from scipy.optimize import least_squares
 
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.settings.sensors import read_sensors
@@ -42,6 +44,23 @@ class Table:
     def put_into(self, name, tray, off_m=(0.0, 0.0, 0.0)):
         x, y, z = self.where(tray) + np.array([0.0, 0.0, 0.0255]) + off_m
         self.put(name, x, y, z)
+
+    def reach(self, at_m, width_m):
+        """Stand with the tool pointing down at a place, and the fingers so far apart."""
+        model, data = self.physics.model, self.physics.data
+        arm = [int(model.joint(name).qposadr[0]) for name in self.profile.arm.joints]
+        tool, pose = model.site(self.profile.tcp).id, mujoco.MjData(model)
+
+        def miss(q_rad):
+            pose.qpos[:] = data.qpos
+            pose.qpos[arm] = q_rad
+            mujoco.mj_kinematics(model, pose)
+            return [*(pose.site_xpos[tool] - at_m), *(0.3 * (pose.site_xmat[tool].reshape(3, 3)[:, 2] - (0, 0, -1)))]
+
+        data.qpos[arm] = least_squares(miss, data.qpos[arm]).x
+        assert np.linalg.norm(miss(data.qpos[arm])) < 1e-3
+        for finger in self.profile.gripper.joints:
+            data.qpos[int(model.joint(finger).qposadr[0])] = width_m / 2
 
     def capture(self, camera, time_s, number):
         data = pose_state(self.physics.model, self.physics.data.qpos)

@@ -23,6 +23,7 @@ from phyagentos.protocol.sessions.looks import LOOKS, LookEntry, LookRole
 from phyagentos.protocol.sessions.session import Ended, Execution, GoalId, Scene, Session, SessionId
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.settings.bag import BagCamera, BagSettings, read_bag_settings
+from phyagentos.protocol.world.environment import SURE
 from phyagentos.protocol.world.truth import Truth
 
 if TYPE_CHECKING:
@@ -210,12 +211,20 @@ def _make_bundle(scene: Scene, target: str, accept: Sequence[str], found: "Perce
 
 
 def _judge(text: str, found: "PerceivedBag", bundle: Bundle) -> Criterion:
-    """One criterion; unknown where the end of the bag is not seen, and of an object that may be held."""
-    if bundle.after is None:
+    """One criterion; unknown where the end of the bag, or how its cameras stand to the scene, is not seen."""
+    after = bundle.after
+    if after is None:
         return make_unknown(text, "accept", "", "; ".join(found.left_out) or "the bag shows no picture at its end")
-    if found.between_fingers and found.between_fingers in find_things(text, bundle.after):
+    if found.between_fingers and found.between_fingers in find_things(text, after):
         why = f"{found.between_fingers} is between the fingers, and joint states do not tell whether it is held"
         return make_unknown(text, "accept", AFTER, why)
+    names = {each.name for each in parse_predicate(text).iter_references()}
+    placed = [each for each in after.entities.values() if not each.movable and each.looks]
+    unsure = [each for each in placed if not each.confidence >= SURE]
+    if astray := [each for each in unsure if each.name in names or len(unsure) == len(placed)]:
+        least = min(astray, key=lambda each: each.confidence)
+        why = f"{least.name} does not fit where the scene lets it be, with a confidence of {least.confidence:.2f}"
+        return make_unknown(text, "accept", AFTER, f"{why}, least is {SURE:g}: are frame and scene those of the bag?")
     return evaluate_criterion(text, "accept", bundle)
 
 

@@ -102,8 +102,10 @@ class BagView:
     def find_moments(self) -> list[Moment]:
         """At the begin, shortly before the end, and at the end: none without the end, fewer where less is shown."""
         bag = self._bag
-        if not self.cameras or (lag_ns := self._find_lag(bag.end_ns - EDGE_NS, bag.end_ns)) is None:
-            self._leave_out(f"the bag's last {EDGE_S:g} s hold no joint states, or no pictures")
+        if not self.cameras:
+            return []
+        if (lag_ns := self._find_lag(bag.end_ns - EDGE_NS, bag.end_ns)) is None:
+            self._leave_out(f"no joint states in the last {EDGE_S:g} s")
             return []
         self._drop_transforms(lag_ns)
         last = self._look_back(bag.end_ns - lag_ns, lag_ns, notes=True)

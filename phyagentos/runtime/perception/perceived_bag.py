@@ -72,5 +72,7 @@ def perceive_bag(
     inventory = build_inventory(read_placed(library, scene.name))
     hand = Hand(target=profile.target, reach_m=mask.reach_m, find_middle=mask.find_middle)
     touching = msgspec.structs.replace(moments[-1].step.target, fingers_touching=2)
+    sensors = seen[-1].world.sensors.items()
+    left_out += tuple(f"camera {name}: {each.status}, {each.detail}" for name, each in sensors if each.status != "live")
     held = find_held(seen[-1].world.entities, touching, inventory, hand)
     return PerceivedBag(seen=tuple(seen), left_out=left_out, between_fingers=held.name if held is not None else "")

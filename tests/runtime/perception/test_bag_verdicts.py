@@ -1,6 +1,7 @@
-"""Verdicts on bags of ROS 2 that a recorder of others made: right or unknown, with the reason; never a false success."""
+"""Verdicts on bags of ROS 2 that a recorder of others made: right, or unknown with the reason; no false success."""
 
 import itertools
+import zlib
 
 import msgspec
 import numpy as np
@@ -27,8 +28,8 @@ UNTIL_S = 2.0
 def judge(tmp_path):
     """Records a run and judges it; the simulator says where the cube is at the end."""
 
-    def judge(script, recorder=None, accept=(RED,), **how):
-        table = Table()
+    def judge(script, recorder=None, accept=(RED,), seed=3, **how):
+        table = Table(seed=seed)
         bag = (recorder or Recorder(rate_hz=5.0)).record(table, tmp_path / f"bag{next(numbers)}", script, UNTIL_S)
         found = verify_bag(bag, SCENE, accept, tmp_path / f"{bag.name}_verdict", **how)
         return found, is_inside(table)
@@ -40,6 +41,11 @@ def judge(tmp_path):
 def is_inside(table):
     x, y, z = np.abs(table.where("red_cube") - table.where("red_tray"))
     return bool(x < 0.055 and y < 0.09 and z < 0.035)
+
+
+def is_lost(topic, time_s, share):
+    """Whether a message is, always alike; a picture is lost with its depth."""
+    return zlib.crc32(f"{topic[:4]} {time_s:.2f}".encode()) % 100 < 100 * share
 
 
 def write(path, text):
@@ -91,7 +97,7 @@ def test_a_world_that_changed_after_the_last_picture_is_unknown(judge):
 
 
 def test_single_frames_that_are_lost_change_no_verdict(judge):
-    lost = Recorder(rate_hz=10.0, drops=lambda topic, time_s: "image" in topic and hash((topic, time_s)) % 3 == 0)
+    lost = Recorder(rate_hz=10.0, drops=lambda topic, time_s: "image" in topic and is_lost(topic, time_s, 0.3))
     assert judge(IN, lost)[0].verdict is Truth.TRUE
 
 
@@ -148,19 +154,27 @@ def test_without_depth_lens_or_place_of_a_camera_all_is_unknown(judge):
         assert why in found.criteria[0].because
 
 
-def test_a_camera_that_was_moved_is_not_believed(judge):
-    def shift(camera, pose, off_m=0.06):
-        x, y, z = pose.position_m
-        return msgspec.structs.replace(pose, position_m=(x, y + off_m, z))
+def shift(pose, *off_m):
+    return msgspec.structs.replace(pose, position_m=tuple(np.add(pose.position_m, off_m).tolist()))
 
-    near = {0.6: lambda table: table.put_into("red_cube", "red_tray", (0.0, -0.15, 0.0))}
-    found, is_true = judge(near, Recorder(rate_hz=5.0, tf=shift))
-    assert (found.verdict is Truth.TRUE, is_true) == (False, False)
-    found, _ = judge(
-        IN, Recorder(rate_hz=5.0, tf=lambda camera, pose: shift(camera, pose) if camera == "left" else pose)
-    )
+
+def test_a_camera_that_was_moved_is_not_believed(judge):
+    moved = Recorder(rate_hz=5.0, tf=lambda camera, pose: shift(pose, 0.0, 0.06, 0.0) if camera == "left" else pose)
+    found, _ = judge(IN, moved)
+
     after = msgspec.json.decode((found.evidence / AFTER).read_bytes(), type=Environment)
     assert (found.verdict, after.sensors["left"].status) == (Truth.TRUE, "displaced")
+    assert "camera left: displaced, its depth disagrees with the other cameras" in found.left_out
+
+
+@pytest.mark.parametrize(("seed", "off_m"), [(4, (0.0, 0.12)), (5, (0.08, 0.0)), (3, (0.0, 0.1))])
+def test_cameras_in_another_frame_than_the_scenes_decide_nothing(judge, seed, off_m):
+    """All of them say that they stand aside, and a cube beside the tray seems to be where the tray should be."""
+    beside = {0.2: lambda table: table.put_into("red_cube", "red_tray", (-off_m[0], -off_m[1], 0.0))}
+    found, is_true = judge(beside, Recorder(rate_hz=5.0, tf=lambda camera, pose: shift(pose, *off_m, 0.0)), seed=seed)
+
+    assert (found.verdict, is_true) == (Truth.UNKNOWN, False)
+    assert "red_tray does not fit where the scene lets it be" in found.criteria[0].because
 
 
 def test_a_frozen_camera_is_not_believed(judge):
@@ -173,15 +187,16 @@ def test_a_frozen_camera_is_not_believed(judge):
 
 
 def test_an_object_between_the_fingers_may_be_held(judge):
-    def take(table):
-        table.physics.queries.look()
-        x, y, z = table.physics.queries.read_target({}).tcp.position_m
-        table.put("red_cube", x, y, z)
-        for finger in ("left_finger_joint", "right_finger_joint"):
-            table.physics.data.qpos[table.physics.model.joint(finger).qposadr[0]] = 0.02
+    """The arm has brought the cube into its tray, and has not opened its fingers."""
 
-    found, _ = judge({0.6: take})
-    assert found.verdict is Truth.UNKNOWN
+    def hold(table):
+        table.put_into("red_cube", "red_tray")
+        table.reach(np.add(table.where("red_cube"), (0.0, 0.0, 0.018)), width_m=0.041)
+
+    found, is_true = judge({0.6: hold})
+    assert (found.verdict, is_true) == (Truth.UNKNOWN, True)
+    why = "red_cube is between the fingers, and joint states do not tell whether it is held"
+    assert found.criteria[0].because == why
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 0.98])
@@ -228,22 +243,19 @@ def test_what_the_bag_or_the_scene_lacks_is_refused_with_what_there_is(judge):
         judge({}, Recorder(rate_hz=5.0, joint_names={"joint1": "shoulder"}))
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(10))
 def test_no_damage_makes_a_false_success(judge, seed):
+    """The cube is put into the tray, then just beside it; frames are lost, a clock and a camera are off."""
     rng = np.random.default_rng(seed)
-    off_m = rng.uniform((0.062, 0.1), (0.09, 0.14)) * rng.choice([-1, 1], 2) * (rng.permutation([1, rng.integers(2)]))
-    lost, clocks, shifts = rng.uniform(0.0, 0.6), rng.normal(0.0, 0.4, 3), rng.normal(0.0, 0.03, (3, 3))
-    names, end_s = ("overhead", "left", "right"), rng.uniform(1.0, 2.5)
-
-    def tell(camera, pose):
-        place = np.add(pose.position_m, shifts[names.index(camera)] * (rng.random() < 0.5))
-        return msgspec.structs.replace(pose, position_m=tuple(place.tolist()))
-
+    off_m = rng.uniform((0.064, 0.1), (0.09, 0.14)) * [(1, 0), (0, -1), (-1, -1)][seed % 3]
+    names = ("overhead", "left", "right")
+    lost, end_s, odd = rng.uniform(0.0, 0.4), rng.uniform(1.5, 3.0), names[seed % 3]
+    clock_s, away_m = rng.normal(0.0, 0.3), rng.normal(0.0, 0.02, 3)
     damaged = Recorder(
-        rate_hz=5.0,
-        drops=lambda topic, time_s: "image" in topic and (rng.random() < lost or time_s > end_s),
-        clock_s={f"/{name}/color/image_raw": off_s for name, off_s in zip(names, clocks.tolist(), strict=True)},
-        tf=tell,
+        rate_hz=10.0,
+        drops=lambda topic, time_s: "image" in topic and (is_lost(topic, time_s, lost) or time_s > end_s),
+        clock_s={f"/{odd}/color/image_raw": clock_s, f"/{odd}/depth/image_rect": clock_s},
+        tf=lambda camera, pose: shift(pose, *away_m) if camera == names[seed % 2] else pose,
     )
     script = {0.0: IN[0.6], 1.0: lambda table: table.put_into("red_cube", "red_tray", (*off_m, 0.0))}
     found, is_true = judge(script, damaged)
