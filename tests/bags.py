@@ -24,13 +24,13 @@ EPOCH_S = 1_700_000_000.0
 class Table:
     """The scene with its robot, still; `put` sets an object elsewhere, `where` says where it truly is."""
 
-    def __init__(self, scene=SCENE, seed=3, robot="panda"):
+    def __init__(self, scene=SCENE, seed=3, robot="panda", level="nominal"):
         library = Library.open(find_shipped_root())
         self.profile, folder = read_profile(library.get_target(robot))
         self.physics = Physics.alone(self.profile, folder, read_scene(library.get_scene(scene)), seed)
         self.physics.start(0.5)
         sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
-        self.cameras = open_cameras(self.physics.model, sensors, seed=seed, level="nominal")
+        self.cameras = open_cameras(self.physics.model, sensors, seed=seed, level=level)
 
     def where(self, name):
         self.physics.queries.look()

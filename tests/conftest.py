@@ -25,7 +25,7 @@ AXE = BUILD / "view" / "axe-core-4.14.1.tgz"
 SLOW = {"slow", "sim", "motion", "journey", "device"}
 INTERPRETERS = {
     "kit": "`websockets` and `msgpack` alone",
-    **{extra: f"the extra `{extra}`" for extra in ("gymnasium", "openpi", "libero", "lerobot", "peers")},
+    **{extra: f"the extra `{extra}`" for extra in ("gymnasium", "openpi", "libero", "lerobot", "ros2", "peers")},
 }
 RARE = {"journey", "alone", "device", "extras"}
 

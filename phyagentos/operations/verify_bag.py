@@ -98,8 +98,8 @@ def verify_bag(
     the only one whose joints the bag has, where none is named.
 
     Raises:
-        DefinitionError: `UNKNOWN_NAME`, `INVALID_VALUE`, `MISSING_VALUE`, `EXTRA_MISSING`, `WOULD_OVERWRITE`.
-        ExecutionError: `EVIDENCE_DAMAGED` where the bag cannot be read.
+        DefinitionError: `UNKNOWN_NAME`, `INVALID_VALUE`, `MISSING_VALUE`, `EXTRA_MISSING`, `WOULD_OVERWRITE`;
+            `UNREADABLE_FILE` for the bag.
     """
     library, how = open_library(), _choose_settings(settings, topics)
     require_empty(to)

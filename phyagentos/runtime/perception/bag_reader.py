@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.errors import ExecutionError, needs_extra
+from phyagentos.errors import DefinitionError, needs_extra
 from phyagentos.geometry import as_pose, make_matrix
 from phyagentos.protocol.world.environment import Pose
 
@@ -106,8 +106,7 @@ def read_bag(path: Path) -> Bag:
     """Read a bag folder, or an MCAP file.
 
     Raises:
-        DefinitionError: `EXTRA_MISSING`.
-        ExecutionError: `EVIDENCE_DAMAGED` where it is missing, truncated, or no bag of ROS 2.
+        DefinitionError: `EXTRA_MISSING`; `UNREADABLE_FILE` where it is missing, truncated, or no bag of ROS 2.
     """
     with _reading(path) as reader:
         types = {each.topic: each.msgtype for each in reader.connections}
@@ -146,15 +145,12 @@ def _reading(path: Path) -> Iterator[Any]:
     try:  # a library of many formats raises many errors for damaged bytes
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
             if not reader.message_count:
-                raise ExecutionError("EVIDENCE_DAMAGED", f"{path}: a bag without a message")
+                raise ValueError("it has no message")
             yield reader
-    except ExecutionError:
-        raise
     except Exception as error:
-        hint = "A bag whose recorder did not end is repaired by `ros2 bag reindex`, or `mcap recover`."
-        raise ExecutionError(
-            "EVIDENCE_DAMAGED", f"{path}: no bag of ROS 2 that can be read: {error}. {hint}"
-        ) from error
+        expected = "a bag of ROS 2, a folder with metadata.yaml or an MCAP file"
+        hint = "One whose recorder did not end is repaired by `ros2 bag reindex`, or `mcap recover`."
+        raise DefinitionError.of("UNREADABLE_FILE", str(path), str(error), expected, hint) from error
 
 
 def _iter_taken(reader: Any, connections: Any, *span: int | None) -> Iterator[tuple[str, Taken]]:

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.errors import DefinitionError
 from phyagentos.operations.verify_bag import verify_bag
 from phyagentos.protocol.sessions.evidence import AFTER
 from phyagentos.protocol.sessions.looks import read_looks, read_stored_look
@@ -28,8 +28,8 @@ UNTIL_S = 2.0
 def judge(tmp_path):
     """Records a run and judges it; the simulator says where the cube is at the end."""
 
-    def judge(script, recorder=None, accept=(RED,), seed=3, **how):
-        table = Table(seed=seed)
+    def judge(script, recorder=None, accept=(RED,), seed=3, level="nominal", **how):
+        table = Table(seed=seed, level=level)
         bag = (recorder or Recorder(rate_hz=5.0)).record(table, tmp_path / f"bag{next(numbers)}", script, UNTIL_S)
         found = verify_bag(bag, SCENE, accept, tmp_path / f"{bag.name}_verdict", **how)
         return found, is_inside(table)
@@ -186,6 +186,16 @@ def test_a_frozen_camera_is_not_believed(judge):
     assert {each.status for each in after.sensors.values()} == {"frozen"}
 
 
+def test_pictures_without_noise_are_of_a_frozen_camera_unless_the_settings_say_so(judge, tmp_path):
+    found, _ = judge(IN, level="none")
+    assert found.verdict is Truth.UNKNOWN
+    assert "camera left: frozen, a new stamp on the same picture" in found.left_out
+    still = write(tmp_path / "bag.yaml", "noise: false\n")
+    assert judge(IN, level="none", settings=still)[0].verdict is Truth.TRUE
+    never_changed = {0.0: IN[0.6]}
+    assert judge(never_changed, level="none", settings=still)[0].verdict is Truth.UNKNOWN
+
+
 def test_an_object_between_the_fingers_may_be_held(judge):
     """The arm has brought the cube into its tray, and has not opened its fingers."""
 
@@ -206,7 +216,7 @@ def test_a_truncated_bag_says_so(tmp_path, share):
     file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
 
     for path in (bag, file):
-        with pytest.raises(ExecutionError, match="no bag of ROS 2 that can be read"):
+        with pytest.raises(DefinitionError, match=r"UNREADABLE_FILE: found .*; expected a bag"):
             verify_bag(path, SCENE, (RED,), tmp_path / "verdict")
     assert not (tmp_path / "verdict").exists()
 
