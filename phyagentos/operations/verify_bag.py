@@ -10,29 +10,37 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from phyagentos.agent.judging.judges.judge_registry import make_unknown
-from phyagentos.agent.judging.judges.predicates import evaluate_criterion
+from phyagentos.agent.judging.judges.predicates import evaluate_on
 from phyagentos.assembly.project import open_library
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.placed_scenes import name_placed, read_placed
 from phyagentos.protocol.documents.durable_files import require_empty
-from phyagentos.protocol.predicates.library import ArgumentKind
-from phyagentos.protocol.predicates.predicate import find_things, has_metric, parse_predicate
-from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, Bundle, write_json
+from phyagentos.protocol.predicates.library import ArgumentKind, View
+from phyagentos.protocol.predicates.predicate import has_metric, parse_predicate
+from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, write_json
 from phyagentos.protocol.sessions.looks import LOOKS, LookEntry, LookRole
-from phyagentos.protocol.sessions.session import Ended, Execution, GoalId, Scene, Session, SessionId
+from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.settings.bag import BagCamera, BagSettings, read_bag_settings
 from phyagentos.protocol.world.environment import SURE
 from phyagentos.protocol.world.truth import Truth
 
 if TYPE_CHECKING:
-    from phyagentos.protocol.capabilities.targets import TargetProfile
     from phyagentos.runtime.perception.bag_reader import Bag
-    from phyagentos.runtime.perception.perceived_bag import PerceivedBag, Seen
+    from phyagentos.runtime.perception.perceived_bag import PerceivedBag
 
 VERDICT = "verdict.json"
 _EPISODE = "bag"
+
+
+class ShownFrame(msgspec.Struct, frozen=True, kw_only=True):
+    """A frame that was perceived: its camera, its stamp [ns], and the topics of its picture and its depth."""
+
+    camera: str
+    stamp_ns: int
+    color: str
+    depth: str
 
 
 class ShownLook(msgspec.Struct, frozen=True, kw_only=True):
@@ -41,24 +49,13 @@ class ShownLook(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         role: `start`; `look`, shortly before the end; `end`, on which the verdict rests.
         time_s: After the first joint state of the bag [s].
-        file: Of the folder with the evidence.
-        frames: `camera: topic of the picture and of the depth, stamp [ns]`.
+        file: Of the folder with the evidence; its pictures are there as `<role>-<camera>.png`, too.
     """
 
     role: LookRole
     time_s: float
     file: str
-    frames: tuple["ShownPicture", ...]
-
-
-class ShownPicture(msgspec.Struct, frozen=True, kw_only=True):
-    """One frame that was perceived: its camera, topics, stamp [ns], and the picture in the folder with the evidence."""
-
-    camera: str
-    stamp_ns: int
-    color: str
-    depth: str
-    picture: str
+    frames: tuple[ShownFrame, ...]
 
 
 class BagVerdict(msgspec.Struct, frozen=True, kw_only=True):
@@ -104,29 +101,29 @@ def verify_bag(
     library, how = open_library(), _choose_settings(settings, topics)
     require_empty(to)
     spec = read_placed(library, scene)
-    _check_criteria(accept, {*spec.bodies, *spec.regions})
+    _check_criteria(accept, sorted({*spec.bodies, *spec.regions}))
     from phyagentos.runtime.models.robot import read_profile
     from phyagentos.runtime.perception.bag_reader import read_bag
-    from phyagentos.runtime.perception.perceived_bag import perceive_bag
+    from phyagentos.runtime.perception.perceived_bag import PerceivedBag
 
     recorded = read_bag(bag)
-    _check_topics(recorded, how)
+    named = {how.joint_states, *(each for camera in how.cameras.values() for each in camera.topics)} - {""}
+    if unknown := sorted(named - recorded.types.keys()):
+        raise DefinitionError([Problem.unknown("topic", str(bag), each, recorded.types) for each in unknown])
     profile, folder = read_profile(library.get_target(robot or _find_robot(library, recorded, how)))
     if profile.base is not None:
-        expected = "a robot whose base stands"
-        raise DefinitionError.of("INVALID_VALUE", "--robot", f"{profile.target}, whose base moves", expected)
+        raise DefinitionError.of("INVALID_VALUE", "--robot", f"{profile.target}, whose base moves", "one that stands")
     place = Scene(name=name_placed(scene, [profile]), seed=0, episode=_EPISODE)
-    found = perceive_bag(recorded, how, place, library, (profile, folder))
-    to.mkdir(parents=True, exist_ok=True)
-    criteria = tuple(_judge(text, found, _make_bundle(place, profile.target, accept, found, to)) for text in accept)
+    found = PerceivedBag(recorded, how, place, library, profile, folder)
+    criteria = tuple(_judge(text, found, profile.target) for text in accept)
     truths = {each.truth for each in criteria}
     verdict = BagVerdict(
         bag=bag,
         scene=place.name,
         robot=profile.target,
-        verdict=Truth.FALSE if Truth.FALSE in truths else Truth.UNKNOWN if Truth.UNKNOWN in truths else Truth.TRUE,
+        verdict=next((each for each in (Truth.FALSE, Truth.UNKNOWN) if each in truths), Truth.TRUE),
         criteria=criteria,
-        looks=_write_looks(found.seen, to),
+        looks=_write_looks(found, to),
         left_out=found.left_out,
         evidence=to,
     )
@@ -137,30 +134,21 @@ def verify_bag(
 def _choose_settings(path: Path | None, topics: Sequence[str]) -> BagSettings:
     how = read_bag_settings(path) if path is not None else BagSettings()
     named = dict(text.partition("=")[::2] for text in topics)
-    if wrong := next((name or topic for name, topic in named.items() if not name or not topic), ""):
-        raise DefinitionError.of("INVALID_VALUE", "--topic", wrong, "CAMERA=/topic/of/its/pictures")
-    cameras = {name: how.cameras.get(name, BagCamera(color=topic)) for name, topic in named.items()}
-    given = {name: each.model_copy(update={"color": named[name]}) for name, each in cameras.items()}
+    if not all(name and topic for name, topic in named.items()):
+        raise DefinitionError.of("INVALID_VALUE", "--topic", " ".join(topics), "CAMERA=/topic/of/its/pictures")
+    known = {name: how.cameras.get(name, BagCamera(color=topic)) for name, topic in named.items()}
+    given = {name: each.model_copy(update={"color": named[name]}) for name, each in known.items()}
     return how.model_copy(update={"cameras": how.cameras | given})
 
 
-def _check_criteria(accept: Sequence[str], known: set[str]) -> None:
+def _check_criteria(accept: Sequence[str], known: Sequence[str]) -> None:
     """Raise DefinitionError with every criterion that no bag of this scene could decide."""
     problems = [] if accept else [Problem("MISSING_VALUE", "--accept", "no criterion", "at least one")]
-    for text in accept:
-        if has_metric(text):
-            problems.append(Problem("INVALID_VALUE", "--accept", text, "a criterion on the world, not on a metric"))
-        named = parse_predicate(text, address="--accept").iter_references()
-        others = (each.name for each in named if each.name not in known and each.kind is not ArgumentKind.TARGET)
-        problems += [Problem.unknown("object", "--accept", name, sorted(known)) for name in others]
-    if problems:
-        raise DefinitionError(problems)
-
-
-def _check_topics(bag: "Bag", how: BagSettings) -> None:
-    named = [topic for each in how.cameras.values() for topic in (each.color, each.depth, each.info) if topic]
-    named += [how.joint_states] if how.joint_states else []
-    problems = [Problem.unknown("topic", "the bag", each, bag.types) for each in named if each not in bag.types]
+    expected = "a criterion on the world, not on a metric"
+    problems += [Problem("INVALID_VALUE", "--accept", text, expected) for text in accept if has_metric(text)]
+    named = [each for text in accept for each in parse_predicate(text, address="--accept").iter_references()]
+    others = [each.name for each in named if each.name not in known and each.kind is not ArgumentKind.TARGET]
+    problems += [Problem.unknown("object", "--accept", name, known) for name in others]
     if problems:
         raise DefinitionError(problems)
 
@@ -168,14 +156,11 @@ def _check_topics(bag: "Bag", how: BagSettings) -> None:
 def _find_robot(library: Library, bag: "Bag", how: BagSettings) -> str:
     """The only robot that has all its joints, the gripper's included, in the bag; raises `MISSING_VALUE`."""
     from phyagentos.runtime.models.robot import read_profile
-    from phyagentos.runtime.perception.bag_frames import find_joint
+    from phyagentos.runtime.perception.bag_looks import find_joint
 
-    def has_all(profile: "TargetProfile") -> bool:
-        names = (*profile.arm.joints, *profile.gripper.joints)
-        return bool(names) and all(find_joint(bag, how, name) is not None for name in names)
-
-    profiles = (read_profile(library.get_target(name))[0] for name in library.names_of_targets())
-    fitting = [each.target for each in profiles if has_all(each)]
+    profiles = [read_profile(library.get_target(name))[0] for name in library.names_of_targets()]
+    joints = {each.target: (*each.arm.joints, *each.gripper.joints) for each in profiles}
+    fitting = [name for name, each in joints.items() if all(find_joint(bag, how, joint) is not None for joint in each)]
     if len(fitting) != 1:
         found = f"the joints of {', '.join(fitting)}" if fitting else "joints of no robot of the library"
         hint = "Name it; `paos robot new FILE.urdf` makes a profile, and `joints:` of --settings maps other names."
@@ -183,76 +168,42 @@ def _find_robot(library: Library, bag: "Bag", how: BagSettings) -> str:
     return fitting[0]
 
 
-def _make_bundle(scene: Scene, target: str, accept: Sequence[str], found: "PerceivedBag", folder: Path) -> Bundle:
-    """What a session would have left that showed the same."""
-    session = Session(
-        id=SessionId(_EPISODE),
-        goal=GoalId(""),
-        node="",
-        objective="",
-        skill="",
-        target=target,
-        parameters={},
-        accept=tuple(accept),
-        scene=scene,
-        seed=0,
-    )
-    worlds = [each.world for each in found.seen]
-    return Bundle(
-        folder=folder,
-        session=session,
-        execution=Execution(ended=Ended.COMPLETED, evidence=""),
-        before=worlds[0] if len(worlds) > 1 else None,
-        after=worlds[-1] if worlds else None,
-        holds=(),
-        trace=(),
-        events=(),
-    )
-
-
-def _judge(text: str, found: "PerceivedBag", bundle: Bundle) -> Criterion:
+def _judge(text: str, found: "PerceivedBag", target: str) -> Criterion:
     """One criterion; unknown where the end of the bag, or how its cameras stand to the scene, is not seen."""
-    after = bundle.after
-    if after is None:
-        return make_unknown(text, "accept", "", "; ".join(found.left_out) or "the bag shows no picture at its end")
-    if found.between_fingers and found.between_fingers in find_things(text, after):
+    if not found.seen or all(each.status != "live" for each in found.seen[-1][1].sensors.values()):
+        return make_unknown(text, "accept", "", "; ".join(found.left_out))
+    now, initial = found.seen[-1][1], found.seen[0][1] if len(found.seen) > 1 else None
+    names = {each.name for each in parse_predicate(text).iter_references()}
+    if found.between_fingers in names:
         why = f"{found.between_fingers} is between the fingers, and joint states do not tell whether it is held"
         return make_unknown(text, "accept", AFTER, why)
-    names = {each.name for each in parse_predicate(text).iter_references()}
-    placed = [each for each in after.entities.values() if not each.movable and each.looks]
-    unsure = [each for each in placed if not each.confidence >= SURE]
-    if astray := [each for each in unsure if each.name in names or len(unsure) == len(placed)]:
-        least = min(astray, key=lambda each: each.confidence)
-        why = f"{least.name} does not fit where the scene lets it be, with a confidence of {least.confidence:.2f}"
-        return make_unknown(text, "accept", AFTER, f"{why}, least is {SURE:g}: are frame and scene those of the bag?")
-    return evaluate_criterion(text, "accept", bundle)
+    named = [each for name, each in now.entities.items() if name in names]
+    if once := [each.name for each in named if each.movable and each.still_since_s is None]:
+        return make_unknown(text, "accept", AFTER, f"{once[0]} was seen once, which does not show that it rests")
+    placed = [each for each in now.entities.values() if not each.movable and each.looks]
+    unsure = sorted((each for each in placed if not each.confidence >= SURE), key=lambda each: each.name not in names)
+    if unsure and (unsure[0].name in names or len(unsure) == len(placed)):
+        fits = f"fits with a confidence of {unsure[0].confidence:.2f}, least is {SURE:g}"
+        why = f"{unsure[0].name} does not show where the scene lets it be ({fits}): are frame and scene the bag's?"
+        return make_unknown(text, "accept", AFTER, why)
+    return evaluate_on(text, "accept", View(now=now, initial=initial, target=target), AFTER)
 
 
-def _write_looks(seen: Sequence["Seen"], to: Path) -> tuple[ShownLook, ...]:
+def _write_looks(found: "PerceivedBag", to: Path) -> tuple[ShownLook, ...]:
     """Looks, pictures and snapshots, under the names that they have in a session's bundle."""
     from phyagentos.runtime.perception.look_file import encode_pictures, write_look
 
-    roles = {len(seen) - 1: LookRole.END} | ({0: LookRole.START} if len(seen) > 1 else {})
+    to.mkdir(parents=True, exist_ok=True)
     entries, shown = [], []
-    for index, each in enumerate(seen):
-        role, pictures = roles.get(index, LookRole.LOOK), {}
-        for camera, png in encode_pictures(each.look).items():
-            pictures[camera] = f"{role}-{camera}.png".replace("/", "_")
-            (to / pictures[camera]).write_bytes(png)
-        file, sha256 = write_look(each.look, to)
-        entries.append(LookEntry(file=file, sha256=sha256, role=role, time_s=each.moment.time_s))
-        frames = tuple(
-            ShownPicture(
-                camera=frame.camera,
-                stamp_ns=frame.stamp_ns,
-                color=frame.color,
-                depth=frame.depth,
-                picture=pictures[frame.camera],
-            )
-            for frame in each.moment.shown
-        )
-        shown.append(ShownLook(role=role, time_s=each.moment.time_s, file=file, frames=frames))
-        if role is not LookRole.LOOK:
-            write_json(to / (BEFORE if role is LookRole.START else AFTER), each.world)
+    roles = (LookRole.START, LookRole.LOOK, LookRole.END)[-len(found.seen) :]
+    for role, (look, world) in zip(roles, found.seen, strict=False):
+        file, sha256 = write_look(look, to)
+        entries.append(LookEntry(file=file, sha256=sha256, role=role, time_s=look.now[0]))
+        whole = (each for request, answer in look.captures if not request.crops for each in answer.frames)
+        frames = tuple(ShownFrame(camera=each.camera, **found.looks.describe(each)) for each in whole)
+        shown.append(ShownLook(role=role, time_s=look.now[0], file=file, frames=frames))
+        for camera, png in encode_pictures(look).items():
+            (to / f"{role}-{camera}.png").write_bytes(png)
+        write_json(to / {LookRole.START: BEFORE, LookRole.END: AFTER}.get(role, f"environment_{role}.json"), world)
     write_json(to / LOOKS, entries)
     return tuple(shown)

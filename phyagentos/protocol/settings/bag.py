@@ -32,6 +32,11 @@ class BagCamera(Authored):
         return self
 
     @property
+    def topics(self) -> tuple[str, ...]:
+        """Those that are named."""
+        return tuple(filter(None, (self.color, self.depth, self.info)))
+
+    @property
     def pose(self) -> Pose | None:
         """`world_T_camera`, where it is given."""
         if self.position_m is None or self.quaternion_wxyz is None:

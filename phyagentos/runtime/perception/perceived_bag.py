@@ -1,6 +1,5 @@
 """The world as a recorded bag of ROS 2 shows it: perceived at its begin, shortly before its end, and at its end."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -11,7 +10,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.settings.bag import BagSettings
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.runtime.perception.bag_frames import BagFrames, BagView, Moment
+from phyagentos.runtime.perception.bag_looks import BagLooks, WholeFrames
 from phyagentos.runtime.perception.bag_reader import Bag
 from phyagentos.runtime.perception.grip import Hand, find_held
 from phyagentos.runtime.perception.inventory import build_inventory
@@ -19,60 +18,41 @@ from phyagentos.runtime.perception.look import Look
 from phyagentos.runtime.perception.perceived_world import PerceivedWorld
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.perception.world_model import WORLD
+from phyagentos.runtime.targets.wire import Step
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Seen:
-    """One moment of a bag, what was seen then, and the look behind it."""
-
-    moment: Moment
-    world: Environment
-    look: Look
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PerceivedBag:
-    """What a bag shows.
+    """What a bag of a robot, by its profile and folder, shows in a scene; raises as `read_placed`.
 
     Attributes:
-        seen: In the order of time; empty where nothing is shown at its end.
+        looks: What looks there are, and why not more.
+        seen: Each look and the world in it, in the order of time; empty where nothing is shown at the end.
         left_out: What was not used, with the reason.
         between_fingers: The object that fills the opening of the gripper at the end, held or not: a bag of joint states
             does not tell; empty without one.
     """
 
-    seen: tuple[Seen, ...]
-    left_out: tuple[str, ...]
-    between_fingers: str = ""
-
-
-def perceive_bag(
-    bag: Bag, settings: BagSettings, scene: Scene, library: Library, robot: tuple[TargetProfile, Path]
-) -> PerceivedBag:
-    """Perceive a bag of a robot, its profile and folder, in a scene; raises as `read_placed`."""
-    profile, folder = robot
-    mask = RobotMask(profile, folder)
-    view = BagView(bag, settings, profile, mask)
-    moments = view.find_moments()
-    left_out = tuple(view.left_out)
-    if not moments:
-        return PerceivedBag(seen=(), left_out=left_out)
-    source = BagFrames(moments[0])
-    age_s, noisy = settings.max_age_s, settings.noise
-    world = PerceivedWorld(profile.target, source, library, mask, max_age_s=age_s, noisy=noisy, profile=profile)
-    world.enter(scene)
-    seen = []
-    for moment in moments:
-        source.moment = moment
-        for time_s, state in moment.states:
-            world.advance(msgspec.structs.replace(moment.step, time_s=time_s, target=state), stands=False)
-        found = world.observe(WORLD)
-        assert world.latest_look is not None, "everything was looked at"
-        seen.append(Seen(moment=moment, world=found, look=world.latest_look))
-    inventory = build_inventory(read_placed(library, scene.name))
-    hand = Hand(target=profile.target, reach_m=mask.reach_m, find_middle=mask.find_middle)
-    touching = msgspec.structs.replace(moments[-1].step.target, fingers_touching=2)
-    sensors = seen[-1].world.sensors.items()
-    left_out += tuple(f"camera {name}: {each.status}, {each.detail}" for name, each in sensors if each.status != "live")
-    held = find_held(seen[-1].world.entities, touching, inventory, hand)
-    return PerceivedBag(seen=tuple(seen), left_out=left_out, between_fingers=held.name if held is not None else "")
+    def __init__(
+        self, bag: Bag, how: BagSettings, scene: Scene, library: Library, profile: TargetProfile, folder: Path
+    ) -> None:
+        mask, name = RobotMask(profile, folder), profile.target
+        self.looks, self.seen = BagLooks(bag, how, profile, mask), list[tuple[Look, Environment]]()
+        for look in self.looks.find_looks(scene):
+            frames, age_s = WholeFrames(look), how.max_age_s
+            world = PerceivedWorld(name, frames, library, mask, max_age_s=age_s, noisy=how.noise, profile=profile)
+            if self.seen:
+                world.restore(self.seen[-1][1])
+            world.enter(scene)
+            for time_s, state in look.states:
+                world.advance(Step(time_s=time_s, target=state, tracking_error_rad=0.0), stands=False)
+            shown = world.observe(WORLD)
+            self.seen.append((world.latest_look or look, shown))
+        self.left_out, self.between_fingers = tuple(dict.fromkeys(self.looks.left_out)), ""
+        if self.seen:
+            look, shown = self.seen[-1]
+            ill = {each: health for each, health in shown.sensors.items() if health.status != "live"}
+            self.left_out += tuple(f"camera {each}: {health.status}, {health.detail}" for each, health in ill.items())
+            hand = Hand(target=name, reach_m=mask.reach_m, find_middle=mask.find_middle)
+            touching = msgspec.structs.replace(look.now[1], fingers_touching=2)
+            held = find_held(shown.entities, touching, build_inventory(read_placed(library, scene.name)), hand)
+            self.between_fingers = held.name if held is not None else ""

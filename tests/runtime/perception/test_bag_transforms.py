@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from phyagentos.geometry import Pose, compute_matrix
+from phyagentos.geometry import Pose
 from phyagentos.runtime.perception.bag_reader import Bag, Course
 
 SECOND = 1_000_000_000
@@ -19,18 +19,11 @@ def make_course(*rows):
     return Course(stamps, np.array(values), np.zeros(len(rows), np.int64))
 
 
-def make_bag(fixed=(), moving=(), conflicts=()):
-    return Bag(
-        begin_ns=0,
-        end_ns=SECOND,
-        types={},
-        images={},
-        infos={},
-        joints={},
-        fixed={child: (parent, compute_matrix(pose)) for child, parent, pose in fixed},
-        moving={child: (parent, course) for child, parent, course in moving},
-        conflicts=frozenset(conflicts),
-    )
+def make_bag(fixed=(), moving=(), unclear=()):
+    frames = {child: (parent, np.array([*pose.position_m, *pose.quaternion_wxyz])) for child, parent, pose in fixed}
+    frames |= {child: (parent, course) for child, parent, course in moving}
+    frames |= {child: ("", frames[child][1]) for child in unclear}
+    return Bag(begin_ns=0, end_ns=SECOND, types={}, pictures={}, joints={}, frames=frames)
 
 
 FIXED = (("optical", "hand", Pose((1.0, 0.0, 0.0))), ("base", "world", Pose((0.0, 2.0, 0.0), TURN)))
@@ -59,12 +52,13 @@ def test_nothing_is_taken_from_beyond_the_stamps_or_across_a_gap(at_s):
 
 
 @pytest.mark.parametrize(
-    ("bag", "why"),
+    ("bag", "frame"),
     [
-        (make_bag(FIXED[:1], MOVING), "no transform leads from world to optical: base has no parent"),
-        (make_bag((("optical", "a", Pose()), ("a", "b", Pose()), ("b", "a", Pose()))), "go in a circle"),
-        (make_bag(FIXED, MOVING, ("base",)), "the frame base has two parents, or two places in /tf_static"),
+        (make_bag(FIXED[:1], MOVING), "base"),
+        (make_bag((("optical", "a", Pose()), ("a", "b", Pose()), ("b", "a", Pose()))), "b"),
+        (make_bag(FIXED, MOVING, ("base",)), "base"),
     ],
 )
-def test_a_broken_tree_says_where(bag, why):
-    assert why in find(bag, 0.05)
+def test_a_broken_tree_says_where(bag, frame):
+    why = f"no transform leads from world to optical: {frame} has no parent, two, or itself above it"
+    assert find(bag, 0.05) == why
