@@ -28,7 +28,6 @@ from phyagentos.wording import count
 
 _WITH_HELP = f"Judges, comma-separated: {', '.join(JudgeName)}, or installed ones; those of the settings if left out."
 _BAG_HELP = "Judge a recorded bag of ROS 2 instead, a folder or an MCAP file, of any robot."
-_TOPIC_HELP = "Pictures of a camera of the bag; repeatable, all cameras without."
 _TO_HELP = "Where looks, pictures and the verdict on a bag are written; BAG_verdict without."
 _IN = typer.Option("--workspace", "-w", show_default="the newest", help="Its folder.")
 By = Annotated[str, typer.Option("--by", help="Who says so.", show_default="the user of this shell")]
@@ -45,7 +44,6 @@ def verify(
     scene: Annotated[str, typer.Option(help="Of the bag: the scene whose objects it shows.")] = "",
     accept: Annotated[list[str] | None, typer.Option("--accept", help="A criterion on the bag; repeatable.")] = None,
     robot: Annotated[str, typer.Option(help="Of the bag; by its joints without.")] = "",
-    topic: Annotated[list[str] | None, typer.Option(metavar="CAMERA=/TOPIC", help=_TOPIC_HELP)] = None,
     settings: Annotated[Path | None, typer.Option(help="YAML: topics, frames and clocks of the bag.")] = None,
     to: Annotated[Path | None, typer.Option("--to", metavar="DIR", help=_TO_HELP)] = None,
 ) -> Reply[Judged | JudgedAgain | BagVerdict]:
@@ -57,9 +55,9 @@ def verify(
         if not scene:
             raise DefinitionError.of("MISSING_VALUE", "--scene", "none", "a scene of `paos list scenes`")
         evidence = to or Path(f"{bag.name}_verdict")
-        found = verify_bag(bag, scene, accept or (), evidence, robot=robot, settings=settings, topics=topic or ())
+        found = verify_bag(bag, scene, accept or (), evidence, robot=robot, settings=settings)
         return _show_bag(found)
-    if scene or accept or robot or topic or settings or to:
+    if scene or accept or robot or settings or to:
         raise DefinitionError.of("MISSING_VALUE", "--bag", "none, but options of one", "the folder of a bag")
     if not session:
         raise DefinitionError.of("MISSING_VALUE", "paos verify", "no session", "the id of one, or --bag")

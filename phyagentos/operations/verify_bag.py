@@ -22,7 +22,7 @@ from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, write_json
 from phyagentos.protocol.sessions.looks import LOOKS, LookEntry, LookRole
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.sessions.verdicts import Criterion
-from phyagentos.protocol.settings.bag import BagCamera, BagSettings, read_bag_settings
+from phyagentos.protocol.settings.bag import BagSettings, read_bag_settings
 from phyagentos.protocol.world.environment import SURE
 from phyagentos.protocol.world.truth import Truth
 
@@ -87,18 +87,17 @@ def verify_bag(
     *,
     robot: str = "",
     settings: Path | None = None,
-    topics: Sequence[str] = (),
 ) -> BagVerdict:
     """Judge what a bag shows at its end, and write looks, pictures and the verdict into a folder.
 
-    `topics` are `camera=/topic` each; without, and without `settings`, all cameras of the bag are used. The robot is
-    the only one whose joints the bag has, where none is named.
+    Topics and frames are found where `settings` does not name them. The robot is the only one whose joints the bag has,
+    where none is named.
 
     Raises:
         DefinitionError: `UNKNOWN_NAME`, `INVALID_VALUE`, `MISSING_VALUE`, `EXTRA_MISSING`, `WOULD_OVERWRITE`;
             `UNREADABLE_FILE` for the bag.
     """
-    library, how = open_library(), _choose_settings(settings, topics)
+    library, how = open_library(), read_bag_settings(settings) if settings is not None else BagSettings()
     require_empty(to)
     spec = read_placed(library, scene)
     _check_criteria(accept, sorted({*spec.bodies, *spec.regions}))
@@ -129,16 +128,6 @@ def verify_bag(
     )
     write_json(to / VERDICT, msgspec.to_builtins(verdict, enc_hook=str))
     return verdict
-
-
-def _choose_settings(path: Path | None, topics: Sequence[str]) -> BagSettings:
-    how = read_bag_settings(path) if path is not None else BagSettings()
-    named = dict(text.partition("=")[::2] for text in topics)
-    if not all(name and topic for name, topic in named.items()):
-        raise DefinitionError.of("INVALID_VALUE", "--topic", " ".join(topics), "CAMERA=/topic/of/its/pictures")
-    known = {name: how.cameras.get(name, BagCamera(color=topic)) for name, topic in named.items()}
-    given = {name: each.model_copy(update={"color": named[name]}) for name, each in known.items()}
-    return how.model_copy(update={"cameras": how.cameras | given})
 
 
 def _check_criteria(accept: Sequence[str], known: Sequence[str]) -> None:
@@ -174,18 +163,23 @@ def _judge(text: str, found: "PerceivedBag", target: str) -> Criterion:
         return make_unknown(text, "accept", "", "; ".join(found.left_out))
     now, initial = found.seen[-1][1], found.seen[0][1] if len(found.seen) > 1 else None
     names = {each.name for each in parse_predicate(text).iter_references()}
-    if found.between_fingers in names:
-        why = f"{found.between_fingers} is between the fingers, and joint states do not tell whether it is held"
-        return make_unknown(text, "accept", AFTER, why)
     named = [each for name, each in now.entities.items() if name in names]
-    if once := [each.name for each in named if each.movable and each.still_since_s is None]:
-        return make_unknown(text, "accept", AFTER, f"{once[0]} was seen once, which does not show that it rests")
     placed = [each for each in now.entities.values() if not each.movable and each.looks]
-    unsure = sorted((each for each in placed if not each.confidence >= SURE), key=lambda each: each.name not in names)
-    if unsure and (unsure[0].name in names or len(unsure) == len(placed)):
-        fits = f"fits with a confidence of {unsure[0].confidence:.2f}, least is {SURE:g}"
-        why = f"{unsure[0].name} does not show where the scene lets it be ({fits}): are frame and scene the bag's?"
-        return make_unknown(text, "accept", AFTER, why)
+    unsure = [each for each in placed if not each.confidence >= SURE]
+    astray = [each for each in unsure if each in named] or (unsure if len(unsure) == len(placed) else [])
+    fingers = "is between the fingers, and joint states do not tell whether it is held"
+    once = "was seen once, which does not show that it rests"
+    doubts = [
+        *(f"{each.name} {fingers}" for each in named if each.name == found.between_fingers),
+        *(f"{each.name} {once}" for each in named if each.movable and each.still_since_s is None),
+        *(
+            f"{each.name} does not show where the scene lets it be (it fits with a confidence of {each.confidence:.2f},"
+            f" least is {SURE:g}): are frame and scene the bag's?"
+            for each in astray
+        ),
+    ]
+    if doubts:
+        return make_unknown(text, "accept", AFTER, doubts[0])
     return evaluate_on(text, "accept", View(now=now, initial=initial, target=target), AFTER)
 
 
@@ -199,8 +193,15 @@ def _write_looks(found: "PerceivedBag", to: Path) -> tuple[ShownLook, ...]:
     for role, (look, world) in zip(roles, found.seen, strict=False):
         file, sha256 = write_look(look, to)
         entries.append(LookEntry(file=file, sha256=sha256, role=role, time_s=look.now[0]))
-        whole = (each for request, answer in look.captures if not request.crops for each in answer.frames)
-        frames = tuple(ShownFrame(camera=each.camera, **found.looks.describe(each)) for each in whole)
+        frames = tuple(
+            ShownFrame(
+                camera=each.camera,
+                stamp_ns=found.looks.origin_ns + round(each.time_s * 1e9),
+                color=found.looks.cameras[each.camera].color,
+                depth=found.looks.cameras[each.camera].depth,
+            )
+            for each in look.captures[0][1].frames
+        )
         shown.append(ShownLook(role=role, time_s=look.now[0], file=file, frames=frames))
         for camera, png in encode_pictures(look).items():
             (to / f"{role}-{camera}.png").write_bytes(png)

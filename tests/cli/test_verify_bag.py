@@ -26,7 +26,8 @@ def bag(tmp_path_factory):
 def test_the_verdict_its_frames_and_what_was_left_out_are_printed(bag, paos, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     given = ("verify", "--bag", bag, "--scene", SCENE, "--accept", RED)
-    found = paos(*given, "--topic", "top=/overhead/color/image_raw")
+    (tmp_path / "bag.yaml").write_text("cameras: {top: {color: /overhead/color/image_raw}}", encoding="utf-8")
+    found = paos(*given, "--settings", "bag.yaml")
 
     assert_ended(
         found,

@@ -15,21 +15,14 @@ class BagCamera(Authored):
         color: Topic of its pictures: sensor_msgs/Image or CompressedImage.
         depth: Topic of its depths, registered to the pictures: sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m].
         info: Topic of its sensor_msgs/CameraInfo.
-        position_m: (3,) of its optical frame in the scene's world [m]; that of TF where it is left out.
-        quaternion_wxyz: (4,) of its optical frame there: z forward, x right, y down.
+        place: (7,) position [m] and quaternion w x y z of its optical frame in the scene's world (z forward, x right, y
+            down); that of TF where it is left out.
     """
 
     color: str
     depth: str = ""
     info: str = ""
-    position_m: tuple[float, float, float] | None = None
-    quaternion_wxyz: tuple[float, float, float, float] | None = None
-
-    @pydantic.model_validator(mode="after")
-    def _check_place(self) -> "BagCamera":
-        if (self.position_m is None) != (self.quaternion_wxyz is None):
-            raise ValueError("position_m and quaternion_wxyz are given together")
-        return self
+    place: tuple[float, float, float, float, float, float, float] | None = None
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -39,9 +32,7 @@ class BagCamera(Authored):
     @property
     def pose(self) -> Pose | None:
         """`world_T_camera`, where it is given."""
-        if self.position_m is None or self.quaternion_wxyz is None:
-            return None
-        return Pose(self.position_m, self.quaternion_wxyz)
+        return Pose(self.place[:3], self.place[3:]) if self.place is not None else None
 
 
 class BagSettings(Authored):

@@ -7,11 +7,8 @@ clocks that agree. What lacks any of it is left out, with the reason; nothing is
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from os.path import commonpath
-from typing import Any
 
-import msgspec
 import numpy as np
-from typing_extensions import override
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.looks import FORMAT
@@ -19,26 +16,13 @@ from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.settings.bag import BagCamera, BagSettings
 from phyagentos.protocol.world.environment import TargetState
 from phyagentos.runtime.perception.bag_reader import EDGE_NS, Bag, Course, Taken, decode_color, decode_depth, find_kind
-from phyagentos.runtime.perception.look import Look, RecordedFrames
+from phyagentos.runtime.perception.look import Look
 from phyagentos.runtime.perception.robot_mask import RobotMask
-from phyagentos.runtime.targets.wire import Capture, Crop, Frame, Frames
+from phyagentos.runtime.targets.wire import Capture, Frame, Frames
 
 KINDS = {"color", "depth", "lens"}
 REST_NS = 300_000_000  # between the last two looks: an object that both show in one place rests
 _OFFSET_PX = 0.5  # ROS counts pixels by their middles, the wire by their edges
-
-
-class WholeFrames(RecordedFrames):
-    """The frames of a look, and windows of them, as often as perception needs them."""
-
-    def __init__(self, look: Look) -> None:
-        super().__init__(look)
-        self._frames = look.captures[0][1].frames
-
-    @override
-    def capture(self, cameras: tuple[str, ...] = (), crops: dict[str, Crop] | None = None, every: int = 1) -> Frames:
-        chosen = (each for each in self._frames if each.camera in cameras or not cameras)
-        return Frames(tuple(_cut(each, (crops or {}).get(each.camera)) for each in chosen))
 
 
 class BagLooks:
@@ -73,11 +57,6 @@ class BagLooks:
         begin_lag_ns = self._find_lag(bag.begin_ns, bag.begin_ns + EDGE_NS)
         begin = self._look_back(scene, first_ns, begin_lag_ns) if first_ns < rest_ns else None
         return [each for each in (begin, self._look_back(scene, rest_ns, lag_ns), last) if each is not None]
-
-    def describe(self, frame: Frame) -> dict[str, Any]:
-        """The stamp of a frame [ns], and its topics."""
-        camera, stamp_ns = self.cameras[frame.camera], self.origin_ns + round(frame.time_s * 1e9)
-        return {"stamp_ns": stamp_ns, "color": camera.color, "depth": camera.depth}
 
     def _find_lag(self, begin_ns: int, end_ns: int) -> int:
         """How much later than their stamps joint states were recorded in a part of the bag, or in all of it [ns]."""
@@ -227,17 +206,3 @@ def _blend(course: Course, stamp_ns: int, gap_ns: int) -> float:
 
 def _find_nearest(taken: Sequence[Taken], stamp_ns: int) -> Taken | None:
     return min(taken, key=lambda each: abs(each.stamp_ns - stamp_ns), default=None)
-
-
-def _cut(frame: Frame, crop: Crop | None) -> Frame:
-    left, top, width, height = crop or (0, 0, frame.width, frame.height)
-    rows, columns = slice(top, top + height), slice(left, left + width)
-    return msgspec.structs.replace(
-        frame,
-        width=width,
-        height=height,
-        cx=frame.cx - left,
-        cy=frame.cy - top,
-        rgb=frame.rgb[rows, columns],
-        depth_m=frame.depth_m[rows, columns],
-    )

@@ -10,15 +10,13 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.settings.bag import BagSettings
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.runtime.perception.bag_looks import BagLooks, WholeFrames
+from phyagentos.runtime.perception.bag_looks import BagLooks
 from phyagentos.runtime.perception.bag_reader import Bag
 from phyagentos.runtime.perception.grip import Hand, find_held
 from phyagentos.runtime.perception.inventory import build_inventory
-from phyagentos.runtime.perception.look import Look
+from phyagentos.runtime.perception.look import Look, RecordedFrames
 from phyagentos.runtime.perception.perceived_world import PerceivedWorld
 from phyagentos.runtime.perception.robot_mask import RobotMask
-from phyagentos.runtime.perception.world_model import WORLD
-from phyagentos.runtime.targets.wire import Step
 
 
 class PerceivedBag:
@@ -35,18 +33,14 @@ class PerceivedBag:
     def __init__(
         self, bag: Bag, how: BagSettings, scene: Scene, library: Library, profile: TargetProfile, folder: Path
     ) -> None:
-        mask, name = RobotMask(profile, folder), profile.target
-        self.looks, self.seen = BagLooks(bag, how, profile, mask), list[tuple[Look, Environment]]()
+        mask, name, age_s = RobotMask(profile, folder), profile.target, how.max_age_s
+        self.looks = BagLooks(bag, how, profile, mask)
+        self.seen: list[tuple[Look, Environment]] = []
         for look in self.looks.find_looks(scene):
-            frames, age_s = WholeFrames(look), how.max_age_s
+            frames = RecordedFrames(look)
             world = PerceivedWorld(name, frames, library, mask, max_age_s=age_s, noisy=how.noise, profile=profile)
-            if self.seen:
-                world.restore(self.seen[-1][1])
-            world.enter(scene)
-            for time_s, state in look.states:
-                world.advance(Step(time_s=time_s, target=state, tracking_error_rad=0.0), stands=False)
-            shown = world.observe(WORLD)
-            self.seen.append((world.latest_look or look, shown))
+            look.before = _note_alive(self.seen[-1][1], look.now[0]) if self.seen else None
+            self.seen.append((look, world.repeat(look)))
         self.left_out, self.between_fingers = tuple(dict.fromkeys(self.looks.left_out)), ""
         if self.seen:
             look, shown = self.seen[-1]
@@ -56,3 +50,9 @@ class PerceivedBag:
             touching = msgspec.structs.replace(look.now[1], fingers_touching=2)
             held = find_held(shown.entities, touching, build_inventory(read_placed(library, scene.name)), hand)
             self.between_fingers = held.name if held is not None else ""
+
+
+def _note_alive(world: Environment, time_s: float) -> Environment:
+    """The same world, whose cameras need no probe at a time [s]: whole pictures of a bag show that they live."""
+    sensors = {name: msgspec.structs.replace(each, probed_s=time_s) for name, each in world.sensors.items()}
+    return msgspec.structs.replace(world, sensors=sensors)

@@ -19,7 +19,6 @@ from phyagentos.runtime.perception.solids import Array, Solids
 
 LINK_M = 0.012  # links are drawn up to this much thicker than their collision solids, and cameras stand askew
 TIP_M = 0.006  # the fingers are close to what they hold
-WIDTHS = 401  # openings of a gripper that are tried
 _KINDS = {int(geom): kind for kind, geom in GEOM_TYPES.items()}
 
 
@@ -48,11 +47,12 @@ class RobotMask:
         return as_pose(data.site_xmat[self._tool].reshape(3, 3), data.site_xpos[self._tool])
 
     def find_width(self, positions: Mapping[str, float]) -> float:
-        """The opening [m] at which the gripper's joints are nearest to these positions of some of them."""
-        chosen = [self.fingers.index(name) for name in positions]
-        widths_m = np.linspace(self._hand.widths_m[0], self._hand.widths_m[-1], WIDTHS)
-        away = [np.linalg.norm(self._hand.pose(each)[chosen] - [*positions.values()]) for each in widths_m.tolist()]
-        return float(widths_m[np.argmin(away)])
+        """The opening [m] at which the gripper's joints have these positions of some of them."""
+        courses = {name: self._hand.postures[:, self.fingers.index(name)] for name in positions}
+        rising = {name: np.argsort(course) for name, course in courses.items()}
+        widths_m = self._hand.widths_m
+        found = (np.interp(positions[name], courses[name][each], widths_m[each]) for name, each in rising.items())
+        return float(np.mean([*found]))
 
     @property
     def fingers(self) -> tuple[str, ...]:

@@ -227,21 +227,18 @@ def test_topics_names_of_joints_and_places_of_cameras_can_be_given(judge, tmp_pa
     file = write(
         tmp_path / "bag.yaml",
         "joints: {joint1: a1, joint2: a2}\n"
-        f"cameras: {{top: {{color: /overhead/color/image_raw, position_m: {list(pose.position_m)}, "
-        f"quaternion_wxyz: {list(pose.quaternion_wxyz)}}}}}\n",
+        f"cameras: {{top: {{color: /overhead/color/image_raw, place: {[*pose.position_m, *pose.quaternion_wxyz]}}}}}\n",
     )
     blind = Recorder(rate_hz=5.0, tf=lambda camera, pose: None, joint_names={"joint1": "a1", "joint2": "a2"})
     found, _ = judge(IN, blind, settings=file)
     assert [each.camera for each in found.looks[-1].frames] == ["top"]
     assert found.verdict is Truth.TRUE
-    found, _ = judge(IN, topics=("front=/left/color/image_raw", "top=/overhead/color/image_raw"))
-    assert [each.camera for each in found.looks[-1].frames] == ["front", "top"]
 
 
-def test_what_the_bag_or_the_scene_lacks_is_refused_with_what_there_is(judge):
+def test_what_the_bag_or_the_scene_lacks_is_refused_with_what_there_is(judge, tmp_path):
+    typo = write(tmp_path / "bag.yaml", "cameras: {front: {color: /lft/color/image_raw}}\n")
     for wrong, text in (
-        ({"topics": ("front=/lft/color/image_raw",)}, "Did you mean '/left/color/image_raw'"),
-        ({"topics": ("/left/color/image_raw",)}, "CAMERA=/topic/of/its/pictures"),
+        ({"settings": typo}, "Did you mean '/left/color/image_raw'"),
         ({"accept": ("inside(red_cub, red_tray)",)}, "Did you mean 'red_cube'"),
         ({"accept": ()}, "no criterion"),
         ({"accept": ("measured(path_m) < 2",)}, "INVALID|UNKNOWN|metric"),
