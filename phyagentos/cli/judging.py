@@ -52,11 +52,8 @@ def verify(
         if session or from_frames or with_ is not None or workspace is not None:
             expected = "a bag, or a session of a workspace"
             raise DefinitionError.of("INVALID_VALUE", "--bag", "options of a session besides", expected)
-        if not scene:
-            raise DefinitionError.of("MISSING_VALUE", "--scene", "none", "a scene of `paos list scenes`")
         evidence = to or Path(f"{bag.name}_verdict")
-        found = verify_bag(bag, scene, accept or (), evidence, robot=robot, settings=settings)
-        return _show_bag(found)
+        return _show_bag(verify_bag(bag, scene, accept or (), evidence, robot=robot, settings=settings))
     if scene or accept or robot or settings or to:
         raise DefinitionError.of("MISSING_VALUE", "--bag", "none, but options of one", "the folder of a bag")
     if not session:

@@ -4,6 +4,7 @@ The robot need not know this project; it needs a profile (`paos robot new`), by 
 """
 
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from phyagentos.runtime.perception.perceived_bag import PerceivedBag
 
 VERDICT = "verdict.json"
-_EPISODE = "bag"
 
 
 class ShownFrame(msgspec.Struct, frozen=True, kw_only=True):
@@ -106,13 +106,13 @@ def verify_bag(
     from phyagentos.runtime.perception.perceived_bag import PerceivedBag
 
     recorded = read_bag(bag)
-    named = {how.joint_states, *(each for camera in how.cameras.values() for each in camera.topics)} - {""}
+    named = {how.joint_states, *chain(*((each.color, each.depth, each.info) for each in how.cameras.values()))} - {""}
     if unknown := sorted(named - recorded.types.keys()):
         raise DefinitionError([Problem.unknown("topic", str(bag), each, recorded.types) for each in unknown])
     profile, folder = read_profile(library.get_target(robot or _find_robot(library, recorded, how)))
     if profile.base is not None:
         raise DefinitionError.of("INVALID_VALUE", "--robot", f"{profile.target}, whose base moves", "one that stands")
-    place = Scene(name=name_placed(scene, [profile]), seed=0, episode=_EPISODE)
+    place = Scene(name=name_placed(scene, [profile]), seed=0, episode=bag.name)
     found = PerceivedBag(recorded, how, place, library, profile, folder)
     criteria = tuple(_judge(text, found, profile.target) for text in accept)
     truths = {each.truth for each in criteria}

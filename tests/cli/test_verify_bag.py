@@ -48,7 +48,7 @@ def test_the_verdict_its_frames_and_what_was_left_out_are_printed(bag, paos, tmp
 def test_what_no_bag_can_decide_is_refused(paos, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     of_scene = ("--scene", SCENE, "--accept", RED)
-    assert_refused(paos("verify", "--bag", "run", "--accept", RED), "--scene: MISSING_VALUE")
+    assert_refused(paos("verify", "--bag", "run", "--accept", RED), "UNKNOWN_NAME (scene): found ''")
     assert_refused(paos("verify", "--bag", "run", "--scene", SCENE), "--accept: MISSING_VALUE")
     assert_refused(paos("verify", "red", "--bag", "run", *of_scene), "--bag: INVALID_VALUE")
     assert_refused(paos("verify", "red", *of_scene), "--bag: MISSING_VALUE")

@@ -25,11 +25,6 @@ class BagCamera(Authored):
     place: tuple[float, float, float, float, float, float, float] | None = None
 
     @property
-    def topics(self) -> tuple[str, ...]:
-        """Those that are named."""
-        return tuple(filter(None, (self.color, self.depth, self.info)))
-
-    @property
     def pose(self) -> Pose | None:
         """`world_T_camera`, where it is given."""
         return Pose(self.place[:3], self.place[3:]) if self.place is not None else None

@@ -37,19 +37,18 @@ class BagLooks:
         self._bag, self._how, self._robot, self._target = bag, how, robot, profile.target
         self._gap_ns, self._age_ns = round(how.state_s * 1e9), round(how.max_age_s * 1e9)
         self._arm = [course for name in profile.arm.joints if (course := find_joint(bag, how, name)) is not None]
-        found = {name: find_joint(bag, how, name) for name in robot.fingers}
+        found = {name: find_joint(bag, how, name) for name in profile.gripper.joints}
         self._fingers = {name: course for name, course in found.items() if course is not None}
         self.origin_ns = int(self._arm[0].stamps_ns[0]) if self._arm else 0
         self.left_out: list[str] = []
-        self.cameras = self._find_cameras()
-        if len(self._arm) < len(profile.arm.joints):
-            self.left_out.append(f"no states of all the joints {', '.join(profile.arm.joints)}")
-            self.cameras = {}
+        lacking = [name for name in profile.arm.joints if find_joint(bag, how, name) is None]
+        self.left_out += [f"no states of the joints {', '.join(lacking)}"] if lacking else []
+        self.cameras = {} if lacking else self._find_cameras()
 
     def find_looks(self, scene: Scene) -> list[Look]:
         """At the begin, shortly before the end, and at the end: none without the end, fewer where less is shown."""
         bag, lag_ns = self._bag, self._find_lag(self._bag.end_ns - EDGE_NS, self._bag.end_ns)
-        self._drop_frames(lag_ns)
+        self._drop_transforms(lag_ns)
         if (last := self._look_back(scene, bag.end_ns - lag_ns, lag_ns, notes=True)) is None:
             return []
         rest_ns = self.origin_ns + round(min(each.time_s for each in last.captures[0][1].frames) * 1e9) - REST_NS
@@ -66,7 +65,7 @@ class BagLooks:
         within = lags[(begin_ns <= logged) & (logged <= end_ns)]
         return int(np.median(within if len(within) else lags))
 
-    def _drop_frames(self, lag_ns: int) -> None:
+    def _drop_transforms(self, lag_ns: int) -> None:
         """Do without frames of /tf that another clock stamped than the joint states."""
         moving = {name: step for name, (_, step) in self._bag.frames.items() if isinstance(step, Course)}
         why = {name: self._explain_clock(int(np.median(step.lags_ns)), lag_ns) for name, step in moving.items()}
@@ -87,13 +86,12 @@ class BagLooks:
         self.left_out += [
             f"{topic}: {kind} is not read" for topic, kind in kinds.items() if kind.startswith("encoding")
         ]
-        chosen = dict(self._how.cameras)
-        if not chosen:
-            colors = sorted((topic.endswith("compressed"), topic) for topic, kind in kinds.items() if kind == "color")
-            for _, topic in colors:
-                chosen.setdefault(first[topic].frame.removesuffix("_optical_frame"), BagCamera(color=topic))
-        if not chosen:
-            self.left_out.append("no topic has pictures in colour")
+        colors = sorted(
+            ((topic.endswith("compressed"), topic) for topic, kind in kinds.items() if kind == "color"), reverse=True
+        )
+        found = {first[topic].frame.removesuffix("_optical_frame"): BagCamera(color=topic) for _, topic in colors}
+        chosen = self._how.cameras or dict(sorted(found.items()))
+        self.left_out += [] if chosen else ["no topic has pictures in colour"]
 
         def find_near(color: str, kind: str) -> str:
             topics = sorted(topic for topic, each in kinds.items() if each == kind)

@@ -39,7 +39,10 @@ class PerceivedBag:
         for look in self.looks.find_looks(scene):
             frames = RecordedFrames(look)
             world = PerceivedWorld(name, frames, library, mask, max_age_s=age_s, noisy=how.noise, profile=profile)
-            look.before = _note_alive(self.seen[-1][1], look.now[0]) if self.seen else None
+            if self.seen:  # whole pictures show that the cameras live: no probe is due
+                before, probed = self.seen[-1][1], {"probed_s": look.now[0]}
+                alive = {each: msgspec.structs.replace(was, **probed) for each, was in before.sensors.items()}
+                look.before = msgspec.structs.replace(before, sensors=alive)
             self.seen.append((look, world.repeat(look)))
         self.left_out, self.between_fingers = tuple(dict.fromkeys(self.looks.left_out)), ""
         if self.seen:
@@ -50,9 +53,3 @@ class PerceivedBag:
             touching = msgspec.structs.replace(look.now[1], fingers_touching=2)
             held = find_held(shown.entities, touching, build_inventory(read_placed(library, scene.name)), hand)
             self.between_fingers = held.name if held is not None else ""
-
-
-def _note_alive(world: Environment, time_s: float) -> Environment:
-    """The same world, whose cameras need no probe at a time [s]: whole pictures of a bag show that they live."""
-    sensors = {name: msgspec.structs.replace(each, probed_s=time_s) for name, each in world.sensors.items()}
-    return msgspec.structs.replace(world, sensors=sensors)

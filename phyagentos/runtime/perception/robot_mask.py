@@ -47,17 +47,11 @@ class RobotMask:
         return as_pose(data.site_xmat[self._tool].reshape(3, 3), data.site_xpos[self._tool])
 
     def find_width(self, positions: Mapping[str, float]) -> float:
-        """The opening [m] at which the gripper's joints have these positions of some of them."""
-        courses = {name: self._hand.postures[:, self.fingers.index(name)] for name in positions}
-        rising = {name: np.argsort(course) for name, course in courses.items()}
-        widths_m = self._hand.widths_m
-        found = (np.interp(positions[name], courses[name][each], widths_m[each]) for name, each in rising.items())
-        return float(np.mean([*found]))
-
-    @property
-    def fingers(self) -> tuple[str, ...]:
-        """Joints of the gripper."""
-        return self._hand.joints
+        """The opening [m] at which joints of the gripper have these positions, by the first of them."""
+        name, position = next(iter(positions.items()))
+        course = self._hand.postures[:, self._hand.joints.index(name)]
+        rising = np.argsort(course)
+        return float(np.interp(position, course[rising], self._hand.widths_m[rising]))
 
     def pose(self, state: TargetState) -> Solids:
         """Its solids in the world, at the measured joint positions."""
