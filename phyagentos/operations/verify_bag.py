@@ -47,7 +47,7 @@ class ShownLook(msgspec.Struct, frozen=True, kw_only=True):
     """One look at the world of a bag.
 
     Attributes:
-        role: `start`; `look`, shortly before the end; `end`, on which the verdict rests.
+        role: `start`; `look`, before the end; `end`, on which the verdict rests.
         time_s: After the first joint state of the bag [s].
         file: Of the folder with the evidence; its pictures are there as `<role>-<camera>.png`, too.
     """
