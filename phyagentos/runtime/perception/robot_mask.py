@@ -29,7 +29,7 @@ class RobotMask:
         self.reach_m = profile.gripper.grasp_reach_m
         self._model = compile_robot(profile, folder)
         self._data = mujoco.MjData(self._model)
-        self._tool = self._model.site(profile.tcp).id
+        self._tool = profile.tcp
         self._arm = [int(self._model.joint(name).qposadr[0]) for name in profile.arm.joints]
         self._hand = measure_hand(profile, folder)
         self.find_middle = self._hand.find_middle
@@ -44,7 +44,8 @@ class RobotMask:
         data = self._data
         data.qpos[self._arm] = q_rad
         mujoco.mj_kinematics(self._model, data)
-        return as_pose(data.site_xmat[self._tool].reshape(3, 3), data.site_xpos[self._tool])
+        tool = data.site(self._tool)
+        return as_pose(tool.xmat.reshape(3, 3), tool.xpos)
 
     def find_width(self, positions: Mapping[str, float]) -> float:
         """The opening [m] at which joints of the gripper have these positions, by the first of them."""
