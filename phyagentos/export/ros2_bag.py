@@ -6,7 +6,7 @@ Frames are those of REP 103 and REP 105: `world`, and `<camera>_optical_frame` f
 
 import heapq
 import json
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Iterator
 from operator import itemgetter
 from pathlib import Path
@@ -140,33 +140,30 @@ def _iter_pictures(log: SessionLog, make: _Maker) -> Iterator[Message]:
 
 def _iter_frames(log: SessionLog, make: _Maker) -> Iterator[Message]:
     """Lens, place and depth of the frames that perception went by; a camera that never moved stands in /tf_static."""
-    frames: dict[str, list[tuple[Path, StoredFrame]]] = defaultdict(list)
-    for path, frame in find_frames(log.folder):
-        if frame.fx > 0.0:  # earlier versions wrote none
-            frames[frame.camera].append((path, frame))
-    for camera, shown in frames.items():
-        child = _name(camera)
-        stands = all(each.world_T_camera == shown[0][1].world_T_camera for _, each in shown)
-        if stands:
-            yield log.start_ns, "/tf_static", make.transform(log.start_ns, child, shown[0][1].world_T_camera)
-        for path, frame in shown:
-            at_ns = log.place(frame.time_s)
-            if not stands:
-                yield at_ns, "/tf", make.transform(at_ns, child, frame.world_T_camera)
-            head, size = make.head(at_ns, child), {"height": frame.height, "width": frame.width}
-            yield at_ns, f"/camera/{camera}/color/camera_info", _describe_lens(make, frame, head, size)
-            with open_packed(path) as file:
-                depth_m = decode_array(file.read(frame.depth_m)).astype(np.float32)
-            depth = make(
-                "sensor_msgs/Image",
-                header=head,
-                encoding="32FC1",
-                is_bigendian=0,
-                step=4 * frame.width,
-                data=np.ascontiguousarray(depth_m).view(np.uint8).ravel(),
-                **size,
-            )
-            yield at_ns, f"/camera/{camera}/depth/image_rect", depth
+    frames = [each for each in find_frames(log.folder) if each[1].fx > 0.0]  # earlier versions wrote no lens
+    places = dict.fromkeys((each.camera, each.world_T_camera) for _, each in frames)
+    moving = {name for name, count in Counter(name for name, _ in places).items() if count > 1}
+    for name, pose in places:
+        if name not in moving:
+            yield log.start_ns, "/tf_static", make.transform(log.start_ns, _name(name), pose)
+    for path, frame in frames:
+        camera, child, at_ns = frame.camera, _name(frame.camera), log.place(frame.time_s)
+        if camera in moving:
+            yield at_ns, "/tf", make.transform(at_ns, child, frame.world_T_camera)
+        head, size = make.head(at_ns, child), {"height": frame.height, "width": frame.width}
+        yield at_ns, f"/camera/{camera}/color/camera_info", _describe_lens(make, frame, head, size)
+        with open_packed(path) as file:
+            depth_m = decode_array(file.read(frame.depth_m)).astype(np.float32)
+        depth = make(
+            "sensor_msgs/Image",
+            header=head,
+            encoding="32FC1",
+            is_bigendian=0,
+            step=4 * frame.width,
+            data=np.ascontiguousarray(depth_m).view(np.uint8).ravel(),
+            **size,
+        )
+        yield at_ns, f"/camera/{camera}/depth/image_rect", depth
 
 
 def _describe_lens(make: _Maker, frame: StoredFrame, head: Any, size: dict[str, int]) -> Any:

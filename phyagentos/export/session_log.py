@@ -99,11 +99,10 @@ def read_log(workspace: Workspace, status: SessionStatus) -> SessionLog:
 
 def find_frames(folder: Path) -> list[tuple[Path, StoredFrame]]:
     """Whole frames that perception went by, each with the file of its look."""
-    found = []
-    for path in (folder / entry.file for entry in read_looks(folder)):
-        for request, answer in read_stored_look(path).captures if path.is_file() else ():
-            found += [(path, each) for each in answer.frames if request.every == 1 and each.camera not in request.crops]
-    return found
+    looks = (path for entry in read_looks(folder) if (path := folder / entry.file).is_file())
+    captures = ((path, *capture) for path in looks for capture in read_stored_look(path).captures)
+    shown = ((path, request, each) for path, request, answer in captures for each in answer.frames)
+    return [(path, each) for path, request, each in shown if request.every == 1 and each.camera not in request.crops]
 
 
 def find_pictures(folder: Path) -> Sequence[Picture]:

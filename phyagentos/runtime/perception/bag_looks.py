@@ -15,7 +15,16 @@ from phyagentos.protocol.sessions.looks import FORMAT
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.settings.bag import BagCamera, BagSettings
 from phyagentos.protocol.world.environment import TargetState
-from phyagentos.runtime.perception.bag_reader import EDGE_NS, Bag, Course, Taken, decode_color, decode_depth, find_kind
+from phyagentos.runtime.perception.bag_reader import (
+    EDGE_NS,
+    INFO,
+    Bag,
+    Course,
+    Taken,
+    decode_color,
+    decode_depth,
+    find_kind,
+)
 from phyagentos.runtime.perception.look import Look
 from phyagentos.runtime.perception.robot_mask import RobotMask
 from phyagentos.runtime.targets.wire import Capture, Frame, Frames
@@ -82,7 +91,8 @@ class BagLooks:
     def _find_cameras(self) -> dict[str, BagCamera]:
         """The cameras of the settings, or one for each frame of pictures in colour; with all their topics."""
         first = {topic: taken[0] for topic, taken in self._bag.pictures.items()}
-        kinds = {topic: find_kind(taken) for topic, taken in first.items()}
+        types = self._bag.types
+        kinds = {topic: "lens" if types[topic] == INFO else find_kind(taken) for topic, taken in first.items()}
         self.left_out += [
             f"{topic}: {kind} is not read" for topic, kind in kinds.items() if kind.startswith("encoding")
         ]

@@ -179,9 +179,7 @@ def _interpolate(a: Array, b: Array, share: float) -> Array:
 
 
 def find_kind(taken: Taken) -> str:
-    """`color`, `depth` or `lens`; else the encoding of a picture, which is not read."""
-    if hasattr(taken.message, "k"):
-        return "lens"
+    """`color` or `depth`; else the encoding of a picture, which is not read."""
     name = str(getattr(taken.message, "encoding", "") or getattr(taken.message, "format", ""))
     if name in _DEPTHS:
         return "depth"
