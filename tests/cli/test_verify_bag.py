@@ -17,7 +17,7 @@ RED = "inside(red_cube, red_tray)"
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    """A run of half a second, at whose end the cube lies in its tray."""
+    """A run of half a second, at whose end the cube is in its tray."""
     script = {0.0: lambda table: table.put_into("red_cube", "red_tray")}
     return Recorder().record(Table(), tmp_path_factory.mktemp("recorded") / "run", script, until_s=0.6)
 
