@@ -16,6 +16,7 @@ _SPACES = typer.Argument(metavar="WORKSPACE…", help="Workspaces whose sessions
 _LIST = "Names with commas between."
 _IDS = typer.Argument(metavar="SESSION…", help="Session ids, the part after the goal is enough; a film shows all.")
 _TO = typer.Option("--to", metavar="FILE", help="The file that is written.")
+_LOG = typer.Option("--to", metavar="FILE", help="The file, or folder of a bag.", show_default="session.mcap")
 _DRAWN = typer.Option("--to", metavar="FILE", help="What is written: .png is a picture, .webp and .gif are films.")
 
 
@@ -81,9 +82,16 @@ def html(
     return _tell(write_archive(workspace, goal, to))
 
 
-def mcap(session: Id, workspace: Space, to: Annotated[Path, _TO] = Path("session.mcap")) -> Reply[Written]:
+def mcap(
+    session: Id,
+    workspace: Space,
+    to: Annotated[Path | None, _LOG] = None,
+    ros2: Annotated[bool, typer.Option("--ros2", help="A bag of ROS 2, a folder, for `ros2 bag play`.")] = False,
+) -> Reply[Written]:
     """Write a session as MCAP, for Foxglove and Lichtblick: motion, tree, statechart, pictures, documents."""
-    return _tell(export.export_mcap(workspace, session, to))
+    if ros2:
+        return _tell(export.export_ros2_bag(workspace, session, to or Path("session_bag")))
+    return _tell(export.export_mcap(workspace, session, to or Path("session.mcap")))
 
 
 def rrd(session: Id, workspace: Space, to: Annotated[Path, _TO] = Path("session.rrd")) -> Reply[Written]:

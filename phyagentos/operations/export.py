@@ -99,6 +99,14 @@ def export_mcap(root: Path, session: str, to: Path) -> Written:
     return Written(file=to)
 
 
+def export_ros2_bag(root: Path, session: str, to: Path) -> Written:
+    """Write a session as a bag of ROS 2, a folder; raises DefinitionError `EXTRA_MISSING`, `WOULD_OVERWRITE`."""
+    from phyagentos.export.ros2_bag import write_ros2_bag
+
+    write_ros2_bag(*find_session(root, session), to)
+    return Written(file=to)
+
+
 def export_rrd(root: Path, session: str, to: Path) -> Written:
     """Write a session for the viewer of Rerun; raises DefinitionError `EXTRA_MISSING`."""
     from phyagentos.export.rerun_view import write_rrd

@@ -69,7 +69,8 @@ class StoredFrame(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         time_s: Stamp of the sensor [s].
-        fy: Vertical focal length [pixels].
+        fx, fy, cx, cy: Focal lengths and principal point [pixels], 0 where not recorded; the first pixel's middle is at
+            (0.5, 0.5).
         world_T_camera: OpenCV's convention: z forward, x right, y down.
         rgb: Name of the PNG.
         depth_m: Name of the `.npy`, float32 (height, width) along z; NaN where nothing was measured.
@@ -79,7 +80,10 @@ class StoredFrame(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
     width: int
     height: int
+    fx: float = 0.0
     fy: float = 0.0
+    cx: float = 0.0
+    cy: float = 0.0
     world_T_camera: Pose = Pose()
     rgb: str
     depth_m: str

@@ -3,13 +3,15 @@
 The solids are grown for the calibration error of the cameras.
 """
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from phyagentos.geometry import as_pose
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.world.environment import ShapeKind, TargetState
+from phyagentos.protocol.world.environment import Pose, ShapeKind, TargetState
 from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.models.robot import compile_robot
 from phyagentos.runtime.models.scene import GEOM_TYPES
@@ -27,6 +29,7 @@ class RobotMask:
         self.reach_m = profile.gripper.grasp_reach_m
         self._model = compile_robot(profile, folder)
         self._data = mujoco.MjData(self._model)
+        self._tool = profile.tcp
         self._arm = [int(self._model.joint(name).qposadr[0]) for name in profile.arm.joints]
         self._hand = measure_hand(profile, folder)
         self.find_middle = self._hand.find_middle
@@ -35,6 +38,21 @@ class RobotMask:
         model = self._model
         self._kinds, self._sizes, self._offsets = _read_geoms(model)
         self._grown = np.where(np.isin(model.geom_bodyid, list(tips)), TIP_M, LINK_M)
+
+    def find_tool(self, q_rad: Sequence[float]) -> Pose:
+        """`world_T_tcp` at joint positions (n_joints,) [rad]."""
+        data = self._data
+        data.qpos[self._arm] = q_rad
+        mujoco.mj_kinematics(self._model, data)
+        tool = data.site(self._tool)
+        return as_pose(tool.xmat.reshape(3, 3), tool.xpos)
+
+    def find_width(self, positions: Mapping[str, float]) -> float:
+        """The opening [m] at which joints of the gripper have these positions, by the first of them."""
+        name, position = next(iter(positions.items()))
+        course = self._hand.postures[:, self._hand.joints.index(name)]
+        rising = np.argsort(course)
+        return float(np.interp(position, course[rising], self._hand.widths_m[rising]))
 
     def pose(self, state: TargetState) -> Solids:
         """Its solids in the world, at the measured joint positions."""

@@ -294,6 +294,45 @@ MUTANTS = (
         ),
     ),
     Mutant(
+        name="clocks_of_a_bag_agree",
+        claim="Every clock of a bag is that of the joint states: old pictures with stamps of now count.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.perception.bag_looks", 'return says if abs(off_s) > allowed_s else ""', 'return ""'
+            ),
+        ),
+        tests=("tests/runtime/perception/test_bag_verdicts.py::test_old_pictures_with_stamps_of_now_are_not_believed",),
+    ),
+    Mutant(
+        name="any_frame_is_the_scenes",
+        claim="A tray that fits nowhere near its place is where a bag's cameras, set aside, make it out.",
+        edits=(
+            Edit(
+                "phyagentos.operations.verify_bag",
+                "            for each in astray\n",
+                "            for each in ()\n",
+            ),
+        ),
+        tests=(
+            "tests/runtime/perception/test_bag_verdicts.py::"
+            "test_cameras_in_another_frame_than_the_scenes_decide_nothing[4-off_m0]",
+        ),
+    ),
+    Mutant(
+        name="fingers_of_a_bag_are_open",
+        claim="What a bag shows between the fingers was let go.",
+        edits=(
+            Edit("phyagentos.operations.verify_bag", "if each.name == found.between_fingers)", "if not each.name)"),
+        ),
+        tests=("tests/runtime/perception/test_bag_verdicts.py::test_an_object_between_the_fingers_may_be_held",),
+    ),
+    Mutant(
+        name="one_look_at_a_bag_shows_rest",
+        claim="An object that one look alone shows rests.",
+        edits=(Edit("phyagentos.operations.verify_bag", "each.still_since_s is None)", "each.still_since_s == -1)"),),
+        tests=("tests/runtime/perception/test_bag_verdicts.py::test_one_look_does_not_show_that_an_object_rests",),
+    ),
+    Mutant(
         name="lookahead_reads_true_friction",
         claim="The imagined world is drawn with the weight and the friction that the true one has.",
         edits=(
