@@ -26,7 +26,8 @@ from phyagentos.protocol.workspace.workspace import Workspace
 
 VERSION = 8  # of metadata.yaml: that of Jazzy, which later ones read as well
 WORLD = "world"
-Message = tuple[int, str, Any]
+RosMessage = Any  # rosbags makes its types as it runs
+Message = tuple[int, str, RosMessage]
 """When it is logged [ns], on which topic, and the message."""
 
 
@@ -52,7 +53,7 @@ def write_ros2_bag(workspace: Workspace, status: SessionStatus, to: Path) -> Non
     if to.is_dir():
         to.rmdir()
     with Writer(to, version=VERSION, storage_plugin=StoragePlugin.MCAP) as writer:
-        topics: dict[str, Any] = {}
+        topics: dict[str, RosMessage] = {}
         for at_ns, topic, message in messages:
             kind, latched = message.__msgtype__, [make.latched] if topic == "/tf_static" else []
             if topic not in topics:
@@ -87,16 +88,16 @@ class _Maker:
             avoid_ros_namespace_conventions=False,
         )
 
-    def __call__(self, kind: str, **fields: Any) -> Any:
+    def __call__(self, kind: str, **fields: RosMessage) -> RosMessage:
         """A message of a type such as `sensor_msgs/Image`."""
         return self.store.types[kind.replace("/", "/msg/")](**fields)
 
-    def head(self, at_ns: int, frame: str = "") -> Any:
+    def head(self, at_ns: int, frame: str = "") -> RosMessage:
         """A header."""
         stamp = self("builtin_interfaces/Time", sec=at_ns // 1_000_000_000, nanosec=at_ns % 1_000_000_000)
         return self("std_msgs/Header", stamp=stamp, frame_id=frame)
 
-    def transform(self, at_ns: int, child: str, pose: Pose) -> Any:
+    def transform(self, at_ns: int, child: str, pose: Pose) -> RosMessage:
         """A frame in the world."""
         w, x, y, z = pose.quaternion_wxyz
         place = self("geometry_msgs/Vector3", **dict(zip("xyz", pose.position_m, strict=True)))
@@ -166,7 +167,7 @@ def _iter_frames(log: SessionLog, make: _Maker) -> Iterator[Message]:
         yield at_ns, f"/camera/{camera}/depth/image_rect", depth
 
 
-def _describe_lens(make: _Maker, frame: StoredFrame, head: Any, size: dict[str, int]) -> Any:
+def _describe_lens(make: _Maker, frame: StoredFrame, head: RosMessage, size: dict[str, int]) -> RosMessage:
     """A lens without distortion; ROS counts pixels by their middles, this project by their edges."""
     k = np.array([frame.fx, 0.0, frame.cx - 0.5, 0.0, frame.fy, frame.cy - 0.5, 0.0, 0.0, 1.0])
     whole = make("sensor_msgs/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)

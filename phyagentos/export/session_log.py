@@ -27,7 +27,8 @@ from phyagentos.store.history import Histories
 from phyagentos.store.journal import choose_partition
 from phyagentos.store.records import Record
 
-Event = tuple[int, Mapping[str, Any]]
+Row = Mapping[str, Any]
+Event = tuple[int, Row]
 """When it is logged [ns since the epoch], and what happened."""
 Picture = tuple[float, float, str, Path, str]
 """When it was shown and stamped, in the target's time [s]; the camera; a zip file of the bundle, and its name there."""
@@ -50,7 +51,7 @@ class SessionLog:
     profile: TargetProfile
     records: Sequence[Record]
     trace: Sequence[TraceEvent]
-    rows: Mapping[str, Any]
+    rows: Row
     start_s: float
     start_ns: int
     ended_ns: int

@@ -96,9 +96,8 @@ class SessionLoop:
     def run(self) -> Outcome:
         """Until the skill ends, a limit is reached, a condition is violated or an end is requested."""
         now_s, session = self.clock.now_s, self.context.session
-        limits = session.limits
         deadline_s = self.context.time_s + session.execution_s - TIME_TOLERANCE_S
-        wall_deadline_s = now_s() + limits.wall_timeout_s
+        wall_deadline_s = now_s() + session.limits.wall_timeout_s
         try:
             while True:
                 if isinstance(request := self.cancel(), EndRequest):
@@ -122,7 +121,7 @@ class SessionLoop:
                     message = session.explain_time()
                     return Outcome(ended=Ended.TIMED_OUT, code="TIMED_OUT", leaf=result.active, message=message)
                 if now_s() > wall_deadline_s:
-                    message = f"the contract allows {limits.wall_timeout_s} s by the wall clock"
+                    message = f"the contract allows {session.limits.wall_timeout_s} s by the wall clock"
                     return Outcome(ended=Ended.TIMED_OUT, code="TIMED_OUT", leaf=result.active, message=message)
         except CommandRefused as refusal:
             request = self.cancel() if refusal.code == "ABORTED" else None

@@ -24,6 +24,7 @@ EDGE_NS = 3_000_000_000  # pictures are read so long after the bag's begin, and 
 _CHANNELS = {"rgb8": (3, [0, 1, 2]), "bgr8": (3, [2, 1, 0]), "rgba8": (4, [0, 1, 2]), "bgra8": (4, [2, 1, 0])}
 _DEPTHS: dict[str, tuple[str, float]] = {"16UC1": ("u2", 0.001), "mono16": ("u2", 0.001), "32FC1": ("f4", 1.0)}
 Array = NDArray[np.float64]
+RosMessage = Any  # rosbags makes its types, and those of its readers, as it runs
 
 
 class Taken(NamedTuple):
@@ -31,7 +32,7 @@ class Taken(NamedTuple):
 
     stamp_ns: int
     logged_ns: int
-    message: Any
+    message: RosMessage
 
     @property
     def frame(self) -> str:
@@ -100,7 +101,7 @@ def read_bag(path: Path) -> Bag:
         DefinitionError: `EXTRA_MISSING`; `UNREADABLE_FILE` where it is missing, truncated, or no bag of ROS 2.
     """
     pictures: dict[str, list[Taken]] = defaultdict(list)
-    joints: dict[str, dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
+    joints: dict[str, dict[str, list[RosMessage]]] = defaultdict(lambda: defaultdict(list))
     with _reading(path) as reader:
         begin_ns, end_ns = reader.start_time, reader.end_time
         first_ns = begin_ns + EDGE_NS
@@ -117,7 +118,7 @@ def read_bag(path: Path) -> Bag:
 
 
 @contextmanager
-def _reading(path: Path) -> Iterator[Any]:
+def _reading(path: Path) -> Iterator[RosMessage]:
     with needs_extra("export", "paos verify --bag"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -132,18 +133,18 @@ def _reading(path: Path) -> Iterator[Any]:
         raise DefinitionError.of("UNREADABLE_FILE", str(path), str(error), expected, hint) from error
 
 
-def _iter_messages(reader: Any, types: tuple[str, ...], *span: int) -> Iterator[tuple[str, int, Any]]:
+def _iter_messages(reader: RosMessage, types: tuple[str, ...], *span: int) -> Iterator[tuple[str, int, RosMessage]]:
     """Messages of these types by topic, each with the time of its recording [ns]."""
     if connections := [each for each in reader.connections if each.msgtype in types]:
         for connection, logged_ns, data in reader.messages(connections, *span):
             yield connection.topic, logged_ns, reader.deserialize(data, connection.msgtype)
 
 
-def _read_stamp(header: Any) -> int:
+def _read_stamp(header: RosMessage) -> int:
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 
-def _join(rows: list[Any]) -> Course:
+def _join(rows: list[RosMessage]) -> Course:
     """A course of (stamp, recorded, values) in any order, without what is no number; of one stamp the first."""
     finite = [each for each in rows if np.isfinite(each[2]).all()]
     stamps, order = np.unique(np.array([each[0] for each in finite], np.int64), return_index=True)
@@ -151,10 +152,10 @@ def _join(rows: list[Any]) -> Course:
     return Course(stamps, np.array([each[2] for each in finite], np.float64)[order], lags)
 
 
-def _read_frames(reader: Any) -> dict[str, tuple[str, Array | Course]]:
+def _read_frames(reader: RosMessage) -> dict[str, tuple[str, Array | Course]]:
     parents: dict[str, set[str]] = defaultdict(set)
     fixed: dict[str, Array] = {}
-    rows: dict[str, list[Any]] = defaultdict(list)
+    rows: dict[str, list[RosMessage]] = defaultdict(list)
     for topic, logged_ns, message in _iter_messages(reader, (TRANSFORMS,)):
         for each in message.transforms:
             child, place, turned = each.child_frame_id.strip("/"), each.transform.translation, each.transform.rotation
@@ -208,7 +209,7 @@ def decode_depth(taken: Taken) -> NDArray[np.float32] | None:
     return np.where(np.isfinite(depth_m) & (depth_m > 0.0), depth_m, np.float32(np.nan))
 
 
-def _cut_rows(message: Any, kind: np.dtype[Any], channels: int) -> NDArray[Any] | None:
+def _cut_rows(message: RosMessage, kind: np.dtype[np.generic], channels: int) -> NDArray[np.generic] | None:
     """(height, width * channels) without the filling at the ends of rows."""
     data, width = np.asarray(message.data), message.width * channels * kind.itemsize
     if not 0 < width <= message.step or not len(data) == message.step * message.height > 0:
