@@ -28,14 +28,16 @@ SHIFTS = {
     "d": (0, -STEP_M, 0, 0, 0, 0), "r": (0, 0, STEP_M, 0, 0, 0), "f": (0, 0, -STEP_M, 0, 0, 0),
     "q": (0, 0, 0, 0, 0, STEP_RAD), "e": (0, 0, 0, 0, 0, -STEP_RAD),
 }  # fmt: skip
+STEP = np.array((STEP_M,) * 3 + (STEP_RAD,) * 3)
+MOST, REST_ROWS = 12, 6  # steps of one way at most; rows more than steps, so that it begins and ends gently
 GRIPPER, BACK = " ", "\n"
 KEYS = "w s: away, back · a d: left, right · r f: up, down · q e: turn · space: gripper · enter: hand back"
-FOLLOWED_S = 3.0
+FOLLOWED_S, SENT_S = 3.0, 0.5  # without a request the session has ended; the last answer is on its way
 TAKEN_S = 15.0  # until the runtime follows: a motion that plans is interrupted first
 
 
 class Keyboard:
-    """The keys of a person as a policy: a row of a step of the tool each tenth of a second."""
+    """The keys of a person as a policy of steps of the tool; each way that is typed begins and ends at rest."""
 
     def __init__(self, width_max_m: float) -> None:
         self._width_max_m, self._width_m = width_max_m, -1.0
@@ -69,18 +71,21 @@ class Keyboard:
         self.is_taken.set()
 
     def infer(self, request: Infer) -> tuple[Array, bool]:
-        """The next row: at most a step in each direction, and the opening, which at first stays as it is."""
+        """Rows of the way that was typed, one at rest where none was; the opening stays as it is at first."""
         self._asked_at_s = self._clock.now_s()
         with self._changed:
             if not self._left.any():
                 self._changed.wait_for(lambda: self._is_over or self._left.any(), ROW_S)
             if self._width_m < 0.0:
                 self._width_m = float(request.observations["gripper_width"])
-            step = np.clip(self._left, (-STEP_M,) * 3 + (-STEP_RAD,) * 3, (STEP_M,) * 3 + (STEP_RAD,) * 3)
-            self._left -= step
+            way = np.clip(self._left, -MOST * STEP, MOST * STEP)
+            self._left -= way
             if self._is_over:
                 self.is_back.set()
-            return np.append(step, self._width_m)[None], self._is_over
+            steps = int(np.abs(way / STEP).max().round())
+            share = np.linspace(0.0, 1.0, steps + REST_ROWS if steps else 2)
+            rows = np.outer(np.diff(share**3 * (10.0 - 15.0 * share + 6.0 * share**2)), way)
+            return np.column_stack((rows, np.full(len(rows), self._width_m))), self._is_over
 
 
 def take_over(
@@ -122,5 +127,6 @@ def _lead(keyboard: Keyboard, request: Callable[..., Stopped]) -> Stopped:
     finally:
         termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
     ended = "handed back" if keyboard.is_back.wait(FOLLOWED_S) else "the session has ended"
+    SystemClock().sleep(SENT_S)
     print_note(f"{ended}; what came of it: `paos why`")
     return found
