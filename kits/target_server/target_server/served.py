@@ -114,7 +114,8 @@ class Served:
         """Between requests: halt under an emergency stop, and where a body in motion got no command in time."""
         self._log.stamp()
         self.look_for_stops()
-        if self.body.is_realtime and self.is_moving and silent_s > DEADMAN_PERIODS * self.period_s:
+        is_awaited = self.body.is_realtime and self.is_moving
+        if is_awaited and self.body.measure_silence(silent_s) > DEADMAN_PERIODS * self.period_s:
             self._stop("DEADMAN", "Deadman")
         self._note_events()
 
@@ -373,7 +374,7 @@ def _encode(state: State) -> dict[str, Any]:
     return {
         "q_rad": list(map(float, state.q)), "qd_rad_s": list(map(float, state.qd)), "gripper_width_m": state.width_m,
         "tcp": {"position_m": list(map(float, state.tcp_m)), "quaternion_wxyz": list(state.tcp_wxyz)},
-        "holding": list(state.holding), "fingers_touching": state.fingers_touching,
+        "holding": list(state.holding), "fingers_touching": state.fingers_touching, "grip_force_n": state.grip_force_n,
     }  # fmt: skip
 
 
