@@ -4,6 +4,7 @@ Set-points are written when their turn begins and reached `lead_s` after it ends
 way. Between sessions nothing is sent; the robot's controller holds.
 """
 
+import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -30,6 +31,7 @@ REST_READINGS = 3
 HALT_MAX_S = 2.0
 MOVING_M_S = 0.01  # fingers that move faster press on nothing
 LOOK_S = 0.02
+SLACK = 1e-6  # of a step
 
 
 class Ros2Body(Body):
@@ -54,7 +56,7 @@ class Ros2Body(Body):
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin, daemon=True, name="ros")
         self._thread.start()
-        self._zero_s = self._due_s = 0.0
+        self._zero_s = self._row_s = 0.0
         self._q: tuple[float, ...] = ()
         self._qd: tuple[float, ...] = ()
         self._sent: list[tuple[float, tuple[float, ...]]] = []  # when it is to be reached, and what
@@ -63,7 +65,7 @@ class Ros2Body(Body):
         except SettingsError:
             self.close()
             raise
-        self._zero_s = self._due_s = self._clock.now_s
+        self._zero_s = self._row_s = self._clock.now_s
         self._take()
 
     def _describe(self) -> None:
@@ -83,13 +85,12 @@ class Ros2Body(Body):
             self.observations = ("joint_state", "gripper_width")
             self.actions = ("joint_position", "gripper_width")
         if ros.cameras:
-            self.observations = (*self.observations, "camera_rgb", "camera_depth")
+            self.observations = (*self.observations, "entity_poses", "camera_rgb", "camera_depth")
 
     def _open_senders(self) -> None:
         controller, gripper = self._settings.ros.controller, self._settings.ros.gripper
         self._finger_sender = ForwardSender(self._node, gripper.topic) if gripper and gripper.topic else None
-        self._with_fingers = bool(gripper) and self._finger_sender is None
-        names = [*self._names, *(self._fingers if self._with_fingers else ())]
+        names = [*self._names, *(self._fingers if self._finger_sender is None else ())]
         self._sender: TrajectorySender | ForwardSender = (
             TrajectorySender(self._node, controller, names, self._clock)
             if controller.kind == "trajectory"
@@ -137,10 +138,14 @@ class Ros2Body(Body):
 
     @property
     def time_s(self) -> float:
-        return self._clock.now_s - self._zero_s
+        """The present, in whole steps since the latest row: rows and what is reported between them are evenly apart."""
+        return self._row_s + self._count_steps() * self.step_s - self._zero_s
+
+    def _count_steps(self) -> int:
+        return math.floor((self._clock.now_s - self._row_s) / self.step_s + SLACK)
 
     def measure_silence(self, silent_s: float) -> float:
-        return self._clock.now_s - self._due_s if self._clock.is_simulated else silent_s
+        return self._clock.now_s - self._row_s - self.step_s if self._clock.is_simulated else silent_s
 
     def load(self, scene: str, seed: int, snapshot: bytes) -> None:
         """An episode begins where the robot stands; nothing moves."""
@@ -170,22 +175,22 @@ class Ros2Body(Body):
         return super().measure_error(due[-1] if due else self.read().q)
 
     def step(self, q: Sequence[float], qd: Sequence[float], width_m: float) -> str:
-        start_s = max(self._due_s, self._clock.now_s)
-        self._clock.wait_until(start_s)
+        self._await_step()
         self._reader.read(self._names)  # what is not seen is not moved
-        self._q, self._qd, self._due_s = tuple(q), tuple(qd), start_s + self.step_s
-        self._width_m = self._limit_fingers(width_m)
+        self._q, self._qd, self._wanted_m = tuple(q), tuple(qd), width_m
         self._send()
         return ""
 
     def stay(self) -> None:
-        start_s = max(self._due_s, self._clock.now_s)
-        self._clock.wait_until(start_s)
-        self._due_s = start_s + self.step_s
+        self._await_step()
         if self._width_m != self._wanted_m:
-            self._width_m = self._limit_fingers(self._wanted_m)
             self._send()
-        self._clock.wait_until(self._due_s)
+
+    def _await_step(self) -> None:
+        """Until the next whole step begins."""
+        start_s = self._row_s + (self._count_steps() + 1) * self.step_s
+        self._clock.wait_until(start_s)
+        self._row_s = start_s
 
     def halt(self, category: int) -> None:
         if any(self._qd) and isinstance(self._sender, ForwardSender):
@@ -237,21 +242,22 @@ class Ros2Body(Body):
     def _send(self, after_s: float = 0.0) -> None:
         """The present set-point, and where the joints come to rest if no other follows."""
         after_s = after_s or self.step_s + self._settings.ros.controller.lead_s
-        fingers = self._place_fingers() if self._with_fingers else ()
-        still = (0.0,) * len(fingers)
-        points = [Point((*self._q, *fingers), (*self._qd, *still), after_s)]
-        if any(self._qd):
-            rest, lasts_s = self._brake()
-            points.append(Point((*rest, *fingers), (0.0,) * len(points[0].q), after_s + lasts_s))
-        self._sender.send(points)
+        fingers, speeds = self._move_fingers()
         if self._finger_sender is not None:
-            self._finger_sender.send([Point(self._place_fingers(), (), 0.0)])
+            self._finger_sender.send([Point(fingers, speeds, 0.0)])
+            fingers = speeds = ()
+        q, qd = (*self._q, *fingers), (*self._qd, *speeds)
+        points = [Point(q, qd, after_s)]
+        if any(qd):
+            rest, lasts_s = self._brake()
+            points.append(Point((*rest, *fingers), (0.0,) * len(q), after_s + lasts_s))
+        self._sender.send(points)
         self._sent = [*self._sent[-REST_READINGS * 10 :], (self._clock.now_s + after_s, self._q)]
 
     def _brake(self) -> tuple[list[float], float]:
         rest, lasts_s = brake(self._q, self._qd, self._settings.acceleration)
         pairs = zip(rest, self.joints, strict=True)
-        return [min(max(each, joint.low), joint.high) for each, joint in pairs], lasts_s
+        return [min(max(each, joint.low), joint.high) for each, joint in pairs], max(lasts_s, self.step_s)
 
     def _ramp_down(self) -> None:
         """Positions of a braking motion, one a step, for a controller that takes no trajectory."""
@@ -278,22 +284,19 @@ class Ros2Body(Body):
             self._take_posture()
         except Refusal:
             self._qd = (0.0,) * len(self._q)
-        self._due_s = self._clock.now_s
 
     def _take_posture(self) -> None:
         width_m, wanted_m = self._width_m, self._wanted_m
         self._take()
         self._width_m, self._wanted_m = width_m, wanted_m
 
-    def _limit_fingers(self, wanted_m: float) -> float:
-        """Their next set-point on the way to an opening [m], at the speed of the profile."""
-        self._wanted_m = wanted_m
-        way_m = self._settings.finger_speed_m_s * self.step_s
-        return self._width_m + min(max(wanted_m - self._width_m, -way_m), way_m)
-
-    def _place_fingers(self) -> tuple[float, ...]:
+    def _move_fingers(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Their next positions on the way to the opening that is wanted, at the speed of the profile, and velocities."""
         gripper = self._settings.ros.gripper
         if gripper is None or not self.width_max_m:
-            return ()
-        share = self._width_m / self.width_max_m
-        return (gripper.closed + share * (gripper.opened - gripper.closed),) * len(gripper.joints)
+            return (), ()
+        way_m, before_m = self._settings.finger_speed_m_s * self.step_s, self._width_m
+        self._width_m += min(max(self._wanted_m - before_m, -way_m), way_m)
+        per_m = (gripper.opened - gripper.closed) / self.width_max_m
+        n, speed = len(gripper.joints), (self._width_m - before_m) * per_m / self.step_s
+        return (gripper.closed + self._width_m * per_m,) * n, (speed,) * n

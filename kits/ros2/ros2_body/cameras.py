@@ -38,10 +38,10 @@ class Shot:
 
     def develop(self, name: str, time_s: float, tool: "Array | None", window: "Window | None", every: int) -> Picture:
         """The picture, or a part of it; `tool` (4, 4) is where the tool was, for a camera on it."""
-        rgb, depth_m, info = _read_colors(self.color), _read_depth(self.depth), self.info
-        height, width = depth_m.shape
-        if rgb.shape[:2] != depth_m.shape:
-            raise Refusal("REQUEST_INVALID", f"{name}: colours {rgb.shape[:2]} and depth {depth_m.shape}: not registered")
+        rgb, raw, unit_m = _read_colors(self.color), *_read_depth(self.depth)
+        (height, width), info = raw.shape, self.info
+        if rgb.shape[:2] != raw.shape:
+            raise Refusal("OBSERVATION_UNAVAILABLE", f"{name}: colours {rgb.shape[:2]} and depth {raw.shape}: not registered")
         left, top, wide, high = window or (0, 0, width, height)
         rows, columns = high // max(every, 1), wide // max(every, 1)
         is_inside = min(left, top) >= 0 and left + wide <= width and top + high <= height
@@ -52,13 +52,15 @@ class Shot:
         pose = make_pose(self.settings.position_m, self.settings.quaternion_wxyz)
         pose = pose if tool is None else tool @ pose
         x, y, z = pose[:3, 3].tolist()
+        depth_m = raw[some].astype("<f4") * np.float32(unit_m)
+        depth_m[~(depth_m > 0.0) | np.isinf(depth_m)] = np.nan
         return Picture(
             camera=name, time_s=time_s, width=columns, height=rows,
             focal_px=(float(lens[0]) / every, float(lens[5]) / every),
             center_px=((float(lens[2]) + HALF_PX - left) / every, (float(lens[6]) + HALF_PX - top) / every),
             position_m=(x, y, z), quaternion_wxyz=to_quaternion(pose[:3, :3]),
             rgb=np.ascontiguousarray(rgb[some]).tobytes(),
-            depth_m=np.ascontiguousarray(depth_m[some], dtype="<f4").tobytes(),
+            depth_m=depth_m.tobytes(),
         )  # fmt: skip
 
 
@@ -104,13 +106,12 @@ def _read_colors(message: Any) -> NDArray[np.uint8]:
     return _unpack(message, "u1", channels)[..., list(order)]
 
 
-def _read_depth(message: Image) -> NDArray[np.float32]:
-    """(h, w) [m], NaN where nothing was measured."""
+def _read_depth(message: Image) -> tuple[NDArray[Any], float]:
+    """(h, w) numbers, and what one of them is [m]; raises `Refusal`."""
     if message.encoding not in _DEPTHS:
         raise Refusal("OBSERVATION_UNAVAILABLE", f"depth as {message.encoding!r}; known: {', '.join(_DEPTHS)}")
     kind, unit_m = _DEPTHS[message.encoding]
-    depth = _unpack(message, ("<", ">")[bool(message.is_bigendian)] + kind, 1)[..., 0].astype(np.float32) * np.float32(unit_m)
-    return np.where(np.isfinite(depth) & (depth > 0.0), depth, np.float32(np.nan))
+    return _unpack(message, f"{'>' if message.is_bigendian else '<'}{kind}", 1)[..., 0], unit_m
 
 
 def _unpack(message: Image, kind: str, channels: int) -> NDArray[Any]:

@@ -10,7 +10,7 @@ from target_server.wire import Refusal
 
 JUMP_S = 1.0  # forwards; backwards any jump is one
 LOOK_S = 0.001
-SILENCE_S = 2.0  # of the machine's time without a message of /clock
+SILENCE_S = 5.0  # of the machine's time without a message of /clock
 
 
 class RosClock:

@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from target_server.wire import Refusal
 
-from ros2_body.clock import RosClock
+from ros2_body.clock import SILENCE_S, RosClock
 from ros2_body.settings import JointStates
 
 KEPT = 256  # positions of each joint, for pictures that come late
@@ -43,7 +43,8 @@ class JointReader:
 
     def read(self, names: Sequence[str]) -> list[Measured]:
         """The joints of these names; raises `Refusal` `TARGET_LOST` with the topic, the joint and what is wrong."""
-        now_s, found = time.monotonic(), []
+        limit_s = SILENCE_S if self._clock.is_simulated else self._silence_s
+        arrived_s, at_s, found = time.monotonic() - limit_s, self._clock.now_s - self._silence_s, []
         if self._clock.complaint:
             raise Refusal("TARGET_LOST", self._clock.complaint)
         for name in names:
@@ -51,7 +52,7 @@ class JointReader:
             if each is None:
                 there = ", ".join(sorted(self._latest)) or "none"
                 raise Refusal("TARGET_LOST", f"{self.topic}: no joint {name!r}; it has {there}")
-            if now_s - each.arrived_s > self._silence_s:
+            if each.arrived_s < arrived_s or (self._clock.is_simulated and each.at_s < at_s):
                 raise Refusal("TARGET_LOST", f"{self.topic}: nothing new of {name!r} within {self._silence_s:g} s")
             if not math.isfinite(each.q) or not math.isfinite(each.qd):
                 raise Refusal("TARGET_LOST", f"{self.topic}: {name!r} at {each.q}, {each.qd}/s is no measurement")

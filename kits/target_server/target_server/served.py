@@ -5,6 +5,7 @@ described ranges and speeds, without a stop, and while the receive log can be wr
 preceded by a look at the stop file, at the client, and at its wish to end.
 """
 
+import contextlib
 import datetime
 import hmac
 import json
@@ -240,6 +241,7 @@ class Served:
             raise Refusal("NO_AUTHORITY", f"{self.session} has authority; it must end first")
         if epoch < self._floors.get(session, 0):
             raise Refusal("STALE_TOKEN", f"epoch {epoch} of {session} is over")
+        self.body.read()  # a body that cannot say where it is begins nothing
         if not self.session:
             self._stopped = ""  # the same claim made twice does not undo a stop
         self.session, self._epoch, self._sequence = session, epoch, 0
@@ -351,7 +353,9 @@ class Served:
         self.body.note_end(session)
 
     def _rest(self) -> None:
-        self.is_moving, self._last = False, self.body.read().q
+        self.is_moving = False
+        with contextlib.suppress(Refusal):  # of a body that is lost: it refuses by itself what comes
+            self._last = self.body.read().q
 
     def _report(self, stopped: str, wanted: Any) -> dict[str, Any]:
         return {

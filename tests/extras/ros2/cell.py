@@ -33,12 +33,12 @@ SCENE = "tabletop/cubes_and_trays"
 CAMERAS = ("overhead", "left", "right", "wrist")
 COMPRESSED = "left"
 PREFIX, NAMESPACE = "fr_", "cell"
-CONTROL_PERIOD_S = 0.02
+CONTROL_PERIOD_S, STEP_S = 0.1, 0.02  # for a machine that does other things besides
 HELD = ("ROS_DOMAIN_ID", "PATH", "HOME")
 CLOCK = SystemClock()
 
 
-def write_project(folder, *, kind="trajectory", cameras=CAMERAS, endpoint="ws://127.0.0.1:1", monkeypatch=None):
+def write_project(folder, *, kind="trajectory", hand=True, cameras=CAMERAS, endpoint="ws://127.0.0.1:1"):
     """A project whose panda is behind ROS 2, with cameras of 640 x 480 pixels; ros2.yaml is drafted and edited."""
     robot, settings = folder / "robots" / "panda", folder / "protocol"
     shutil.copytree(ROOT / "robots" / "panda", robot)
@@ -46,8 +46,12 @@ def write_project(folder, *, kind="trajectory", cameras=CAMERAS, endpoint="ws://
     for name in ("goal_graphs", "scenes", "skills", "trees"):
         (folder / name).mkdir()
     _edit(robot / "target.yaml", kind="real_robot", driver="remote", endpoint=endpoint, silence_max_s=5.0,
-          control_period_s=CONTROL_PERIOD_S, physics_step_s=CONTROL_PERIOD_S)  # fmt: skip
-    _edit(settings / "runtime_contract.yaml", world_mode="realtime", physics_step_s=CONTROL_PERIOD_S)
+          control_period_s=CONTROL_PERIOD_S, physics_step_s=STEP_S)  # fmt: skip
+    _edit(settings / "runtime_contract.yaml", world_mode="realtime", control_period_s=CONTROL_PERIOD_S, physics_step_s=STEP_S)
+    safety = yaml.safe_load((settings / "safety.yaml").read_text())
+    safety["targets"]["panda"]["command_validity_max"]["value"] = 5 * CONTROL_PERIOD_S
+    safety["targets"]["panda"]["command_rate_max"]["value"] = 1.0 / CONTROL_PERIOD_S
+    (settings / "safety.yaml").write_text(yaml.safe_dump(safety))
     sensors = yaml.safe_load((settings / "sensors.yaml").read_text())
     for name in [name for name in sensors["sensors"] if name not in (*cameras, "joint_state")]:
         del sensors["sensors"][name]
@@ -59,7 +63,7 @@ def write_project(folder, *, kind="trajectory", cameras=CAMERAS, endpoint="ws://
     (settings / "perception.yaml").write_text(yaml.safe_dump(perception))
     with contextlib.chdir(folder):
         draft_ros2("panda")
-    _edit_ros2(robot, settings, kind, cameras)
+    _edit_ros2(robot, settings, kind, hand, cameras)
     return folder
 
 
@@ -67,11 +71,12 @@ def _edit(path, **changes):
     path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | changes, sort_keys=False))
 
 
-def _edit_ros2(robot, settings, kind, cameras):
+def _edit_ros2(robot, settings, kind, hand, cameras):
     given = yaml.safe_load((robot / "ros2.yaml").read_text())
     topic = {"trajectory": "arm_controller/joint_trajectory", "forward": "arm_controller/commands"}[kind]
     given |= {"namespace": NAMESPACE, "use_sim_time": True, "controller": {"kind": kind, "topic": topic}}
     given["gripper"] |= {"joints": [PREFIX + name for name in given["gripper"]["joints"]], "force_per_effort": 1.0}
+    given["gripper"] |= {"topic": "hand_controller/commands"} if hand else {}
     for name, joint in given["joints"].items():
         joint["name"] = PREFIX + name
     given["cameras"] = {name: _place(robot, settings, name) for name in cameras}
@@ -167,7 +172,7 @@ class Cell:
         views = {name: {"compressed": name == COMPRESSED} for name in cameras}
         given = {
             "namespace": NAMESPACE, "prefix": PREFIX, "seed": seed, "pace": pace, "cameras": views,
-            "camera_hz": camera_hz, "kind": "trajectory", "controller": {}, "eyes": self._find_eyes(), **options,
+            "camera_hz": camera_hz, "kind": "trajectory", "hand": True, "controller": {"begins_at_desired": True}, "eyes": self._find_eyes(), **options,
         }  # fmt: skip
         command = [python, HERE / "emulator.py", plant, json.dumps(given)]
         self.robot = Process(command, folder / "robot.log", ROS_DOMAIN_ID=self.domain)

@@ -6,6 +6,7 @@ Lines on standard input act on the world as a person or a fault would, or ask fo
 of JSON. The world runs no faster than `pace` times real time, and waits for its cameras.
 """
 
+import array
 import json
 import pickle
 import queue
@@ -33,6 +34,11 @@ from trajectory_controller import TrajectoryController  # noqa: E402
 BEGIN_S = 1000.0  # of the robot's clock
 CONTROL_STEPS, REPORT_STEPS = 2, 4  # physics steps of 2 ms: 250 Hz and 125 Hz
 CAMERAS_BEHIND_S = 0.06
+
+
+def as_bytes(values):
+    """What a message takes without a look at each byte."""
+    return array.array("B", values.tobytes())
 
 
 class Plant:
@@ -75,8 +81,10 @@ class Robot(Node):
     def __init__(self, plant, options):
         super().__init__("robot", namespace=options["namespace"])
         self.plant, self.options = plant, options
-        self.names = [options["prefix"] + name for name in (*plant.joints, *plant.fingers)]
-        self.controller = TrajectoryController(self.names, plant.measure()[0], **options["controller"])
+        self.names, q = [options["prefix"] + name for name in (*plant.joints, *plant.fingers)], plant.measure()[0]
+        n = len(plant.joints) if options["hand"] else len(q)
+        self.controller = TrajectoryController(self.names[:n], q[:n], **options["controller"])
+        self.fingers = q[n:]
         self.is_stopped, self.is_silent, self.shift_s, self.poison = False, False, 0.0, None
         self.stopped_at_s, self.stops, self.late_s = None, 0, []
         self._rng = np.random.default_rng(7)
@@ -86,6 +94,8 @@ class Robot(Node):
             self.create_subscription(JointTrajectory, "arm_controller/joint_trajectory", self.take, 10)
         else:
             self.create_subscription(Float64MultiArray, "arm_controller/commands", self.forward, 10)
+        if options["hand"]:
+            self.create_subscription(Float64MultiArray, "hand_controller/commands", self.move_hand, 10)
         self.create_service(Trigger, "stop", self.stop)
         self.create_subscription(Bool, "stop", self.stop, 1)
         self.views = {
@@ -115,7 +125,18 @@ class Robot(Node):
             (each.time_from_start.sec + 1e-9 * each.time_from_start.nanosec, each.positions, each.velocities)
             for each in message.points
         ]
-        self.controller.take(message.joint_names, points, at_s, self.now_s, self.plant.measure())
+        self.controller.take(message.joint_names, points, at_s, self.now_s, self.measure())
+
+    def measure(self):
+        return [each[: len(self.controller.joints)] for each in self.plant.measure()]
+
+    def move_hand(self, message):
+        if not self.is_stopped:
+            self.fingers = np.array(message.data)
+
+    def drive(self):
+        q, qd = self.controller.update(self.now_s, self.measure())
+        self.plant.servo(np.append(q, self.fingers), np.append(qd, np.zeros(len(self.fingers))))
 
     def forward(self, message):
         if not self.is_stopped:
@@ -159,11 +180,11 @@ class Robot(Node):
         if self.options["cameras"][name]["compressed"]:
             import cv2
 
-            color = CompressedImage(format="jpeg", data=cv2.imencode(".jpg", rgb[..., ::-1])[1].tobytes())
+            color = CompressedImage(format="jpeg", data=as_bytes(cv2.imencode(".jpg", rgb[..., ::-1])[1]))
         else:
-            color = Image(height=height, width=width, encoding="rgb8", step=3 * width, data=rgb.tobytes())
+            color = Image(height=height, width=width, encoding="rgb8", step=3 * width, data=as_bytes(rgb))
         mm = np.nan_to_num(depth_m * 1000.0).round().astype("<u2")
-        depth = Image(height=height, width=width, encoding="16UC1", step=2 * width, data=mm.tobytes())
+        depth = Image(height=height, width=width, encoding="16UC1", step=2 * width, data=as_bytes(mm))
         info = CameraInfo(height=height, width=width, k=lens)
         for topic, message in ((info_topic, info), (color_topic, color), (depth_topic, depth)):
             message.header.stamp = head
@@ -229,7 +250,7 @@ class World:
         rate = round(1.0 / self.options["camera_hz"] / dt) if self.eyes else 0
         while rclpy.ok():
             robot, plant = self.robot, self.plant
-            plant.servo(*robot.controller.update(robot.now_s, plant.measure()))
+            robot.drive()
             mujoco.mj_step(plant.model, plant.data, CONTROL_STEPS)
             count += 1
             robot.tick()
