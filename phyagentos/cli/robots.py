@@ -74,7 +74,9 @@ def ros2(robot: Name) -> Reply[DraftedRos2]:
     """Draft ros2.yaml beside a robot's profile, by which kits/ros2 finds its topics; what is guessed is marked."""
     found = draft_ros2(robot)
     notes = [f"next: python -m ros2_body {found.file.with_name('target.yaml')} --port 7000 < KEY"]
-    return Reply(found, "\n  ".join((f"wrote {found.file}; check {count(len(found.asks), 'line')}:", *found.asks)), notes)
+    return Reply(
+        found, "\n  ".join((f"wrote {found.file}; check {count(len(found.asks), 'line')}:", *found.asks)), notes
+    )
 
 
 def new(

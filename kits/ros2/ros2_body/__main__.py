@@ -1,6 +1,6 @@
 """Serves the robot of a profile; its key is the first line of standard input.
 
-    python -m ros2_body robots/NAME/target.yaml --port 7000 < KEY
+python -m ros2_body robots/NAME/target.yaml --port 7000 < KEY
 """
 
 import sys

@@ -4,15 +4,18 @@ Set-points are written when their turn begins and reached `lead_s` after it ends
 way. Between sessions nothing is sent; the robot's controller holds.
 """
 
+import contextlib
 import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
@@ -103,22 +106,17 @@ class Ros2Body(Body):
         self._stop_publisher = self._node.create_publisher(Bool, stop.topic, 1) if stop.topic else None
 
     def _spin(self) -> None:
-        try:
+        with contextlib.suppress(ExternalShutdownException):
             self._executor.spin()
-        except ExternalShutdownException:
-            pass
 
     def _await_robot(self) -> None:
         """Whether all is there that is needed to move and to stop it."""
-        senders = [self._sender, *([self._finger_sender] if self._finger_sender else [])]
         wanted: dict[str, Callable[[], bool]] = {"/clock": lambda: self._clock.is_running}
-        for each in senders:
-            wanted[each.publisher.topic_name] = lambda each=each: each.publisher.get_subscription_count() > 0
+        senders = [each.publisher for each in (self._sender, self._finger_sender) if each is not None]
+        for each in [*senders, *([self._stop_publisher] if self._stop_publisher is not None else [])]:
+            wanted[each.topic_name] = partial(_is_heard, each)
         if self._stop_client is not None:
             wanted[self._stop_client.srv_name] = self._stop_client.service_is_ready
-        if self._stop_publisher is not None:
-            listener = self._stop_publisher
-            wanted[listener.topic_name] = lambda: listener.get_subscription_count() > 0
         end_s = time.monotonic() + self._settings.ros.wait_s
         for name, is_there in wanted.items():
             while not is_there():
@@ -291,7 +289,7 @@ class Ros2Body(Body):
         self._width_m, self._wanted_m = width_m, wanted_m
 
     def _move_fingers(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Their next positions on the way to the opening that is wanted, at the speed of the profile, and velocities."""
+        """Their next positions and velocities on the way to the wanted opening, at the speed of the profile."""
         gripper = self._settings.ros.gripper
         if gripper is None or not self.width_max_m:
             return (), ()
@@ -300,3 +298,7 @@ class Ros2Body(Body):
         per_m = (gripper.opened - gripper.closed) / self.width_max_m
         n, speed = len(gripper.joints), (self._width_m - before_m) * per_m / self.step_s
         return (gripper.closed + self._width_m * per_m,) * n, (speed,) * n
+
+
+def _is_heard(publisher: Publisher) -> bool:
+    return bool(publisher.get_subscription_count())

@@ -41,7 +41,9 @@ class Shot:
         rgb, raw, unit_m = _read_colors(self.color), *_read_depth(self.depth)
         (height, width), info = raw.shape, self.info
         if rgb.shape[:2] != raw.shape:
-            raise Refusal("OBSERVATION_UNAVAILABLE", f"{name}: colours {rgb.shape[:2]} and depth {raw.shape}: not registered")
+            raise Refusal(
+                "OBSERVATION_UNAVAILABLE", f"{name}: colours {rgb.shape[:2]} and depth {raw.shape}: not registered"
+            )
         left, top, wide, high = window or (0, 0, width, height)
         rows, columns = high // max(every, 1), wide // max(every, 1)
         is_inside = min(left, top) >= 0 and left + wide <= width and top + high <= height
@@ -119,7 +121,9 @@ def _unpack(message: Image, kind: str, channels: int) -> NDArray[Any]:
     item = np.dtype(kind)
     data = np.frombuffer(message.data, np.uint8)
     if len(data) < message.step * message.height or message.step < message.width * channels * item.itemsize:
-        raise Refusal("OBSERVATION_UNAVAILABLE", f"{len(data)} bytes are no picture of {message.width} x {message.height}")
+        raise Refusal(
+            "OBSERVATION_UNAVAILABLE", f"{len(data)} bytes are no picture of {message.width} x {message.height}"
+        )
     rows = data[: message.step * message.height].reshape(message.height, message.step)
     used = np.ascontiguousarray(rows[:, : message.width * channels * item.itemsize])
     return used.view(item).reshape(message.height, message.width, channels)

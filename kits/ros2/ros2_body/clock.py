@@ -1,4 +1,4 @@
-"""The time of a ROS robot: this machine's clock, or `/clock` with `use_sim_time`, which may stand, jump or fall silent."""
+"""The time of a ROS robot: this machine's clock, or `/clock` with `use_sim_time`, which may jump or fall silent."""
 
 import time
 
@@ -30,7 +30,7 @@ class RosClock:
     @property
     def now_s(self) -> float:
         """The present [s]."""
-        return self._clock.now().nanoseconds * 1e-9 - self._shift_s if self.is_simulated else time.monotonic()
+        return self._read_s() - self._shift_s if self.is_simulated else time.monotonic()
 
     @property
     def is_running(self) -> bool:
@@ -43,7 +43,10 @@ class RosClock:
 
     def read_stamp(self, stamp: Time) -> float:
         """The moment of a message [s]."""
-        return self.now_s - (self._clock.now().nanoseconds * 1e-9 - stamp.sec - stamp.nanosec * 1e-9)
+        return self.now_s - (self._read_s() - float(stamp.sec) - float(stamp.nanosec) * 1e-9)
+
+    def _read_s(self) -> float:
+        return float(self._clock.now().nanoseconds) * 1e-9
 
     def wait_until(self, moment_s: float) -> None:
         """Let time pass; raises `Refusal` `TARGET_LOST` when it jumps, or its topic is silent."""

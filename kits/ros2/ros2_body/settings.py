@@ -176,7 +176,7 @@ def read_settings(profile: Path) -> Settings:
         raise SettingsError(f"{place}: arm", f"lists of {len(names)}, {len(speeds)}, {len(brakes)}", "equal lengths")
     beside = profile.parent / FILE
     ros: Ros = _convert(_read_yaml(beside), Ros, str(beside))
-    for name in {*names} ^ {*ros.joints}:
+    for name in sorted({*names} ^ {*ros.joints}):
         where = "joint of target.yaml without an entry" if name in names else "joint that target.yaml lacks"
         raise SettingsError(f"{beside}: joints", f"{name!r}, a {where}", f"exactly {', '.join(names)}")
     _check(ros, str(beside))
@@ -256,7 +256,9 @@ def _convert_fields(value: Any, kind: Any, place: str) -> Any:
         if key not in types:
             near = difflib.get_close_matches(str(key), types, 1)
             raise SettingsError(at + str(key), "an unknown key", f"one of {', '.join(near or types)}")
-    needed = [each.name for each in dataclasses.fields(kind) if each.default is each.default_factory is dataclasses.MISSING]
+    needed = [
+        each.name for each in dataclasses.fields(kind) if each.default is each.default_factory is dataclasses.MISSING
+    ]
     if missing := [name for name in needed if name not in value]:
         raise SettingsError(at + missing[0], "nothing", "a value")
     return kind(**{key: _convert(each, types[key], at + key) for key, each in value.items()})

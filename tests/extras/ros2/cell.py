@@ -47,7 +47,12 @@ def write_project(folder, *, kind="trajectory", hand=True, cameras=CAMERAS, endp
         (folder / name).mkdir()
     _edit(robot / "target.yaml", kind="real_robot", driver="remote", endpoint=endpoint, silence_max_s=5.0,
           control_period_s=CONTROL_PERIOD_S, physics_step_s=STEP_S)  # fmt: skip
-    _edit(settings / "runtime_contract.yaml", world_mode="realtime", control_period_s=CONTROL_PERIOD_S, physics_step_s=STEP_S)
+    _edit(
+        settings / "runtime_contract.yaml",
+        world_mode="realtime",
+        control_period_s=CONTROL_PERIOD_S,
+        physics_step_s=STEP_S,
+    )
     safety = yaml.safe_load((settings / "safety.yaml").read_text())
     safety["targets"]["panda"]["command_validity_max"]["value"] = 5 * CONTROL_PERIOD_S
     safety["targets"]["panda"]["command_rate_max"]["value"] = 1.0 / CONTROL_PERIOD_S
@@ -172,7 +177,8 @@ class Cell:
         views = {name: {"compressed": name == COMPRESSED} for name in cameras}
         given = {
             "namespace": NAMESPACE, "prefix": PREFIX, "seed": seed, "pace": pace, "cameras": views,
-            "camera_hz": camera_hz, "kind": "trajectory", "hand": True, "controller": {"begins_at_desired": True}, "eyes": self._find_eyes(), **options,
+            "camera_hz": camera_hz, "kind": "trajectory", "hand": True,
+            "controller": {"begins_at_desired": True}, "eyes": self._find_eyes(), **options,
         }  # fmt: skip
         command = [python, HERE / "emulator.py", plant, json.dumps(given)]
         self.robot = Process(command, folder / "robot.log", ROS_DOMAIN_ID=self.domain)

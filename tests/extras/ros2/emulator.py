@@ -29,7 +29,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 sys.path.insert(0, str(Path(__file__).parent))
-from trajectory_controller import TrajectoryController  # noqa: E402
+from trajectory_controller import TrajectoryController
 
 BEGIN_S = 1000.0  # of the robot's clock
 CONTROL_STEPS, REPORT_STEPS = 2, 4  # physics steps of 2 ms: 250 Hz and 125 Hz
@@ -100,7 +100,9 @@ class Robot(Node):
         self.create_subscription(Bool, "stop", self.stop, 1)
         self.views = {
             name: (
-                self.create_publisher(CompressedImage if each["compressed"] else Image, f"{name}/{self.color(each)}", 2),
+                self.create_publisher(
+                    CompressedImage if each["compressed"] else Image, f"{name}/{self.color(each)}", 2
+                ),
                 self.create_publisher(Image, f"{name}/depth", 2),
                 self.create_publisher(CameraInfo, f"{name}/camera_info", QoSProfile(depth=2)),
             )
@@ -273,7 +275,9 @@ class World:
         while self.eyes.pending:
             is_late = self.plant.data.time - self.eyes.pending[0] > CAMERAS_BEHIND_S
             try:
-                moment_s, pictures = self.eyes.drawn.get(timeout=2.0 if is_late else 0.0) if is_late else self.eyes.drawn.get_nowait()
+                moment_s, pictures = (
+                    self.eyes.drawn.get(timeout=2.0 if is_late else 0.0) if is_late else self.eyes.drawn.get_nowait()
+                )
             except queue.Empty:
                 return
             self.eyes.pending.pop(0)

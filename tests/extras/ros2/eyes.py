@@ -1,6 +1,6 @@
 """Draws the cameras of a world for its emulator, in the project's own environment: a state in, pictures out.
 
-    python eyes.py FOLDER < states > pictures      # both pickled
+python eyes.py FOLDER < states > pictures      # both pickled
 """
 
 import json
