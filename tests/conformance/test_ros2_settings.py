@@ -69,7 +69,7 @@ def test_a_drafted_file_has_the_kinematics_of_the_model(robot, kit):
         ({"controller": {"topic": "t", "kind": "pid"}}, "controller.kind: found 'pid'; expected one of trajectory"),
         ({"controller": {"kind": "forward"}}, "controller.topic: found nothing; expected a value"),
         ({"stop": {}}, "stop: found '' and ''; expected a service or a topic"),
-        ({"tool": {"position_m": [0], "quaternion_wxyz": [1, 0, 0, 0]}}, "tool.position_m: found [0]; expected a list of 3"),
+        ({"tool": {"position_m": [0], "quaternion_wxyz": [1, 0, 0, 0]}}, "position_m: found [0]; expected a list of 3"),
         ({"joint_states": {"silence_s": float("nan")}}, "joint_states.silence_s: found nan; expected a finite number"),
         ({"joints": {}}, "joints: found 'joint1', a joint of target.yaml without an entry"),
     ],

@@ -116,7 +116,9 @@ class Ros2Body(Body):
         for each in [*senders, *([self._stop_publisher] if self._stop_publisher is not None else [])]:
             wanted[each.topic_name] = partial(_is_heard, each)
         if self._stop_client is not None:
-            wanted[self._stop_client.srv_name] = self._stop_client.service_is_ready
+            wanted[self._node.resolve_service_name(self._settings.ros.stop.service)] = (
+                self._stop_client.service_is_ready
+            )
         end_s = time.monotonic() + self._settings.ros.wait_s
         for name, is_there in wanted.items():
             while not is_there():

@@ -197,7 +197,11 @@ class Served:
         if not _are(str, [*names, *windows]) or not is_window:
             raise Refusal("MALFORMED", f"cameras {names!r} and windows {windows!r}")
         pictures = self.body.capture(names, {name: tuple(each) for name, each in windows.items()}, request["every"])
-        return {"type": "Frames", "frames": [each.encode() for each in pictures]}
+        missing = {*(names or self.body.cameras)} - {each.camera for each in pictures}
+        return {
+            "type": "Frames", "frames": [each.encode() for each in pictures],
+            "missing": dict.fromkeys(sorted(missing), "OBSERVATION_UNAVAILABLE"),
+        }  # fmt: skip
 
     def _invoke(self, request: dict[str, Any]) -> dict[str, Any]:
         name = request["name"]

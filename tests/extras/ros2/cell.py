@@ -31,14 +31,14 @@ HERE, ROOT = Path(__file__).parent, Path(__file__).resolve().parents[3]
 KITS = os.pathsep.join(str(ROOT / "kits" / each) for each in ("ros2", "target_server"))
 SCENE = "tabletop/cubes_and_trays"
 CAMERAS = ("overhead", "left", "right", "wrist")
-COMPRESSED = "left"
+COMPRESSED, METRES = "left", "right"
 PREFIX, NAMESPACE = "fr_", "cell"
 CONTROL_PERIOD_S, STEP_S = 0.1, 0.02  # for a machine that does other things besides
 HELD = ("ROS_DOMAIN_ID", "PATH", "HOME")
 CLOCK = SystemClock()
 
 
-def write_project(folder, *, kind="trajectory", hand=True, cameras=CAMERAS, endpoint="ws://127.0.0.1:1"):
+def write_project(folder, *, kind="trajectory", hand=True, cameras=CAMERAS, endpoint="ws://127.0.0.1:1", **ros2):
     """A project whose panda is behind ROS 2, with cameras of 640 x 480 pixels; ros2.yaml is drafted and edited."""
     robot, settings = folder / "robots" / "panda", folder / "protocol"
     shutil.copytree(ROOT / "robots" / "panda", robot)
@@ -68,7 +68,7 @@ def write_project(folder, *, kind="trajectory", hand=True, cameras=CAMERAS, endp
     (settings / "perception.yaml").write_text(yaml.safe_dump(perception))
     with contextlib.chdir(folder):
         draft_ros2("panda")
-    _edit_ros2(robot, settings, kind, hand, cameras)
+    _edit_ros2(robot, settings, kind, hand, cameras, ros2)
     return folder
 
 
@@ -76,7 +76,7 @@ def _edit(path, **changes):
     path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | changes, sort_keys=False))
 
 
-def _edit_ros2(robot, settings, kind, hand, cameras):
+def _edit_ros2(robot, settings, kind, hand, cameras, changes):
     given = yaml.safe_load((robot / "ros2.yaml").read_text())
     topic = {"trajectory": "arm_controller/joint_trajectory", "forward": "arm_controller/commands"}[kind]
     given |= {"namespace": NAMESPACE, "use_sim_time": True, "controller": {"kind": kind, "topic": topic}}
@@ -85,7 +85,8 @@ def _edit_ros2(robot, settings, kind, hand, cameras):
     for name, joint in given["joints"].items():
         joint["name"] = PREFIX + name
     given["cameras"] = {name: _place(robot, settings, name) for name in cameras}
-    (robot / "ros2.yaml").write_text(yaml.safe_dump(given, sort_keys=False))
+    given["controller"] |= changes.pop("controller", {})
+    (robot / "ros2.yaml").write_text(yaml.safe_dump(given | changes, sort_keys=False))
 
 
 def _place(robot, settings, name):
@@ -174,7 +175,7 @@ class Cell:
         self.folder, self.project, self.python, self.domain = folder, project, python, str(domain)
         self.key, self.stop_file, self.log = make_key(), folder / "stop", folder / "receive-panda.jsonl"
         plant = write_plant(folder / "plant", project, seed, cameras)
-        views = {name: {"compressed": name == COMPRESSED} for name in cameras}
+        views = {name: {"compressed": name == COMPRESSED, "metres": name == METRES} for name in cameras}
         given = {
             "namespace": NAMESPACE, "prefix": PREFIX, "seed": seed, "pace": pace, "cameras": views,
             "camera_hz": camera_hz, "kind": "trajectory", "hand": True,

@@ -185,8 +185,11 @@ class Robot(Node):
             color = CompressedImage(format="jpeg", data=as_bytes(cv2.imencode(".jpg", rgb[..., ::-1])[1]))
         else:
             color = Image(height=height, width=width, encoding="rgb8", step=3 * width, data=as_bytes(rgb))
-        mm = np.nan_to_num(depth_m * 1000.0).round().astype("<u2")
-        depth = Image(height=height, width=width, encoding="16UC1", step=2 * width, data=as_bytes(mm))
+        if self.options["cameras"][name]["metres"]:
+            raw, kind, size = depth_m.astype("<f4"), "32FC1", 4
+        else:
+            raw, kind, size = np.nan_to_num(depth_m * 1000.0).round().astype("<u2"), "16UC1", 2
+        depth = Image(height=height, width=width, encoding=kind, step=size * width, data=as_bytes(raw))
         info = CameraInfo(height=height, width=width, k=lens)
         for topic, message in ((info_topic, info), (color_topic, color), (depth_topic, depth)):
             message.header.stamp = head

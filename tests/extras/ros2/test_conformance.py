@@ -9,8 +9,8 @@ pytestmark = pytest.mark.extras
 
 ROBOTS = {
     "trajectories of all joints": {"hand": False},
-    "from the measured state": {"controller": {"begins_at_desired": False}},
-    "positions": {"kind": "forward"},
+    "from the measured state": {"controller": {"begins_at_desired": False}, "ros2": {"controller": {"stamp": "zero"}}},
+    "positions, and a topic that stops": {"kind": "forward", "ros2": {"stop": {"topic": "stop"}}},
 }
 
 

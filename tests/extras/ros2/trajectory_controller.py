@@ -61,6 +61,9 @@ class TrajectoryController:
         if not self._points:
             return self.desired, self.velocity
         after = [index for index, each in enumerate(self._points) if each[0] > now_s]
+        if after and not after[0]:  # time ran backwards
+            self.hold()
+            return self.desired, self.velocity
         if not after:
             self.desired = self._points[-1][1]
             self.hold()
