@@ -32,8 +32,8 @@ class DraftedRos2(msgspec.Struct, frozen=True, kw_only=True):
 def draft_ros2(robot: str) -> DraftedRos2:
     """Write `ros2.yaml` beside a robot's profile.
 
-    Raises DefinitionError `UNKNOWN_NAME`, also for a robot that is none of this project, `WOULD_OVERWRITE`, of its model, or `MODEL_INVALID` for other joints than
-    hinges and slides.
+    Raises DefinitionError `UNKNOWN_NAME`, also for a robot that is none of this project, `WOULD_OVERWRITE`, of its
+    model, or `MODEL_INVALID` for other joints than hinges and slides.
     """
     from phyagentos.assembly.ros2_geometry import describe_geometry
     from phyagentos.runtime.models.robot import read_profile

@@ -119,6 +119,8 @@ class Ros2Body(Body):
             wanted[self._node.resolve_service_name(self._settings.ros.stop.service)] = (
                 self._stop_client.service_is_ready
             )
+        for name, camera in self._cameras.items():
+            wanted[f"the topics of camera {name!r}"] = camera.has_pictures
         end_s = time.monotonic() + self._settings.ros.wait_s
         for name, is_there in wanted.items():
             while not is_there():

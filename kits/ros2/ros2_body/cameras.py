@@ -90,6 +90,10 @@ class RosCamera:
                         return Shot(self._settings, at_s, color, depth, self._info)
         return None
 
+    def has_pictures(self) -> bool:
+        """Whether an exposure has arrived."""
+        return self.find_latest() is not None
+
     def _take(self, kept: "deque[tuple[float, Any]]", message: Any) -> None:
         with self._lock:
             kept.append((self._clock.read_stamp(message.header.stamp), message))

@@ -225,6 +225,10 @@ class World:
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.robot)
         self.eyes = Eyes(options["eyes"], folder) if options["cameras"] else None
+        if self.eyes is not None:  # it compiles before time begins
+            self.eyes.ask(0.0, self.plant.data.qpos)
+            self.eyes.drawn.get()
+            self.eyes.pending.clear()
         self.orders, self.began_s = queue.Queue(), time.monotonic()
         threading.Thread(target=lambda: [self.orders.put(line) for line in sys.stdin] and None, daemon=True).start()
 
