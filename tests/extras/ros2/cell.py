@@ -34,6 +34,7 @@ CAMERAS = ("overhead", "left", "right", "wrist")
 COMPRESSED, METRES = "left", "right"
 PREFIX, NAMESPACE = "fr_", "cell"
 CONTROL_PERIOD_S, STEP_S = 0.1, 0.02  # for a machine that does other things besides
+CAMERA_HZ, MAX_AGE_S = 5, 0.6  # three periods of a camera; the shipped ones have 25 Hz and 0.3 s
 HELD = ("ROS_DOMAIN_ID", "PATH", "HOME")
 CLOCK = SystemClock()
 
@@ -61,9 +62,11 @@ def write_project(folder, *, kind="trajectory", hand=True, cameras=CAMERAS, endp
     for name in [name for name in sensors["sensors"] if name not in (*cameras, "joint_state")]:
         del sensors["sensors"][name]
     for name in cameras:
+        sensors["sensors"][name] |= {"rate_hz": CAMERA_HZ}
         sensors["sensors"][name]["camera"] |= {"width": 640, "height": 480}
     (settings / "sensors.yaml").write_text(yaml.safe_dump(sensors))
     perception = yaml.safe_load((settings / "perception.yaml").read_text())
+    perception["embedded"]["max_age_s"] = MAX_AGE_S
     perception["pipelines"]["world_state"]["sensors"] = list(cameras)
     (settings / "perception.yaml").write_text(yaml.safe_dump(perception))
     with contextlib.chdir(folder):
@@ -171,7 +174,9 @@ class Process:
 class Cell:
     """The emulated robot and the kit before it, in one DDS domain."""
 
-    def __init__(self, folder, project, python, domain, *, seed=1, pace=1.0, cameras=CAMERAS, camera_hz=10, **options):
+    def __init__(
+        self, folder, project, python, domain, *, seed=1, pace=1.0, cameras=CAMERAS, camera_hz=CAMERA_HZ, **options
+    ):
         self.folder, self.project, self.python, self.domain = folder, project, python, str(domain)
         self.key, self.stop_file, self.log = make_key(), folder / "stop", folder / "receive-panda.jsonl"
         plant = write_plant(folder / "plant", project, seed, cameras)

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.extras
 @pytest.fixture
 def seen(make_cell):
     """A cell with four cameras, and a client that has frames of all."""
-    cell = make_cell(cameras=CAMERAS, camera_hz=5)
+    cell = make_cell(cameras=CAMERAS)
     client = DriverSubject(open=cell.reach, scene=SCENE, noise=0.01, set_stop=lambda _: None).serve().begin()
     wait_until(lambda: len(client.ask(wire.Capture()).frames) == len(CAMERAS), "frames of all cameras", 60.0)
     return cell, client

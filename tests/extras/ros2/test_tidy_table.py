@@ -48,7 +48,7 @@ def count_cubes(cell, truth):
 def test_the_table_is_tidied_over_ros(seed, make_cell, tmp_path, pytestconfig):
     if seed > 1 and not pytestconfig.option.nightly:
         pytest.skip("several minutes a world: --nightly")
-    cell = make_cell(cameras=CAMERAS, camera_hz=5, pace=PACE, seed=seed)
+    cell = make_cell(cameras=CAMERAS, pace=PACE, seed=seed)
     workspace = open_workspace(cell, tmp_path / "w")
     with open_bench(workspace, CLOCK) as agent:
         report = agent.mission.run(GRAPH, seed=seed, goal="tidy")
