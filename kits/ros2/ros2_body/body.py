@@ -167,6 +167,8 @@ class Ros2Body(Body):
             if gripper.force_per_effort:
                 speed_m_s = max(abs(each.qd / way) for each in fingers) * self.width_max_m
                 effort = sum(each.effort for each in fingers)
+                if not math.isfinite(effort):
+                    raise Refusal("TARGET_LOST", f"{self._reader.topic}: no effort of {self._fingers[0]!r}")
                 force_n = 0.0 if speed_m_s > MOVING_M_S else max(gripper.force_per_effort * effort, 0.0)
         x, y, z = pose[:3, 3].tolist()
         return State(q, qd, (x, y, z), to_quaternion(pose[:3, :3]), width_m=width_m, grip_force_n=force_n)
@@ -177,6 +179,7 @@ class Ros2Body(Body):
         return super().measure_error(due[-1] if due else self.read().q)
 
     def step(self, q: Sequence[float], qd: Sequence[float], width_m: float) -> str:
+        self._clock.is_watched = True
         self._await_step()
         self._reader.read(self._names)  # what is not seen is not moved
         self._q, self._qd, self._wanted_m = tuple(q), tuple(qd), width_m
@@ -213,7 +216,7 @@ class Ros2Body(Body):
         self.halt(1)
 
     def note_end(self, session: str) -> None:
-        self._clock.complaint = ""
+        self._clock.complaint, self._clock.is_watched = "", False
 
     def capture(self, cameras: Sequence[str], windows: Mapping[str, Window], every: int) -> Sequence[Picture]:
         unknown = [name for name in (*cameras, *windows) if name not in self._cameras]

@@ -17,11 +17,12 @@ class RosClock:
     """Seconds that never run backwards, and stamps of ROS.
 
     Attributes:
-        complaint: Of a jump since the latest session ended; empty without one.
+        is_watched: Whether a session moves the robot: elsewhere a jump changes nothing but the time.
+        complaint: Of a jump meanwhile; empty without one.
     """
 
     def __init__(self, node: Node, *, is_simulated: bool) -> None:
-        self.is_simulated, self.complaint = is_simulated, ""
+        self.is_simulated, self.is_watched, self.complaint = is_simulated, False, ""
         self._clock, self._shift_s = node.get_clock(), 0.0
         limits = {"min_forward": Duration(seconds=JUMP_S), "min_backward": Duration(nanoseconds=-1)}
         threshold = JumpThreshold(**limits, on_clock_change=False)
@@ -65,4 +66,5 @@ class RosClock:
             return  # the first message: time was zero
         delta_s = jump.delta.nanoseconds * 1e-9
         self._shift_s += delta_s
-        self.complaint = f"the clock of ROS jumped by {delta_s:+.3f} s"
+        if self.is_watched:
+            self.complaint = f"the clock of ROS jumped by {delta_s:+.3f} s"

@@ -64,6 +64,17 @@ def test_a_robot_that_is_not_seen_is_lost_comes_to_rest_and_may_come_back(moving
     assert isinstance(client.ask(client.make(session="next", sequence=1)), wire.Step)
 
 
+def test_a_clock_that_jumps_between_sessions_ends_none(make_cell):
+    cell = make_cell()
+    client = DriverSubject(open=cell.reach, scene=SCENE, noise=0.01, set_stop=lambda _: None).serve()
+    client.load()
+    before_s = client.ask(wire.Observe()).time_s
+    cell.robot.ask("jump -30.0")
+    CLOCK.sleep(1.0)
+    assert before_s <= client.begin().ask(wire.Observe()).time_s < before_s + 20.0
+    assert isinstance(client.send(client.make()), wire.Step)
+
+
 def test_a_robot_that_is_gone_is_lost_and_the_kit_stays(moving):
     cell, client, left = moving()
     cell.robot.kill()
