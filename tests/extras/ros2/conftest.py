@@ -1,6 +1,7 @@
 """Cells with an emulated robot in the environment of `--ros2-python`, each in a DDS domain of its own."""
 
 import itertools
+from pathlib import Path
 
 import pytest
 
@@ -9,8 +10,21 @@ from tests.extras.ros2.cell import Cell, write_project
 DOMAINS = itertools.count(1)
 
 
+@pytest.fixture(scope="session")
+def find_python(pytestconfig):
+    """The interpreter of `ros2` or `ros2_jazzy`."""
+
+    def find(name="ros2"):
+        path = getattr(pytestconfig.option, f"{name}_python")
+        if path is None or not Path(path).exists():
+            pytest.skip(f"no build/{name}, for which python3.11 is needed: `make test-extras`")
+        return path
+
+    return find
+
+
 @pytest.fixture
-def make_cell(tmp_path, pytestconfig):
+def make_cell(tmp_path, pytestconfig, find_python):
     made = []
 
     def make(python=None, *, project=None, **options):
@@ -23,7 +37,7 @@ def make_cell(tmp_path, pytestconfig):
             parts = {name: options[name] for name in ("kind", "hand") if name in options}
             write_project(project, cameras=options.get("cameras", ()), **parts, **options.pop("ros2", {}))
         given = {"cameras": (), **options}
-        made.append(Cell(folder, project, python or pytestconfig.option.ros2_python, domain, **given))
+        made.append(Cell(folder, project, python or find_python(), domain, **given))
         return made[-1]
 
     yield make

@@ -14,10 +14,9 @@ ROBOTS = {
 }
 
 
-@pytest.fixture(params=["kilted", "jazzy"])
-def python(request, pytestconfig):
-    option = pytestconfig.option
-    return {"kilted": option.ros2_python, "jazzy": option.ros2_jazzy_python}[request.param]
+@pytest.fixture(params=["ros2", "ros2_jazzy"])
+def python(request, find_python):
+    return find_python(request.param)
 
 
 def check_all(cell):

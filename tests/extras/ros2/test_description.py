@@ -33,8 +33,8 @@ URDF = """<robot name="two"><link name="base"/>
 """  # noqa: E501
 
 
-def test_a_running_robot_becomes_a_profile(tmp_path, pytestconfig):
-    python, model = pytestconfig.option.ros2_python, tmp_path / "said.urdf"
+def test_a_running_robot_becomes_a_profile(tmp_path, find_python):
+    python, model = find_python(), tmp_path / "said.urdf"
     model.write_text(URDF)
     speaker = Process([python, "-c", SPEAKER, model], tmp_path / "log", ROS_DOMAIN_ID="100")
     speaker.ask("")

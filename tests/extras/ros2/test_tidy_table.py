@@ -17,7 +17,7 @@ from tests.extras.ros2.cell import CAMERAS, CLOCK, ROOT
 pytestmark = [pytest.mark.extras, pytest.mark.journey]
 GRAPH = ROOT / "goal_graphs" / "tidy_table.yaml"
 COLORS = ("red", "green", "blue")
-PACE = 0.3
+PACE = 0.2
 
 
 def open_workspace(cell, folder):
