@@ -1,13 +1,14 @@
 """Cells with an emulated robot in the environment of `--ros2-python`, each in a DDS domain of its own."""
 
 import itertools
+import os
 from pathlib import Path
 
 import pytest
 
 from tests.extras.ros2.cell import Cell, write_project
 
-DOMAINS = itertools.count(1)
+DOMAINS = itertools.count(os.getpid())  # of each process its own, as far as 101 go
 
 
 @pytest.fixture(scope="session")
@@ -28,7 +29,7 @@ def make_cell(tmp_path, pytestconfig, find_python):
     made = []
 
     def make(python=None, *, project=None, **options):
-        domain = (next(DOMAINS) + 20 * _find_worker(pytestconfig)) % 101
+        domain = next(DOMAINS) % 101
         folder = tmp_path / f"cell{len(made)}"
         folder.mkdir()
         if project is None:
@@ -43,7 +44,3 @@ def make_cell(tmp_path, pytestconfig, find_python):
     yield make
     for cell in made:
         assert set(cell.close()) <= {0}
-
-
-def _find_worker(config):
-    return int(getattr(config, "workerinput", {}).get("workerid", "gw0")[2:]) + 1
