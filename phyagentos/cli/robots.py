@@ -14,6 +14,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.operations import robots
 from phyagentos.operations.export import Written
 from phyagentos.operations.robots import DraftedProfile, KnownRobot, ProfileCheck, RobotDescription, RobotTrial
+from phyagentos.operations.ros2 import DraftedRos2, draft_ros2
 from phyagentos.wording import count
 
 FAR_M, LEAST = 1.0, 0.5  # how far a robot reaches that needs no smaller scenes; how small they become
@@ -67,6 +68,15 @@ def try_(
         notes.append(f"next: paos run tidy_table --set targets.arm={robot}")
     code = ExitCode.GOAL_MET if all(each.well for each in found.findings) else ExitCode.GOAL_NOT_MET
     return Reply(found, build_table(("", "measured", ""), rows), notes, code)
+
+
+def ros2(robot: Name) -> Reply[DraftedRos2]:
+    """Draft ros2.yaml beside a robot's profile, by which kits/ros2 finds its topics; what is guessed is marked."""
+    found = draft_ros2(robot)
+    notes = [f"next: python -m ros2_body {found.file.with_name('target.yaml')} --port 7000 < KEY"]
+    return Reply(
+        found, "\n  ".join((f"wrote {found.file}; check {count(len(found.asks), 'line')}:", *found.asks)), notes
+    )
 
 
 def new(

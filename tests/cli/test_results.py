@@ -75,6 +75,7 @@ ELSEWHERE = {  # command -> the test file that calls it
     "memory forget": "tests/cli/test_memory.py",
     "memory revoke": "tests/cli/test_learned_skills.py",
     "robot new": "tests/cli/test_robots.py",
+    "robot ros2": "tests/cli/test_robots.py",
     "robot try": "tests/cli/test_robots.py",
     "bench run": "tests/cli/test_project_predicates.py",
     "bench resume": "tests/bench/test_bench_runs.py",

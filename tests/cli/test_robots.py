@@ -8,6 +8,7 @@ import pytest
 from phyagentos.assembly.robot_trial import find_band
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol.capabilities.library import find_shipped_root
+from tests.command_line import assert_ended, assert_refused
 from tests.models_here import read_profile_here
 
 MODEL = """<mujoco model="scara">
@@ -41,6 +42,16 @@ def test_a_draft_names_its_model_below_the_folder_of_models(paos, model, monkeyp
     checked = paos("robot", "check", "arm")
     assert "UNREADABLE_FILE" not in checked.out
     assert "robots/arm/target.yaml" in checked.err
+
+
+def test_a_file_for_ros_is_drafted_beside_a_profile_of_the_project_alone(paos, model, monkeypatch):
+    monkeypatch.setenv("PHYAGENTOS_MODELS", str(model.parents[1]))
+    assert_refused(paos("robot", "ros2", "panda"), "'panda', a robot of the package")
+    assert paos("robot", "new", model, "--name", "arm").code == ExitCode.GOAL_MET
+    drafted = paos("robot", "ros2", "arm")
+    assert_ended(drafted, ExitCode.GOAL_MET, out=["ros2.yaml", "kind: trajectory"], err=["python -m ros2_body"])
+    assert "shoulder: {low: -2.5, high: 2.5, axis: [0, 0, 1]" in Path("robots/arm/ros2.yaml").read_text()
+    assert_refused(paos("robot", "ros2", "arm"), "WOULD_OVERWRITE")
 
 
 def test_without_that_folder_the_variable_to_set_is_named(paos, model, monkeypatch):

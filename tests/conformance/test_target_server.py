@@ -340,6 +340,43 @@ def test_a_greeting_is_short(monkeypatch):
     assert refused.value.code == "MALFORMED"
 
 
+LOST = '''
+from pathlib import Path
+
+from slide import Slide, main
+from target_server.wire import Refusal
+
+
+class Lost(Slide):
+    """A slide whose measurements end while the file `lost` is there."""
+
+    def read(self):
+        if Path(__file__).with_name("lost").exists():
+            raise Refusal("TARGET_LOST", "no measurement")
+        return super().read()
+
+
+main(Lost)
+'''
+
+
+def test_a_body_that_is_lost_refuses_and_is_served_again_when_it_is_back(tmp_path):
+    (tmp_path / "body.py").write_text(LOST)
+    (tmp_path / "slide.py").write_text(SLIDE.read_text())
+    made, lost = Served(tmp_path, sys.executable, tmp_path / "body.py"), tmp_path / "lost"
+    target = made.reach()
+    target.exchange(wire.LoadScene("counter", 1, "e"))
+    assert target.exchange(wire.Begin("s", 1)) == wire.Ack()
+    lost.touch()
+    assert target.exchange(wire.Observe()).code == "TARGET_LOST"
+    target.withdraw()
+    assert target.exchange(wire.Begin("t", 1)).code == "TARGET_LOST"
+    lost.unlink()
+    assert target.exchange(wire.Begin("t", 1)) == wire.Ack()
+    target.close()
+    made.close()
+
+
 OLDEST = sorted(Path("~/.pyenv/versions").expanduser().glob("3.10.*/bin/python")) or [shutil.which("python3.10")]
 ON_THE_OLDEST = """
 import sys

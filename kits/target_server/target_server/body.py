@@ -43,6 +43,7 @@ class State:
         width_m: Opening of its gripper [m].
         holding: Names of the things that its gripper holds, where it can tell.
         fingers_touching: How many of its fingers touch something that is none of them, where it has sensors of touch.
+        grip_force_n: Force that presses its fingers together, by their motor [N]; None where it is not measured.
     """
 
     q: Sequence[float]
@@ -52,6 +53,7 @@ class State:
     width_m: float = 0.0
     holding: Sequence[str] = ()
     fingers_touching: int = 0
+    grip_force_n: float | None = None
 
 
 @dataclass(frozen=True)
@@ -151,6 +153,10 @@ class Body(ABC):
     @abstractmethod
     def time_s(self) -> float:
         """Time of the body [s]."""
+
+    def measure_silence(self, silent_s: float) -> float:
+        """In time of the body [s], how long it has had no command, of seconds of this machine's clock."""
+        return silent_s
 
     @abstractmethod
     def load(self, scene: str, seed: int, snapshot: bytes) -> None:

@@ -5,6 +5,7 @@ described ranges and speeds, without a stop, and while the receive log can be wr
 preceded by a look at the stop file, at the client, and at its wish to end.
 """
 
+import contextlib
 import datetime
 import hmac
 import json
@@ -114,7 +115,8 @@ class Served:
         """Between requests: halt under an emergency stop, and where a body in motion got no command in time."""
         self._log.stamp()
         self.look_for_stops()
-        if self.body.is_realtime and self.is_moving and silent_s > DEADMAN_PERIODS * self.period_s:
+        is_awaited = self.body.is_realtime and self.is_moving
+        if is_awaited and self.body.measure_silence(silent_s) > DEADMAN_PERIODS * self.period_s:
             self._stop("DEADMAN", "Deadman")
         self._note_events()
 
@@ -195,7 +197,11 @@ class Served:
         if not _are(str, [*names, *windows]) or not is_window:
             raise Refusal("MALFORMED", f"cameras {names!r} and windows {windows!r}")
         pictures = self.body.capture(names, {name: tuple(each) for name, each in windows.items()}, request["every"])
-        return {"type": "Frames", "frames": [each.encode() for each in pictures]}
+        missing = {*(names or self.body.cameras)} - {each.camera for each in pictures}
+        return {
+            "type": "Frames", "frames": [each.encode() for each in pictures],
+            "missing": dict.fromkeys(sorted(missing), "OBSERVATION_UNAVAILABLE"),
+        }  # fmt: skip
 
     def _invoke(self, request: dict[str, Any]) -> dict[str, Any]:
         name = request["name"]
@@ -239,6 +245,7 @@ class Served:
             raise Refusal("NO_AUTHORITY", f"{self.session} has authority; it must end first")
         if epoch < self._floors.get(session, 0):
             raise Refusal("STALE_TOKEN", f"epoch {epoch} of {session} is over")
+        self.body.read()  # a body that cannot say where it is begins nothing
         if not self.session:
             self._stopped = ""  # the same claim made twice does not undo a stop
         self.session, self._epoch, self._sequence = session, epoch, 0
@@ -350,7 +357,9 @@ class Served:
         self.body.note_end(session)
 
     def _rest(self) -> None:
-        self.is_moving, self._last = False, self.body.read().q
+        self.is_moving = False
+        with contextlib.suppress(Refusal):  # of a body that is lost: it refuses by itself what comes
+            self._last = self.body.read().q
 
     def _report(self, stopped: str, wanted: Any) -> dict[str, Any]:
         return {
@@ -373,7 +382,7 @@ def _encode(state: State) -> dict[str, Any]:
     return {
         "q_rad": list(map(float, state.q)), "qd_rad_s": list(map(float, state.qd)), "gripper_width_m": state.width_m,
         "tcp": {"position_m": list(map(float, state.tcp_m)), "quaternion_wxyz": list(state.tcp_wxyz)},
-        "holding": list(state.holding), "fingers_touching": state.fingers_touching,
+        "holding": list(state.holding), "fingers_touching": state.fingers_touching, "grip_force_n": state.grip_force_n,
     }  # fmt: skip
 
 

@@ -15,7 +15,7 @@ import ssl
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from target_server import wire
 from target_server.body import Body
@@ -111,15 +111,15 @@ def _admit(client: Connection, key: bytes) -> None:
     client.send(wire.encode("Welcome", version=VERSION, max_bytes=MESSAGE_MAX_BYTES))
 
 
-def main(make_body: Callable[[], Body]) -> None:
-    """Serve a body as the command line says."""
+def main(make_body: Callable[[], Body], arguments: Sequence[str] | None = None) -> None:
+    """Serve a body as the command line says, or `arguments` in its place."""
     parser = argparse.ArgumentParser(description="Serve a body; its key is the first line of standard input.")
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("--port", type=int, default=0)
     parser.add_argument("--certificate", help="PEM file of certificate chain and private key")
     parser.add_argument("--log", help="receive log, appended to")
     parser.add_argument("--stop-file", help="while it exists the emergency stop is set")
-    given = parser.parse_args()
+    given = parser.parse_args(arguments)
     key = bytes.fromhex(sys.stdin.readline().strip())
     try:
         body, ended = make_body(), threading.Event()

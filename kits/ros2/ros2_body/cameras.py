@@ -1,0 +1,146 @@
+"""RGB-D cameras: colours and depth of one moment, as arrays, in the place of that moment."""
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from target_server.body import Picture, Window
+from target_server.wire import Refusal
+
+from ros2_body.clock import RosClock
+from ros2_body.kinematics import Array, make_pose, to_quaternion
+from ros2_body.settings import Camera
+
+KEPT = 8  # pictures of each kind that wait for the other
+TOGETHER_S = 0.005  # between colours and depth of one exposure
+MM = 0.001
+_CHANNELS = {"rgb8": (3, (0, 1, 2)), "bgr8": (3, (2, 1, 0)), "rgba8": (4, (0, 1, 2)), "bgra8": (4, (2, 1, 0))}
+_DEPTHS = {"16UC1": ("u2", MM), "mono16": ("u2", MM), "32FC1": ("f4", 1.0)}
+HALF_PX = 0.5  # ROS counts from the middle of the first pixel, phyagentos from its corner
+
+
+@dataclass(frozen=True)
+class Shot:
+    """Messages of one exposure, and its moment on the robot's clock [s]."""
+
+    settings: Camera
+    at_s: float
+    color: Any
+    depth: Any
+    info: CameraInfo
+
+    def develop(self, name: str, time_s: float, tool: "Array | None", window: "Window | None", every: int) -> Picture:
+        """The picture, or a part of it; `tool` (4, 4) is where the tool was, for a camera on it."""
+        rgb, raw, unit_m = _read_colors(self.color), *_read_depth(self.depth)
+        (height, width), info = raw.shape, self.info
+        if rgb.shape[:2] != raw.shape:
+            raise Refusal(
+                "OBSERVATION_UNAVAILABLE", f"{name}: colours {rgb.shape[:2]} and depth {raw.shape}: not registered"
+            )
+        left, top, wide, high = window or (0, 0, width, height)
+        rows, columns = high // max(every, 1), wide // max(every, 1)
+        is_inside = min(left, top) >= 0 and left + wide <= width and top + high <= height
+        if not is_inside or every < 1 or every % 2 == 0 or min(rows, columns) < 1:
+            raise Refusal("REQUEST_INVALID", f"every {every} of a window {window} of a picture of {width} x {height}")
+        some = np.ix_(top + every // 2 + every * np.arange(rows), left + every // 2 + every * np.arange(columns))
+        lens = info.p if info.p[0] else (*info.k[:3], 0.0, *info.k[3:6], 0.0)
+        pose = make_pose(self.settings.position_m, self.settings.quaternion_wxyz)
+        pose = pose if tool is None else tool @ pose
+        x, y, z = pose[:3, 3].tolist()
+        depth_m = raw[some].astype("<f4") * np.float32(unit_m)
+        depth_m[~(depth_m > 0.0) | np.isinf(depth_m)] = np.nan
+        return Picture(
+            camera=name, time_s=time_s, width=columns, height=rows,
+            focal_px=(float(lens[0]) / every, float(lens[5]) / every),
+            center_px=((float(lens[2]) + HALF_PX - left) / every, (float(lens[6]) + HALF_PX - top) / every),
+            position_m=(x, y, z), quaternion_wxyz=to_quaternion(pose[:3, :3]),
+            rgb=np.ascontiguousarray(rgb[some]).tobytes(),
+            depth_m=depth_m.tobytes(),
+        )  # fmt: skip
+
+
+class RosCamera:
+    """The topics of one camera."""
+
+    def __init__(self, node: Node, settings: Camera, clock: RosClock) -> None:
+        self._settings, self._clock, self._lock = settings, clock, threading.Lock()
+        self._colors: deque[tuple[float, Any]] = deque(maxlen=KEPT)
+        self._depths: deque[tuple[float, Any]] = deque(maxlen=KEPT)
+        self._info: CameraInfo | None = None
+        reliability = ReliabilityPolicy.RELIABLE if settings.reliable else ReliabilityPolicy.BEST_EFFORT
+        qos = QoSProfile(depth=2, reliability=reliability)
+        kind = CompressedImage if settings.color.endswith("/compressed") else Image
+        node.create_subscription(kind, settings.color, lambda each: self._take(self._colors, each), qos)
+        node.create_subscription(Image, settings.depth, lambda each: self._take(self._depths, each), qos)
+        node.create_subscription(CameraInfo, settings.info, self._take_info, qos)
+
+    def find_latest(self) -> "Shot | None":
+        """The latest exposure of which both pictures are there; None before the first."""
+        with self._lock:
+            for at_s, depth in reversed(self._depths):
+                for color_s, color in reversed(self._colors):
+                    if abs(color_s - at_s) <= TOGETHER_S and self._info is not None:
+                        return Shot(self._settings, at_s, color, depth, self._info)
+        return None
+
+    def has_pictures(self) -> bool:
+        """Whether an exposure has arrived."""
+        return self.find_latest() is not None
+
+    def _take(self, kept: "deque[tuple[float, Any]]", message: Any) -> None:
+        with self._lock:
+            kept.append((self._clock.read_stamp(message.header.stamp), message))
+
+    def _take_info(self, message: CameraInfo) -> None:
+        self._info = message
+
+
+def _read_colors(message: Any) -> NDArray[np.uint8]:
+    """(h, w, 3) red, green and blue; raises `Refusal` for an encoding that is none of these."""
+    if isinstance(message, CompressedImage):
+        return _decompress(message)
+    if message.encoding not in _CHANNELS:
+        raise Refusal("OBSERVATION_UNAVAILABLE", f"colours as {message.encoding!r}; known: {', '.join(_CHANNELS)}")
+    channels, order = _CHANNELS[message.encoding]
+    return _unpack(message, "u1", channels)[..., list(order)]
+
+
+def _read_depth(message: Image) -> tuple[NDArray[Any], float]:
+    """(h, w) numbers, and what one of them is [m]; raises `Refusal`."""
+    if message.encoding not in _DEPTHS:
+        raise Refusal("OBSERVATION_UNAVAILABLE", f"depth as {message.encoding!r}; known: {', '.join(_DEPTHS)}")
+    kind, unit_m = _DEPTHS[message.encoding]
+    return _unpack(message, f"{'>' if message.is_bigendian else '<'}{kind}", 1)[..., 0], unit_m
+
+
+def _unpack(message: Image, kind: str, channels: int) -> NDArray[Any]:
+    """(h, w, channels) of rows that may be longer than the picture is wide."""
+    item = np.dtype(kind)
+    data = np.frombuffer(message.data, np.uint8)
+    if len(data) < message.step * message.height or message.step < message.width * channels * item.itemsize:
+        raise Refusal(
+            "OBSERVATION_UNAVAILABLE", f"{len(data)} bytes are no picture of {message.width} x {message.height}"
+        )
+    rows = data[: message.step * message.height].reshape(message.height, message.step)
+    used = np.ascontiguousarray(rows[:, : message.width * channels * item.itemsize])
+    return used.view(item).reshape(message.height, message.width, channels)
+
+
+def _decompress(message: CompressedImage) -> NDArray[np.uint8]:
+    """JPEG or PNG, by OpenCV, which comes with `cv_bridge`."""
+    import cv2
+
+    found = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR)
+    if found is None:
+        raise Refusal("OBSERVATION_UNAVAILABLE", f"{len(message.data)} bytes of {message.format!r} are no picture")
+    return np.asarray(found[..., ::-1])
+
+
+__all__: Sequence[str] = ("RosCamera", "Shot")

@@ -1,0 +1,43 @@
+"""What `ros2.yaml` says of a robot's geometry: fingers, tool, and joints with axes, as the model has them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+
+from phyagentos.errors import DefinitionError
+from phyagentos.geometry import as_pose
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
+from phyagentos.runtime.models.hand import measure_hand
+from phyagentos.runtime.models.robot import compile_robot
+
+
+def describe_geometry(profile: TargetProfile, folder: Path) -> str:
+    """Fingers, tool and joints, the latter at the zero posture; raises DefinitionError of its model."""
+    model, lines = compile_robot(profile, folder), []
+    chain = read_kinematics(model, profile)
+    if chain is None:
+        raise DefinitionError.of("MODEL_INVALID", f"{folder}: model", "a joint of another kind", "hinges and slides")
+    if profile.gripper.joints:
+        hand = measure_hand(profile, folder)
+        opened, closed = (float(hand.pose(width_m)[0]) for width_m in (profile.gripper.max_width_m, 0.0))
+        names = ", ".join(profile.gripper.joints)
+        lines.append(f"gripper: {{joints: [{names}], opened: {opened:.6g}, closed: {closed:.6g}}}   # check")
+    data = mujoco.MjData(model)
+    for name in profile.arm.joints:
+        data.qpos[model.joint(name).qposadr[0]] = 0.0
+    mujoco.mj_kinematics(model, data)
+    tool = data.site(profile.tcp)
+    turn = as_pose(tool.xmat.reshape(3, 3), tool.xpos).quaternion_wxyz
+    lines += [f"tool: {{position_m: {_list(chain.tcp_m)}, quaternion_wxyz: {_list(turn)}}}", "joints:"]
+    slides = chain.slides or (False,) * len(chain.axes)
+    for name, axis, anchor, is_slide in zip(profile.arm.joints, chain.axes, chain.anchors_m, slides, strict=True):
+        low, high = model.joint(name).range.tolist()
+        place = f"axis: {_list(axis)}, anchor_m: {_list(anchor)}{', slides: true' if is_slide else ''}"
+        lines.append(f"  {name}: {{low: {low:.6g}, high: {high:.6g}, {place}}}")
+    return "\n".join(lines) + "\n"
+
+
+def _list(numbers: Sequence[float]) -> str:
+    return f"[{', '.join(f'{round(each, 9) + 0.0:.9g}' for each in numbers)}]"

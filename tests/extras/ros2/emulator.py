@@ -1,0 +1,296 @@
+"""A node with a robot's topics before MuJoCo; run by the Python of a ROS environment.
+
+    python emulator.py FOLDER OPTIONS      # OPTIONS in JSON; FOLDER is written by `plant.py`
+
+Lines on standard input act on the world as a person or a fault would, or ask for its truth; each is answered by a line
+of JSON. The world runs no faster than `pace` times real time, and waits for its cameras.
+"""
+
+import array
+import json
+import pickle
+import queue
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
+from std_msgs.msg import Bool, Float64MultiArray
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+sys.path.insert(0, str(Path(__file__).parent))
+from trajectory_controller import TrajectoryController
+
+BEGIN_S = 1000.0  # of the robot's clock
+CONTROL_STEPS, REPORT_STEPS = 2, 4  # physics steps of 2 ms: 250 Hz and 125 Hz
+CAMERAS_BEHIND_S = 0.06
+
+
+def as_bytes(values):
+    """What a message takes without a look at each byte."""
+    return array.array("B", values.tobytes())
+
+
+class Plant:
+    """The world, as a compiled model and its state."""
+
+    def __init__(self, folder, seed):
+        self.about = json.loads((folder / "plant.json").read_text())
+        self.model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
+        self.data = mujoco.MjData(self.model)
+        for name, value in np.load(folder / "state.npz").items():
+            getattr(self.data, name)[:] = value
+        self.data.time = 0.0
+        mujoco.mj_forward(self.model, self.data)
+        self.joints, self.fingers = self.about["joints"], self.about["fingers"]
+        every = [self.model.joint(name) for name in (*self.joints, *self.fingers)]
+        self.q_at, self.v_at = [each.qposadr[0] for each in every], [each.dofadr[0] for each in every]
+        self._servos = [self.model.actuator(name).id for name in self.about["servos"]]
+        self._drive = self.model.actuator(self.about["drive"]).id
+        self._lead_s, self._rng = np.array(self.about["lead_s"]), np.random.default_rng(seed)
+
+    def measure(self):
+        """(n,) positions and velocities of arm and fingers, with the noise of encoders."""
+        noise = self._rng.normal(size=(2, len(self.q_at))) * [[self.about["noise"][0]], [self.about["noise"][1]]]
+        return self.data.qpos[self.q_at] + noise[0], self.data.qvel[self.v_at] + noise[1]
+
+    def servo(self, q, qd):
+        n = len(self.joints)
+        self.data.ctrl[self._servos] = q[:n] + self._lead_s * qd[:n]
+        self.data.ctrl[self._drive] = sum(q[n:])
+
+    @property
+    def finger_force(self):
+        return -float(self.data.actuator_force[self._drive])
+
+    def find_bodies(self):
+        return {name: self.data.body(name).xpos.tolist() for name in self.about["bodies"]}
+
+
+class Robot(Node):
+    def __init__(self, plant, options):
+        super().__init__("robot", namespace=options["namespace"])
+        self.plant, self.options = plant, options
+        self.names, q = [options["prefix"] + name for name in (*plant.joints, *plant.fingers)], plant.measure()[0]
+        n = len(plant.joints) if options["hand"] else len(q)
+        self.controller = TrajectoryController(self.names[:n], q[:n], **options["controller"])
+        self.fingers = q[n:]
+        self.is_stopped, self.is_silent, self.shift_s, self.poison = False, False, 0.0, None
+        self.stopped_at_s, self.stops, self.late_s = None, 0, []
+        self._rng = np.random.default_rng(7)
+        self._clock_topic = self.create_publisher(Clock, "/clock", 1)
+        self._states = self.create_publisher(JointState, "joint_states", 10)
+        if options["kind"] == "trajectory":
+            self.create_subscription(JointTrajectory, "arm_controller/joint_trajectory", self.take, 10)
+        else:
+            self.create_subscription(Float64MultiArray, "arm_controller/commands", self.forward, 10)
+        if options["hand"]:
+            self.create_subscription(Float64MultiArray, "hand_controller/commands", self.move_hand, 10)
+        self.create_service(Trigger, "stop", self.stop)
+        self.create_subscription(Bool, "stop", self.stop, 1)
+        self.views = {
+            name: (
+                self.create_publisher(
+                    CompressedImage if each["compressed"] else Image, f"{name}/{self.color(each)}", 2
+                ),
+                self.create_publisher(Image, f"{name}/depth", 2),
+                self.create_publisher(CameraInfo, f"{name}/camera_info", QoSProfile(depth=2)),
+            )
+            for name, each in options["cameras"].items()
+        }
+
+    @staticmethod
+    def color(camera):
+        return "color/compressed" if camera["compressed"] else "color"
+
+    @property
+    def now_s(self):
+        return BEGIN_S + self.plant.data.time + self.shift_s
+
+    def take(self, message):
+        if self.is_stopped:
+            return
+        at_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+        if at_s:
+            self.late_s.append(self.now_s - at_s)
+        points = [
+            (each.time_from_start.sec + 1e-9 * each.time_from_start.nanosec, each.positions, each.velocities)
+            for each in message.points
+        ]
+        self.controller.take(message.joint_names, points, at_s, self.now_s, self.measure())
+
+    def measure(self):
+        return [each[: len(self.controller.joints)] for each in self.plant.measure()]
+
+    def move_hand(self, message):
+        if not self.is_stopped:
+            self.fingers = np.array(message.data)
+
+    def drive(self):
+        q, qd = self.controller.update(self.now_s, self.measure())
+        self.plant.servo(np.append(q, self.fingers), np.append(qd, np.zeros(len(self.fingers))))
+
+    def forward(self, message):
+        if not self.is_stopped:
+            self.controller.counts["taken"] += 1
+            self.controller.desired = np.array(message.data)
+
+    def stop(self, request, reply=None):
+        self.is_stopped, self.stops = True, self.stops + 1
+        self.stopped_at_s = self.now_s
+        self.controller.hold()
+        if reply is not None:
+            reply.success = True
+        return reply
+
+    def stamp(self, moment_s):
+        message = Clock().clock
+        message.sec, message.nanosec = int(moment_s), int((moment_s - int(moment_s)) * 1e9)
+        return message
+
+    def tick(self):
+        self._clock_topic.publish(Clock(clock=self.stamp(self.now_s)))
+
+    def report(self):
+        if self.is_silent:
+            return
+        (q, qd), n = self.plant.measure(), len(self.plant.joints)
+        if self.poison is not None:
+            q[self.poison] = np.nan
+        effort = np.zeros(len(q))
+        effort[n:] = self.plant.finger_force / (len(q) - n)
+        order = self._rng.permutation(len(q))
+        message = JointState(name=[self.names[each] for each in order])
+        message.header.stamp = self.stamp(self.now_s)
+        message.position, message.velocity, message.effort = q[order], qd[order], effort[order]
+        self._states.publish(message)
+
+    def show(self, name, moment_s, rgb, depth_m, lens):
+        color_topic, depth_topic, info_topic = self.views[name]
+        head = self.stamp(BEGIN_S + moment_s + self.shift_s)
+        height, width = depth_m.shape
+        if self.options["cameras"][name]["compressed"]:
+            import cv2
+
+            color = CompressedImage(format="jpeg", data=as_bytes(cv2.imencode(".jpg", rgb[..., ::-1])[1]))
+        else:
+            color = Image(height=height, width=width, encoding="rgb8", step=3 * width, data=as_bytes(rgb))
+        if self.options["cameras"][name]["metres"]:
+            raw, kind, size = depth_m.astype("<f4"), "32FC1", 4
+        else:
+            raw, kind, size = np.nan_to_num(depth_m * 1000.0).round().astype("<u2"), "16UC1", 2
+        depth = Image(height=height, width=width, encoding=kind, step=size * width, data=as_bytes(raw))
+        info = CameraInfo(height=height, width=width, k=lens)
+        for topic, message in ((info_topic, info), (color_topic, color), (depth_topic, depth)):
+            message.header.stamp = head
+            topic.publish(message)
+
+
+class Eyes:
+    """Pictures of the world, drawn by another process; the world waits where they are late."""
+
+    def __init__(self, command, folder):
+        self._process = subprocess.Popen([*command, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self._asked, self.drawn = queue.Queue(), queue.Queue()
+        self.pending = []
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def ask(self, moment_s, qpos):
+        self.pending.append(moment_s)
+        self._asked.put((moment_s, qpos.copy()))
+
+    def _run(self):
+        while True:
+            moment_s, qpos = self._asked.get()
+            pickle.dump((moment_s, qpos), self._process.stdin)
+            self._process.stdin.flush()
+            self.drawn.put((moment_s, pickle.load(self._process.stdout)))
+
+
+class World:
+    def __init__(self, folder, options):
+        self.options, self.plant = options, Plant(folder, options["seed"])
+        rclpy.init()
+        self.robot = Robot(self.plant, options)
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.robot)
+        self.eyes = Eyes(options["eyes"], folder) if options["cameras"] else None
+        if self.eyes is not None:  # it compiles before time begins
+            self.eyes.ask(0.0, self.plant.data.qpos)
+            self.eyes.drawn.get()
+            self.eyes.pending.clear()
+        self.orders, self.began_s = queue.Queue(), time.monotonic()
+        threading.Thread(target=lambda: [self.orders.put(line) for line in sys.stdin] and None, daemon=True).start()
+
+    def answer(self, order):
+        word, *rest = order.split()
+        robot = self.robot
+        if word == "silent":
+            robot.is_silent = rest != ["off"]
+        elif word == "nan":
+            robot.poison = int(rest[0]) if rest else None
+        elif word == "jump":
+            robot.shift_s += float(rest[0])
+        elif word == "reset":
+            robot.is_stopped = False
+        late = sorted(robot.late_s) or [0.0]
+        n = len(self.plant.joints)
+        return {
+            "time_s": robot.now_s, "factor": self.plant.data.time / (time.monotonic() - self.began_s),
+            "bodies": self.plant.find_bodies(), "counts": dict(robot.controller.counts), "stops": robot.stops,
+            "stopped_at_s": robot.stopped_at_s, "speed": float(np.abs(self.plant.data.qvel[self.plant.v_at[:n]]).max()),
+            "late_ms": [1e3 * late[int(share * (len(late) - 1))] for share in (0.5, 0.95, 1.0)], "messages": len(late),
+            "finite": bool(np.isfinite(self.plant.data.qpos).all()),
+        }  # fmt: skip
+
+    def run(self):
+        count, due_s = 0, time.monotonic()
+        dt = self.plant.model.opt.timestep * CONTROL_STEPS
+        rate = round(1.0 / self.options["camera_hz"] / dt) if self.eyes else 0
+        while rclpy.ok():
+            robot, plant = self.robot, self.plant
+            robot.drive()
+            mujoco.mj_step(plant.model, plant.data, CONTROL_STEPS)
+            count += 1
+            robot.tick()
+            if count % (REPORT_STEPS // CONTROL_STEPS) == 0:
+                robot.report()
+            if self.eyes is not None:
+                if count % rate == 0:
+                    self.eyes.ask(plant.data.time, plant.data.qpos)
+                self.look()
+            while not self.orders.empty():
+                order = self.orders.get()
+                print(json.dumps(self.answer(order)), flush=True)
+            due_s = max(due_s + dt / self.options["pace"], time.monotonic() - 0.05)
+            self.executor.spin_once(timeout_sec=0)
+            while (left_s := due_s - time.monotonic()) > 0.0:
+                self.executor.spin_once(timeout_sec=left_s)
+
+    def look(self):
+        """Publish what is drawn; time stands while the oldest pictures are too late."""
+        while self.eyes.pending:
+            is_late = self.plant.data.time - self.eyes.pending[0] > CAMERAS_BEHIND_S
+            try:
+                moment_s, pictures = (
+                    self.eyes.drawn.get(timeout=2.0 if is_late else 0.0) if is_late else self.eyes.drawn.get_nowait()
+                )
+            except queue.Empty:
+                return
+            self.eyes.pending.pop(0)
+            for name, picture in pictures.items():
+                self.robot.show(name, moment_s, *picture)
+
+
+if __name__ == "__main__":
+    World(Path(sys.argv[1]), json.loads(sys.argv[2])).run()
