@@ -161,7 +161,7 @@ MUTANTS = (
         edits=(
             Edit(
                 "phyagentos.runtime.motion.sites",
-                "lowest = min(lowest, _climb(space, [each for each in solids if _is_beside(each, side, WALL_BAND_M)]))",
+                "lowest = min(lowest, _climb(space, walls))",
                 "lowest = min(lowest, _climb(space, solids))",
             ),
         ),
