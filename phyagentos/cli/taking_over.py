@@ -41,7 +41,7 @@ class Keyboard:
 
     def __init__(self, width_max_m: float) -> None:
         self._width_max_m, self._width_m = width_max_m, -1.0
-        self._left = np.zeros(6)  # of the way that was asked for
+        self._left = np.zeros(6)  # of the way that was typed
         self._changed = threading.Condition()
         self._is_over = False
         self._clock, self._asked_at_s = SystemClock(), np.inf
@@ -63,7 +63,7 @@ class Keyboard:
 
     @property
     def is_moving(self) -> bool:
-        """Whether a way that was asked for is not gone yet."""
+        """Whether a way that was typed is not gone yet."""
         return bool(self._left.any())
 
     def start(self, request: Start) -> None:

@@ -80,8 +80,8 @@ def take_over(
     are steps of the `tool` in the world (x, y, z [m], rotation vector [rad], opening [m]), ten a second, or `joints` as
     the target takes them, one a control period.
     """
-    asked = Signal(kind="take_over", by=by, leader=leader, speaks=speaks)
-    return _reach(root, lambda each: (_request(asked, session, each),))
+    request = Signal(kind="take_over", by=by, leader=leader, speaks=speaks)
+    return _reach(root, lambda each: (_request(request, session, each),))
 
 
 def find_opening(session: str, root: Path | None = None) -> float:
@@ -152,7 +152,7 @@ def _cancel_goal(goal: GoalStatus, root: Path, reason: str, by: str) -> StopRequ
     return StopRequest(workspace=str(root), kind="cancel", subject=goal.id)
 
 
-def _request(asked: Signal, session: str, root: Path) -> StopRequest:
+def _request(signal: Signal, session: str, root: Path) -> StopRequest:
     id = EVERY_SESSION
     if session != ALL:
         ledger = read_ledger(root, parts=_READ)
@@ -161,7 +161,7 @@ def _request(asked: Signal, session: str, root: Path) -> StopRequest:
             live = [status.contract.id for status in ledger.live_sessions()]
             possible = f"a live session: {format_names(live)}"
             raise DefinitionError.of("ALREADY_OVER", id, f"its state {state!r} is final", possible)
-    return _drop(msgspec.structs.replace(asked, session=id), root)
+    return _drop(msgspec.structs.replace(signal, session=id), root)
 
 
 def _drop(signal: Signal, root: Path) -> StopRequest:

@@ -118,7 +118,7 @@ class Camera:
         info: Topic of its `CameraInfo`, rectified.
         position_m: (3,) of its optical frame, z forward, x right, y down [m]; `quaternion_wxyz` turns its axes.
         on_tool: Whether that is in the frame of the tool, else in the world.
-        reliable: Whether its topics are asked for reliably.
+        reliable: Whether its topics are subscribed to reliably.
     """
 
     color: str
@@ -164,7 +164,7 @@ class Settings:
 
 
 def read_settings(profile: Path) -> Settings:
-    """Both files; raises `SettingsError` at the first thing that is wrong."""
+    """Both files; raises `SettingsError` at the first fault."""
     given, place = _read_yaml(profile), str(profile)
     arm, gripper = (_get(given, place, name, dict) for name in ("arm", "gripper"))
     names = tuple(_get(arm, f"{place}: arm", "joints", list))

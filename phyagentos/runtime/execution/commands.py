@@ -61,7 +61,7 @@ class CommandBuffer:
         self._ends = self._ends or not goes_on
 
     def go_on_from(self, points: SetPoints) -> None:
-        """Take the end of a commanded period for what was commanded last, whoever set it; drop what is set."""
+        """Take the end of a period for what was commanded last, also by another source; drop what is set."""
         self._q, self._qd = points.q_rad[-1].copy(), points.qd_rad_s[-1].copy()
         self._width_m, self._arm, self._gripper = float(points.gripper_width_m[-1]), None, None
 

@@ -22,7 +22,7 @@ def seen(make_cell):
 
 
 def find_points(frame):
-    """(h, w, 3) where in the world each pixel lies."""
+    """(h, w, 3) of each pixel, where in the world it is."""
     rows, columns = np.indices(frame.depth_m.shape) + 0.5
     rays = np.stack(((columns - frame.cx) / frame.fx, (rows - frame.cy) / frame.fy, np.ones_like(rows)), axis=-1)
     turn = compute_rotation(frame.world_T_camera.quaternion_wxyz)

@@ -104,7 +104,7 @@ def test_an_emergency_stop_reaches_the_robot_within_two_periods(moving):
         CLOCK.sleep(0.5)
         assert cell.robot.ask("truth")["speed"] < 0.01
     print(f"\nstop in motion: {', '.join(f'{each:.2f}' for each in latencies)} periods of {CONTROL_PERIOD_S} s")  # noqa: T201
-    assert sorted(latencies)[1] <= 2.0, "the middle one: a machine that does other things is late at times"
+    assert sorted(latencies)[1] <= 2.0, "the middle one: a machine that does other work is late at times"
 
 
 def test_a_client_that_is_gone_leaves_the_robot_at_rest_where_it_braked(moving):
