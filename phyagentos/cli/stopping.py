@@ -20,17 +20,17 @@ def cancel(
     session: Annotated[str, typer.Argument(metavar="SESSION|GOAL|all")], workspace: Space = None, reason: Reason = ""
 ) -> Reply[Stopped]:
     """Ask for an end: the robot is halted, then the session is cancelled; of a goal, every session of it."""
-    return _show(stop.cancel(session, workspace, reason=reason))
+    return show(stop.cancel(session, workspace, reason=reason))
 
 
 def pause(session: Which, workspace: Space = None, reason: Reason = "") -> Reply[Stopped]:
     """Let a running session rest at the end of its present motion, until `resume`; its time limits go on."""
-    return _show(stop.pause(session, workspace, reason=reason))
+    return show(stop.pause(session, workspace, reason=reason))
 
 
 def resume(session: Which, workspace: Space = None) -> Reply[Stopped]:
     """Let a paused session go on."""
-    return _show(stop.resume(session, workspace))
+    return show(stop.resume(session, workspace))
 
 
 def estop(
@@ -40,10 +40,10 @@ def estop(
 ) -> Reply[Stopped]:
     """Stop every target at once; it stays latched, over restarts, until `--reset`, which needs --workspace."""
     if not reset:
-        return _show(stop.estop(workspace, reason=reason))
+        return show(stop.estop(workspace, reason=reason))
     if workspace is None:
         raise Exit(ExitCode.INVALID_INPUT, "paos estop --reset: name the workspace that may move again: --workspace")
-    return _show(stop.reset_estop(workspace, reason=reason))
+    return show(stop.reset_estop(workspace, reason=reason))
 
 
 def render_request(request: StopRequest) -> str:
@@ -59,6 +59,7 @@ def render_request(request: StopRequest) -> str:
     return f"asked to {request.kind.replace('_', ' ')} {request.subject}: {request.file}"
 
 
-def _show(found: Stopped) -> Reply[Stopped]:
+def show(found: Stopped) -> Reply[Stopped]:
+    """What was requested, line by line; an internal error where another workspace failed."""
     code = ExitCode.INTERNAL_ERROR if found.failed else ExitCode.GOAL_MET
     return Reply(found, "\n".join(map(render_request, found.requests)), found.failed, code)

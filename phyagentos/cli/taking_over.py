@@ -16,7 +16,7 @@ import typer
 
 from phyagentos.cli.outcome import Exit, ExitCode, print_note
 from phyagentos.cli.reply import Reply
-from phyagentos.cli.stopping import Space, render_request
+from phyagentos.cli.stopping import Space, show
 from phyagentos.clock import SystemClock
 from phyagentos.operations import stop
 from phyagentos.operations.stop import Stopped
@@ -37,7 +37,10 @@ TAKEN_S = 15.0  # until the runtime follows: a motion that plans is interrupted 
 
 
 class Keyboard:
-    """The keys of a person as a policy of steps of the tool; each way that is typed begins and ends at rest."""
+    """The keys of a person as a policy of steps of the tool; each way that is typed begins and ends at rest.
+
+    `width_max_m` is how far the gripper opens [m].
+    """
 
     def __init__(self, width_max_m: float) -> None:
         self._width_max_m, self._width_m = width_max_m, -1.0
@@ -71,7 +74,10 @@ class Keyboard:
         self.is_taken.set()
 
     def infer(self, request: Infer) -> tuple[Array, bool]:
-        """Rows of the way that was typed, one at rest where none was; the opening stays as it is at first."""
+        """(k, 7) rows of the way that was typed: x, y, z [m], rotation vector [rad], in the world, and opening [m].
+
+        One row at rest where none was; the opening stays as it is at first.
+        """
         self._asked_at_s = self._clock.now_s()
         with self._changed:
             if not self._left.any():
@@ -98,13 +104,11 @@ def take_over(
     """Move the arm of a running session yourself, guarded as ever; once you hand it back, the session is judged."""
     request = partial(stop.take_over, session, workspace, by=by or getpass.getuser())
     if leader:
-        found = request(leader=leader, speaks=speaks)
-    elif sys.stdin.isatty():
-        found = _lead(Keyboard(stop.find_opening(session, workspace)), request)
-    else:
+        return show(request(leader=leader, speaks=speaks))
+    if not sys.stdin.isatty():
         what = "paos take-over: its keys need a terminal; without one name a server: --leader tcp://127.0.0.1:PORT"
         raise Exit(ExitCode.INVALID_INPUT, what)
-    return Reply(found, "\n".join(map(render_request, found.requests)) if leader else "", found.failed)
+    return Reply(_lead(Keyboard(stop.find_opening(session, workspace)), request))
 
 
 def _lead(keyboard: Keyboard, request: Callable[..., Stopped]) -> Stopped:

@@ -120,6 +120,26 @@ def test_a_picture_for_people_leaves_the_model_as_it_was(physics, data):
     assert physics.model.vis.quality.shadowsize == 4096  # what evidence records of the model
 
 
+def test_graphics_that_failed_are_opened_anew_for_the_next_picture(physics, data, monkeypatch):
+    name = physics.model.camera(0).name
+    before = render_png(physics.model, data, name, 64, 48)
+    with monkeypatch.context() as broken:
+        broken.setattr(mujoco.Renderer, "render", lambda _: 1 / 0)
+        assert "ZeroDivisionError" in render_png(physics.model, data, name, 64, 48).reason
+    opened = []
+    monkeypatch.setattr(mujoco.Renderer, "__init__", count_calls(mujoco.Renderer.__init__, opened))
+    assert [render_png(physics.model, data, name, 64, 48) for _ in range(2)] == [before, before]
+    assert len(opened) == (1 if before.artefacts else 2)
+
+
+def count_calls(function, calls):
+    def counted(*given, **named):
+        calls.append(function)
+        return function(*given, **named)
+
+    return counted
+
+
 def test_the_arm_hides_what_is_behind_it(physics, data):
     q = np.array(physics.data.qpos)
     frame = capture(physics, data, make_sensors(), "above")

@@ -35,6 +35,7 @@ def render_png(model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: i
             renderer.update_scene(data, camera, _make_options())
             return ToolResult({"picture.png": Artefact("image/png", _encode(renderer.render()))})
     except Exception as error:  # graphics drivers raise what they like
+        _OPEN.renderer = None  # what failed once is not used again
         return ToolResult({}, f"{type(error).__name__}: {error}")
 
 
