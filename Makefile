@@ -162,6 +162,7 @@ static: $(STAMP)
 	@$(BIN)/mypy --no-error-summary --python-version 3.10 kits/target_server/target_server
 	@$(BIN)/mypy --no-error-summary --ignore-missing-imports kits/lerobot_bridge
 	@MYPYPATH=kits/ros2_goals $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2_goals/ros2_goals
+	@MYPYPATH=kits/ros2_verdicts $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2_verdicts/ros2_verdicts
 	@MYPYPATH=kits/target_server:kits/ros2 $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2/ros2_body
 	@MYPYPATH=kits/learned_forecaster $(BIN)/mypy --no-error-summary kits/learned_forecaster/learned_forecaster
 	@MYPYPATH=kits/rollouts $(BIN)/mypy --no-error-summary kits/rollouts/rollout_forecaster
