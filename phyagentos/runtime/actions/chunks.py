@@ -6,11 +6,15 @@ their weighted mean is taken: Zhao et al. 2023, arXiv:2304.13705.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from phyagentos.runtime.actions.set_points import Array, SetPoints
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 START_FRACTION = 0.5  # of the acceleration limit; leaves room for the guard's finite differences
 
@@ -42,7 +46,7 @@ def run_up(rows: Array, before: Array, acceleration_rad_s2: Array, period_s: flo
     `iter_periods`; `acceleration_rad_s2` (n_joints,) are limits.
     """
     rest, places, slow = np.zeros(len(before) - 1), np.arange(len(rows) + 1), rows
-    path = CubicSpline(places, np.vstack((before, rows)), bc_type="natural")
+    path = scipy.interpolate.CubicSpline(places, np.vstack((before, rows)), bc_type="natural")
     for m in range(1, len(rows) + 1):
         start_s = period_s * np.arange(2 * m)
         if (np.abs(_fit(slow, before, rest, period_s)(start_s, 2)) <= START_FRACTION * acceleration_rad_s2).all():
@@ -53,10 +57,12 @@ def run_up(rows: Array, before: Array, acceleration_rad_s2: Array, period_s: flo
     return rows
 
 
-def _fit(rows: Array, before: Array, velocity_rad_s: Array, period_s: float) -> CubicSpline:
+def _fit(rows: Array, before: Array, velocity_rad_s: Array, period_s: float) -> "CubicSpline":
     arm = np.vstack((before[:-1], rows[:, :-1]))  # (k + 1, n_joints)
     end_velocity = _compute_end_velocity(arm, period_s)
-    return CubicSpline(period_s * np.arange(len(arm)), arm, bc_type=((1, velocity_rad_s), (1, end_velocity)))
+    return scipy.interpolate.CubicSpline(
+        period_s * np.arange(len(arm)), arm, bc_type=((1, velocity_rad_s), (1, end_velocity))
+    )
 
 
 def _compute_end_velocity(arm: Array, period_s: float) -> Array:

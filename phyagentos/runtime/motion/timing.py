@@ -10,13 +10,16 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import toppra
 from scipy.interpolate import CubicSpline
-from toppra import algorithm, constraint
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.motion.calls import Solver, count_call
 from phyagentos.runtime.motion.requests import Array, TimeScaling, Trajectory
+from phyagentos.runtime.motion.without_plots import without_plots
+
+with without_plots():
+    import toppra
+    from toppra import algorithm, constraint
 
 VELOCITY_SCALE = 0.9  # of the datasheet's limits; the rest is for the controller
 ACCELERATION_SCALE = 0.7  # toppra exceeds its limit by some per cent between grid points

@@ -9,8 +9,8 @@ from typing import Any
 import cv2
 import msgspec
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, ActionSpace
 from phyagentos.protocol.capabilities.policy_descriptors import Stream
@@ -41,7 +41,7 @@ def _shape(value: Array, stream: Stream) -> Array:
     if stream.rotation != "quaternion_wxyz":
         space = ActionSpace(representation="tool_pose", rotation=stream.rotation, euler_order="xyz", rate_hz=1.0)
         poses = value.reshape(-1, value.shape[-1])
-        turns = encode_rotation(Rotation.from_quat(poses[:, [4, 5, 6, 3]]), space)
+        turns = encode_rotation(scipy.spatial.transform.Rotation.from_quat(poses[:, [4, 5, 6, 3]]), space)
         pose = np.concatenate((poses[:, :POSITION_WIDTH], turns), axis=1).astype(value.dtype)
         return pose.reshape((*value.shape[:-1], -1))
     return value

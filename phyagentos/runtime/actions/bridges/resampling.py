@@ -8,8 +8,7 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline, make_interp_spline
-from scipy.spatial.transform import RotationSpline, Slerp
+import scipy
 from typing_extensions import override
 
 from phyagentos.errors import Problem
@@ -59,14 +58,19 @@ class ResampleBridge(ActionBridge):
         if not count:
             return rows[:0]
         source, is_smooth = self.source, self.source.interpolation == "cubic"
-        out: Array = make_interp_spline(places, known, k=1)(times)
+        out: Array = scipy.interpolate.make_interp_spline(places, known, k=1)(times)
         linear = slice(0, source.arm_width if source.representation == "joint_position" else POSITION_WIDTH)
         if is_smooth:
             start: Any = "not-a-knot" if velocity is None else (1, velocity[linear] / source.rate_hz)
-            out[:, linear] = CubicSpline(places, known[:, linear], bc_type=(start, "not-a-knot"))(times)
+            out[:, linear] = scipy.interpolate.CubicSpline(places, known[:, linear], bc_type=(start, "not-a-knot"))(
+                times
+            )
         if source.representation == "tool_pose":
+            rotations = scipy.spatial.transform
             columns = slice(POSITION_WIDTH, source.arm_width)
-            turns = (RotationSpline if is_smooth else Slerp)(places, decode_rotation(known[:, columns], source))
+            turns = (rotations.RotationSpline if is_smooth else rotations.Slerp)(
+                places, decode_rotation(known[:, columns], source)
+            )
             out[:, columns] = encode_rotation(turns(times), source)
         out[self.rises - 1 :: self.rises] = rows[self.falls - 1 :: self.falls]  # as they were, bit for bit
         return out

@@ -1,14 +1,15 @@
 """Ways to write a rotation, and bridges: between them, from changes to postures, into another frame.
 
-scipy's `Rotation` does the mathematics.
+scipy's `Rotation` does the mathematics; scipy loads a part of it with its first use.
 """
 
 import warnings
 from dataclasses import dataclass
 from itertools import accumulate
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 from typing_extensions import override
 
 from phyagentos.errors import Problem
@@ -16,26 +17,29 @@ from phyagentos.protocol.capabilities.action_spaces import POSITION_WIDTH, UNIT_
 from phyagentos.runtime.actions.bridges.bridge import ActionBridge, Array, Frames, replace_space
 from phyagentos.runtime.actions.bridges.columns import METRES
 
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
 NORM_TOLERANCE = 0.05  # a quaternion that is further from length one was not meant as one
 LENGTH_MIN = 1e-6  # of the vectors of `rotation_6d`; below it they have no direction
 
 
-def decode_rotation(columns: Array, space: ActionSpace) -> Rotation:
+def decode_rotation(columns: Array, space: ActionSpace) -> "Rotation":
     """Rotations of columns (k, width of the form)."""
     degrees = space.angle_unit == "deg"
     match space.rotation:
         case "quaternion_wxyz":
-            return Rotation.from_quat(columns[:, [1, 2, 3, 0]])
+            return scipy.spatial.transform.Rotation.from_quat(columns[:, [1, 2, 3, 0]])
         case "quaternion_xyzw":
-            return Rotation.from_quat(columns)
+            return scipy.spatial.transform.Rotation.from_quat(columns)
         case "axis_angle":
-            return Rotation.from_rotvec(columns, degrees=degrees)
+            return scipy.spatial.transform.Rotation.from_rotvec(columns, degrees=degrees)
         case "euler":
-            return Rotation.from_euler(space.euler_order or "xyz", columns, degrees=degrees)
-    return Rotation.from_matrix(_complete_matrix(columns))
+            return scipy.spatial.transform.Rotation.from_euler(space.euler_order or "xyz", columns, degrees=degrees)
+    return scipy.spatial.transform.Rotation.from_matrix(_complete_matrix(columns))
 
 
-def encode_rotation(rotations: Rotation, space: ActionSpace) -> Array:
+def encode_rotation(rotations: "Rotation", space: ActionSpace) -> Array:
     """Columns (k, width of the form) of rotations; of a quaternion the one with a non-negative real part."""
     degrees = space.angle_unit == "deg"
     columns: Array
@@ -131,7 +135,7 @@ class ToAbsoluteBridge(ActionBridge):
             columns = slice(POSITION_WIDTH, space.arm_width)
             turns = [*decode_rotation(np.concatenate((before[None, columns], rows[:, columns])), space)]
             reached = [*accumulate(turns, lambda now, change: change * now)]
-            out[:, columns] = encode_rotation(Rotation.concatenate(reached[1:]), space)
+            out[:, columns] = encode_rotation(scipy.spatial.transform.Rotation.concatenate(reached[1:]), space)
         return out
 
     @override
@@ -169,7 +173,9 @@ class FrameBridge(ActionBridge):
         columns = slice(POSITION_WIDTH, self.source.arm_width)
         out = rows.copy()
         out[:, :POSITION_WIDTH] = rows[:, :POSITION_WIDTH] @ T[:3, :3].T + T[:3, 3]
-        turned = Rotation.from_matrix(T[:3, :3]) * decode_rotation(rows[:, columns], self.source)
+        turned = scipy.spatial.transform.Rotation.from_matrix(T[:3, :3]) * decode_rotation(
+            rows[:, columns], self.source
+        )
         out[:, columns] = encode_rotation(turned, self.source)
         return out
 

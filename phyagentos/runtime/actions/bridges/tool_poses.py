@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 from typing_extensions import override
 
 from phyagentos.errors import Problem
@@ -131,7 +131,9 @@ class ToolPoseBridge(ActionBridge):
     def invert(self, rows: Array) -> Array:
         arm, n = self._get_arm(), self.target.arm_width
         places = [arm.place(row[:n]) for row in rows]
-        turns = encode_rotation(Rotation.from_matrix([rotation for _, rotation, _ in places]), self.source)
+        turns = encode_rotation(
+            scipy.spatial.transform.Rotation.from_matrix([rotation for _, rotation, _ in places]), self.source
+        )
         return np.concatenate(([position for position, _, _ in places], turns, rows[:, n:]), axis=1)
 
     @override
