@@ -332,3 +332,42 @@ FELT = world(cube("a", 0.5, held_by="arm", status=Status.HELD), tray(observed_at
 )
 def test_what_the_measurement_may_turn_over_is_unknown_and_all_else_is_not(text, now, before, expected):
     assert truth(text, now, before) is expected
+
+
+SLAB = (Shape(ShapeKind.BOX, (0.048, 0.029, 0.0074)),)
+BAR = (Shape(ShapeKind.BOX, (0.01, 0.04, 0.005)),)
+STAND = (
+    Shape(ShapeKind.BOX, (0.025, 0.024, 0.005), Pose((0.0, 0.0, 0.024))),
+    *(Shape(ShapeKind.BOX, (0.006, 0.006, 0.024), Pose((x, y, 0.0))) for x in (-0.019, 0.019) for y in (-0.018, 0.018)),
+)
+
+
+def lean(rad):
+    """A slab with its lower edge on the floor of the tray, which is at 0.01 m."""
+    rise_m = 0.048 * math.sin(rad) + 0.0074 * math.cos(rad)
+    return cube(
+        "a", shapes=SLAB, pose=Pose((0.5, 0.0, 0.01 + rise_m), (math.cos(rad / 2), 0.0, math.sin(rad / 2), 0.0))
+    )
+
+
+@pytest.mark.parametrize(
+    ("rad", "others", "expected"),
+    [
+        (0.17, [cube("b", 0.48, z=0.015, shapes=BAR)], Truth.UNKNOWN),  # which bears most of it
+        (0.17, [], Truth.TRUE),  # on its wall
+        (0.17, [cube("b", 0.48, z=0.015, shapes=BAR, status=Status.GONE)], Truth.TRUE),
+        (0.17, [cube("b", 0.3)], Truth.TRUE),  # away from it
+        (0.03, [cube("b", 0.48, z=0.015, shapes=BAR)], Truth.TRUE),  # flat, as far as a look can tell
+    ],
+)
+@pytest.mark.parametrize("sensing", ["truth", "perceived"])
+def test_what_leans_on_something_else_may_not_be_on_what_its_edge_touches(rad, others, expected, sensing):
+    assert truth("on(a, tray)", world(lean(rad), *others, tray(), sensing=sensing)) is expected
+
+
+@pytest.mark.parametrize(("at_m", "expected"), [((0.5, 0.0, 0.03), Truth.UNKNOWN), ((0.5, 0.0, 0.1), Truth.TRUE)])
+def test_what_may_hang_on_the_closed_fingers_within_it_is_nowhere_yet(at_m, expected):
+    hand = TargetState(q_rad=(), qd_rad_s=(), gripper_width_m=0.0006, tcp=Pose(at_m, (0.0, 1.0, 0.0, 0.0)))
+    hung = cube("a", 0.5, z=0.03, shapes=STAND)
+    now = world(hung, sensing="perceived", targets={"arm": hand})
+    assert truth("at(a, (0.5, 0.0, 0.03), 0.1)", now) is expected

@@ -37,7 +37,10 @@ from phyagentos.protocol.world.entity_geometry import (
     find_bridged_top,
     find_tops_below,
     is_around,
+    is_level_on,
+    is_within,
     list_points,
+    measure_radius,
 )
 from phyagentos.protocol.world.environment import CLOSED_M, CLOSES_AT, FRESH_S, OPENS_AT, Entity, Status, TargetState
 from phyagentos.wording import compare_angles, compare_lengths, format_angle, format_length, format_share
@@ -46,6 +49,7 @@ RIM_M = 0.003  # how far below the rim the lowest point must lie: what rests on 
 FLOOR_SLACK_M = 0.010  # contact penetration and the rounding of floors
 CONTACT_M = 0.002  # how far solids that touch may be apart, or in each other, beside the stated uncertainty
 FOOTPRINT_SLACK_M = 0.005  # how far past the edge the centroid may be where no uncertainty is stated
+LEAN_RAD = 0.05  # 3 degrees: what lies on a surface leans by less, beside the stated uncertainty
 UPRIGHT_RAD = 0.26  # 15 degrees: a bottle leaning on a wall does not stand
 FALLEN_RAD = 0.79  # 45 degrees
 MOVED_M = 0.015  # settling and sensing noise stay below
@@ -148,6 +152,9 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
         if reason := view.now.explain_unseen(between):
             raise FactUnknown(f"{reason}; it may be between {a.name} and {b}")
         return Reading(-1.0, measured | {"between": between.name}, f"{between.name} is between {a.name} and {b}")
+    leans = is_near and not is_level_on(a, top, LEAN_RAD + _find_tilt_doubt(view, a))
+    if leans and (prop := _find_prop(view, a, b, top.point_m[2])) is not None:
+        raise FactUnknown(f"{a.name} leans, and {prop.name} may bear it as well as {b}")
     if gap_m > allowed_m and (sunk_m := _measure_sunk(view, a, b)) > allowed_m:
         because = f"{a.name} rests in the hollow of {b}, {format_length(sunk_m)} below its rim"
         return Reading(sunk_m / allowed_m, measured, because, doubt_m / allowed_m)
@@ -206,6 +213,20 @@ def _find_between(view: View, a: Entity, b: str, top_m: float, most_m: float) ->
     return None
 
 
+def _find_prop(view: View, a: Entity, b: str, top_m: float) -> Entity | None:
+    """An object near a that is higher than the top of b; b's own walls are of b."""
+    of = view.now.entities.get(b)
+    for other in view.now.entities.values():
+        if other.name in {a.name, b} or other.held_by or other.status is Status.GONE:
+            continue
+        is_part = of is not None and (other.part_of == b or of.part_of == other.name)
+        away_m = math.dist(other.pose.position_m[:2], a.pose.position_m[:2])
+        is_high = other.pose.position_m[2] + compute_reach(other, UP) > top_m + CONTACT_M
+        if is_high and not is_part and away_m < measure_radius(a) + measure_radius(other):
+            return other
+    return None
+
+
 def _measure_below(a: Entity, of: Entity | None) -> float:
     """How far the datum of a is below that of another object [m]; 0 where it is not, or one of them has none."""
     datums = [to_parent(each.pose, each.datum_m) for each in (a, of) if each is not None and each.datum_m is not None]
@@ -246,6 +267,8 @@ def _find_hold(view: View, a: Entity) -> Reading | None:
         for name, state in view.now.targets.items():
             width_m, doubt_m = state.gripper_width_m, _find_position_doubt(view, a)
             between_m = compute_grasp_width(a, state.tcp, PAD_M, width_m) if width_m >= CLOSED_M else None
+            if between_m is None and is_within(a, state.tcp.position_m, PAD_M):
+                raise FactUnknown(f"{a.name} is around the fingers of {name}, and may hang on them")
             if between_m is not None and between_m > width_m - WIDTH_M - doubt_m:  # wider: the box around what is round
                 raise FactUnknown(f"{a.name} is between the fingers of {name}, which may still hold it")
     return None
@@ -312,7 +335,8 @@ def _demand_grasp(view: View, a: Entity, state: TargetState) -> None:
 
 
 def measure_at(view: View, a: Entity, place: Place, tol_m: float) -> Reading:
-    """Centre within `tol_m` of a point, or of a place's box."""
+    """Centre within `tol_m` of a point, or of a place's box; a hand may hold it there."""
+    _find_hold(view, a)
     distance_m = compute_box_distance(place.pose, place.half_m, compute_center(a))
     doubt_m = _find_position_doubt(view, a, view.now.entities.get(place.name))
     return _read_length("distance_m", distance_m, tol_m, f"{a.name} is {{}} from {place.name}", doubt_m)

@@ -202,7 +202,7 @@ def find_bridged_top(entity: Entity | None, load: Entity, sure_m: float) -> Top 
     if (
         entity is None
         or len(entity.shapes) == 1
-        or math.dist(middle[:2], entity.pose.position_m[:2]) > _measure_radius(entity)
+        or math.dist(middle[:2], entity.pose.position_m[:2]) > measure_radius(entity)
     ):
         return None
     reaches_m, borne = [compute_reach(load, way) for way in _WAYS], list[tuple[Vector, Top]]()
@@ -218,7 +218,25 @@ def find_bridged_top(entity: Entity | None, load: Entity, sure_m: float) -> Top 
     return Top((middle[0], middle[1], nearest.point_m[2]), nearest.normal)
 
 
-def _measure_radius(entity: Entity) -> float:
+def is_level_on(load: Entity, top: Top, lean_rad: float) -> bool:
+    """Whether it touches a surface on all sides of its middle, so that this alone can bear it.
+
+    What leans by less than `lean_rad` is level. By how much the support function grows as its direction leans is how
+    far what touches reaches that way.
+    """
+    slope, middle, (x, y, z) = 2.0 * lean_rad, compute_centroid(load), top.normal
+    turned = invert_rotation(load.pose.quaternion_wxyz)
+
+    def reach(direction: Vector) -> float:
+        length, own = math.hypot(*direction), rotate(turned, direction)
+        unit = (own[0] / length, own[1] / length, own[2] / length)
+        return length * (compute_extent(load, unit)[1] - dot(middle, unit))
+
+    low_m = reach((-x, -y, -z))
+    return all(reach((slope * i - x, slope * j - y, -z)) >= low_m for i, j, _ in _WAYS)
+
+
+def measure_radius(entity: Entity) -> float:
     """Of a circle around its origin that holds it as seen from above [m]."""
     return math.hypot(*(max(compute_reach(entity, way) for way in _WAYS[side::8]) for side in (0, 4)))
 
@@ -251,6 +269,16 @@ def _compute_support(shape: Shape, direction: Vector) -> float:
 def list_points(a: Entity) -> list[Vector]:
     """The points of an object that say where it is, in the world: its centre, and its datum."""
     return [compute_center(a), *([] if a.datum_m is None else [to_parent(a.pose, a.datum_m)])]
+
+
+def is_within(entity: Entity, point: Vector, deep_m: float) -> bool:
+    """Whether a point of the world is in the box around an entity, so deep below its sides or half as deep as it is."""
+    spans = [compute_extent(entity, axis) for axis in AXES]
+    local = to_child(entity.pose, point)
+    return all(
+        low + min(deep_m, (high - low) / 4) <= at <= high - min(deep_m, (high - low) / 4)
+        for at, (low, high) in zip(local, spans, strict=True)
+    )
 
 
 def is_around(container: Entity, a: Entity) -> bool:
