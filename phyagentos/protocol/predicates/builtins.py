@@ -432,7 +432,8 @@ def measure_closed(view: View, a: Entity) -> Reading:
 def measure_tilt(view: View, a: Entity) -> Reading:
     """Angle between its z axis and the vertical [rad]."""
     tilt_rad = compute_tilt(a.pose)
-    because = f"{a.name} leans {format_angle(tilt_rad)}"
+    side = " or rests on a side of nearly the same size" if a.tilt_std_rad > math.pi / 8 else ""
+    because = f"{a.name} leans {format_angle(tilt_rad)}{side}"
     return Reading(tilt_rad, {"tilt_rad": round(tilt_rad, 5)}, because, _find_tilt_doubt(view, a))
 
 
