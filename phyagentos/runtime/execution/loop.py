@@ -128,6 +128,8 @@ class SessionLoop:
             return describe_request(request) if isinstance(request, EndRequest) else self._describe_refusal(refusal)
         except LeafError as error:
             cause = error.cause
+            if isinstance(cause, CommandRefused):  # a call, in the middle of a stop
+                return self._describe_refusal(cause)
             code = cause.code if isinstance(cause, ExecutionError) else "LEAF_ERROR"
             place = cause.place if isinstance(cause, DefectError) else error.place
             return Outcome(
