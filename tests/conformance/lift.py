@@ -1,5 +1,6 @@
 """A slide that also rises by itself when it is called: procedures that misbehave as their goal says."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -65,13 +66,13 @@ class Lift(Slide):
             feedback={"height_m": "number", "where": "pose"},
             result={"height_m": "number", "steps": "integer"},
         ),
+        Procedure("hoist", goal={"height_m": "number"}),
         Procedure("ring", kind="service", type="std_srvs/srv/Trigger"),
     )
 
     def __init__(self):
         super().__init__()
         self.load_m, self._rises, self.emergencies = 0.0, [], 0
-        self._lies = "--lies" in sys.argv
 
     def load(self, scene, seed, snapshot):
         super().load(scene, seed, snapshot)
@@ -83,9 +84,10 @@ class Lift(Slide):
 
     def call(self, procedure, goal):
         strange = [path for path in goal if path not in HEIGHT]
-        if procedure != "rise" or strange or not isinstance(goal.get("height_m"), float):
+        if procedure == "ring" or strange or not isinstance(goal.get("height_m"), float):
             raise Refusal("REQUEST_INVALID", f"{procedure} of {goal}")
-        self._rises.append(Rise(self, goal))
+        lies = {"as": "lying"} if procedure == "rise" and "RISE_LIES" in os.environ else {}
+        self._rises.append(Rise(self, {**goal, **lies}))
         return self._rises[-1]
 
     def step(self, q, qd, width_m):

@@ -199,7 +199,7 @@ def test_an_emergency_stop_cancels_a_call_and_is_the_reason_of_the_end(stand):
 @pytest.mark.parametrize(
     ("root", "says"),
     [
-        ("{call: {procedure: fall}}", "no procedure 'fall'; there are ring, rise"),
+        ("{call: {procedure: fall}}", "no procedure 'fall'; there are hoist, ring, rise"),
         (call("high"), "rise: the target refused Call: rise of {'height_m': 'high'}"),
         (call(way=1), "rise: the target refused Call: rise of {'height_m': 0.1, 'way': 1}"),
     ],

@@ -285,7 +285,9 @@ def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[st
         elif isinstance(value, Reference):
             yield from _iter_reference_problems(tree, place, value, {**inputs, **outputs}[port], written)
         elif port in outputs:
-            yield tree.located.problem("INVALID_VALUE", place, repr(value), f"a key such as '${{{port}}}' to write to")
+            yield tree.located.problem(
+                "INVALID_VALUE", place, repr(value), f"a key such as '${{{place[-1]}}}' to write to"
+            )
         else:
             yield from _iter_literal_problems(tree, place, value, inputs[port])
     for port, information in inputs.items():
