@@ -227,7 +227,7 @@ def test_a_place_fills_a_pose(stand):
 
     assert execution.ended is Ended.SKILL_FAILED, "the body of the test takes no elements"
     assert given[0]["place"]["position_m"] == [0.0, 0.0, 0.0]
-    assert given[0]["ways[0].speed"] == 1
+    assert given[0]["ways.0.speed"] == 1
     assert run_tree(stand, call(place="moon"))[0].code == "OBJECT_GONE"
 
 

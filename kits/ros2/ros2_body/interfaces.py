@@ -1,14 +1,22 @@
-"""Messages of ROS by introspection of the installed types: their fields by path, values in and values out."""
+"""Messages of ROS by introspection of the installed types: their fields by path, values in and values out.
+
+python -m ros2_body.interfaces robots/NAME/target.yaml   # writes procedures.json there, for `paos lint`
+"""
 
 import importlib
+import json
 import math
 import re
+import sys
 from collections.abc import Iterator, Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from target_server.procedures import Procedure
 from target_server.wire import Refusal
+
+from ros2_body.settings import FILE, Offer, SettingsError, read_settings
 
 DEPTH_MAX, FIELDS_MAX, ITEMS_MAX = 8, 500, 1000  # of one message, of all its fields, of one list
 UNIT_TOLERANCE = 0.01
@@ -35,20 +43,19 @@ def load_type(name: str) -> Any:
         raise ValueError(f"{name} is not installed: {error}") from error
 
 
-def describe_procedure(name: str, kind: str, *, listens: bool = False) -> Procedure:
-    """What can be called under a name; a topic is sent to, or `listens` for the next message.
-
-    Raises:
-        ValueError: No such type is installed.
-    """
-    found, what = load_type(kind), KINDS[kind.split("/")[1]]
+def describe_procedure(name: str, offer: Offer) -> Procedure:
+    """What can be called under a name; raises `SettingsError` where its type is not installed."""
+    try:
+        found, what = load_type(offer.type), KINDS[offer.type.split("/")[1]]
+    except ValueError as error:
+        raise SettingsError(f"{FILE}: procedures.{name}.type", str(error), "an installed type") from error
     if what == "action":
         parts = (found.Goal, found.Feedback, found.Result)
     elif what == "service":
         parts = (found.Request, None, found.Response)
     else:
-        parts = (None, None, found) if listens else (found, None, None)
-    return Procedure(name, what, kind, *({} if each is None else describe(each) for each in parts))
+        parts = (None, None, found) if offer.listen else (found, None, None)
+    return Procedure(name, what, offer.type, *({} if each is None else describe(each) for each in parts))
 
 
 def describe(message: Any) -> dict[str, str]:
@@ -94,7 +101,7 @@ def fill(message: Any, values: Mapping[str, Any], frame: str) -> Any:
 
 
 def _assign(message: Any, path: str, value: Any, frame: str) -> None:
-    if (step := re.fullmatch(r"(\w+)(?:\[(\d{1,3})\])?(?:\.(.+))?", path)) is None:
+    if (step := re.fullmatch(r"(\w+)(?:\.(\d{1,3}))?(?:\.(.+))?", path)) is None:
         raise KeyError(path)
     name, index, below = step.groups()
     element, _ = _parse(message.get_fields_and_field_types()[name])
@@ -159,3 +166,25 @@ def _is_sound(value: Any) -> bool:
     if isinstance(value, list):
         return len(value) <= ITEMS_MAX and all(map(_is_sound, value))
     return not isinstance(value, float) or math.isfinite(value)
+
+
+def main(arguments: list[str]) -> int:
+    """Write what the installed types say of the procedures of a profile; the exit code."""
+    try:
+        (profile,) = map(Path, arguments)
+        offers = read_settings(profile).ros.procedures
+        found = [describe_procedure(name, each).encode() for name, each in offers.items()]
+    except (ValueError, SettingsError) as error:
+        print(
+            error if isinstance(error, SettingsError) else "usage: python -m ros2_body.interfaces PROFILE",
+            file=sys.stderr,
+        )
+        return 2
+    path = profile.with_name("procedures.json")
+    path.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    print(f"wrote {path}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -17,7 +17,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from target_server.procedures import ENDED, PENDING, RUNNING, Call, Procedure, Progress
 
 from ros2_body.interfaces import describe_procedure, fill, load_type, read
-from ros2_body.settings import FILE, Offer, SettingsError
+from ros2_body.settings import Offer
 
 _STATES = {
     GoalStatus.STATUS_SUCCEEDED: "succeeded",
@@ -36,11 +36,7 @@ class Procedures:
         self.described: list[Procedure] = []
         self._starts: dict[str, Start] = {}
         for name, each in settings.items():
-            try:
-                procedure = describe_procedure(name, each.type, listens=each.listen)
-            except ValueError as error:
-                raise SettingsError(f"{FILE}: procedures.{name}.type", str(error), "an installed type") from error
-            self.described.append(procedure)
+            self.described.append(procedure := describe_procedure(name, each))
             self._starts[name] = _open(node, procedure, each)
 
     def call(self, name: str, goal: Mapping[str, Any]) -> Call:

@@ -19,7 +19,9 @@ CANCEL_MAX_S = 5.0  # the end of a session waits for it
 
 @dataclass(frozen=True)
 class Procedure:
-    """One procedure. A path leads to a field of a message: `pose.position.x`, and `poses[].header` of each element.
+    """One procedure. A path leads to a field of a message: `pose.position.x`, and `ways[].speed` in each of a list.
+
+    Of a value it has the number: `ways.0.speed`.
 
     Attributes:
         name: As trees write it.

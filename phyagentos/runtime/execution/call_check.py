@@ -5,11 +5,15 @@ Upstream: `Description.procedures`, of the live target or as its kit has written
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, iter_nodes, read_tree, split_path
+from phyagentos.protocol.documents.schema import read_text
 from phyagentos.protocol.documents.yaml_scalars import format_scalar
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.execution.port_types import PORT_TYPES
@@ -36,7 +40,7 @@ def find_call(given: Mapping[str, Any]) -> tuple[str, str]:
 
 def find_type(types: Mapping[str, str], path: str) -> str:
     """Type of a field by its path, in which elements have numbers; empty where there is none."""
-    return types.get(re.sub(r"\[\d+\]", "[]", path), "")
+    return types.get(re.sub(r"\.\d+(?=\.|$)", "[]", path), "")
 
 
 def iter_form_problems(tree: Tree, node: Node) -> Iterator[Problem]:
@@ -55,11 +59,25 @@ def iter_call_problems(name: str, library: Library, procedures: Sequence[Procedu
             tree = read_tree(library.get_tree(name))
         except DefinitionError:
             continue
-        for node in iter_nodes(tree.root):
-            if node.kind is NodeKind.SUBTREE and node.type not in seen:
-                waiting.append(node.type)
-            elif node.kind is NodeKind.LEAF and node.type == CALL:
-                yield from _iter_node_problems(tree, node, procedures, target)
+        yield from iter_own_problems(tree, procedures, target)
+        below = (node.type for node in iter_nodes(tree.root) if node.kind is NodeKind.SUBTREE)
+        waiting += [each for each in below if each not in seen]
+
+
+def iter_own_problems(tree: Tree, procedures: Sequence[Procedure], target: str) -> Iterator[Problem]:
+    """As `iter_call_problems`, of one tree itself."""
+    for node in iter_nodes(tree.root):
+        if node.kind is NodeKind.LEAF and node.type == CALL:
+            yield from _iter_node_problems(tree, node, procedures, target)
+
+
+def read_procedures(path: Path) -> tuple[Procedure, ...]:
+    """What a kit has written down of a robot's procedures, as JSON; raises DefinitionError."""
+    try:
+        return msgspec.json.decode(read_text(path), type=tuple[Procedure, ...])
+    except msgspec.DecodeError as error:
+        expected = "what `python -m ros2_body.interfaces` writes"
+        raise DefinitionError.of("INVALID_VALUE", str(path), str(error), expected) from error
 
 
 def _iter_node_problems(tree: Tree, node: Node, procedures: Sequence[Procedure], target: str) -> Iterator[Problem]:

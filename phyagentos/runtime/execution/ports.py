@@ -1,7 +1,6 @@
 """Ports of leaves: a type, and for a number the range that it has to be in."""
 
 import math
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -25,7 +24,7 @@ class Port(PortInformation):
 
 def expand_ports(ports: Mapping[str, PortInformation], given: Iterable[str]) -> Mapping[str, PortInformation]:
     """The ports, and the given fields, of any type, of those that are mappings."""
-    whole = {path: ports.get(re.split(r"[.\[]", path)[0]) for path in given}
+    whole = {path: ports.get(path.partition(".")[0]) for path in given}
     fields = {path: _FIELD for path, port in whole.items() if port is not None and port.data_type is dict}
     return {**fields, **ports}
 

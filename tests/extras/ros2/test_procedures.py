@@ -3,11 +3,13 @@
 import ast
 import itertools
 import os
+import subprocess
 import time
 from pathlib import Path
 
 import pytest
 
+from phyagentos.operations.lint import lint_file
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.sessions.session import Ended, Scene
@@ -20,7 +22,7 @@ from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
 from phyagentos.runtime.targets.websocket import connect_websocket
 from phyagentos.testing import SkillStand, make_contract
-from tests.extras.ros2.cell import KITS, ROOT, SCENE, Process
+from tests.extras.ros2.cell import KITS, ROOT, SCENE, Process, write_project
 from tests.extras.ros2.conftest import DOMAINS
 
 pytestmark = pytest.mark.extras
@@ -242,6 +244,19 @@ def test_a_robot_offers_what_its_file_names(make_cell):
     )
     assert progress.state == "succeeded", progress
     assert cell.robot.ask("truth")["stops"] == 1
+
+
+def test_lint_knows_the_types_that_were_written_down(python, tmp_path):
+    write_project(tmp_path, cameras=(), procedures={"count": {"type": "test_msgs/action/Fibonacci"}})
+    command = [python, "-m", "ros2_body.interfaces", "robots/panda/target.yaml"]
+    done = subprocess.run(command, cwd=tmp_path, env={"PYTHONPATH": KITS}, text=True, capture_output=True, check=True)
+    (tmp_path / "trees" / "mine.yaml").write_text(f"tree: mine\ndescription: D.\nroot: {count(4)}\n")
+
+    assert done.stdout == "wrote robots/panda/procedures.json\n"
+    assert not lint_file(tmp_path / "trees" / "mine.yaml")
+    (tmp_path / "trees" / "mine.yaml").write_text(f"tree: mine\ndescription: D.\nroot: {count('four')}\n")
+    (problem,) = lint_file(tmp_path / "trees" / "mine.yaml")
+    assert "INVALID_VALUE: found 'four'; expected type integer" in str(problem)
 
 
 def test_a_type_that_is_not_installed_is_named_at_the_start(make_cell):

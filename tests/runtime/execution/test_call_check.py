@@ -1,7 +1,9 @@
 """Calls of a tree, checked as they are written, and against the procedures that a target describes."""
 
+import msgspec
 import pytest
 
+from phyagentos.operations.lint import lint_file
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import split_path
 from phyagentos.runtime.execution.call_check import iter_call_problems
@@ -97,6 +99,19 @@ def test_a_call_is_checked_against_what_the_target_describes(write, registry, po
     assert [says in each for each in found] == ([True] if says else []), found
 
 
+def test_lint_reads_what_a_kit_has_written_down_of_a_robot(write, tmp_path):
+    library = write(f"{ACTION}, goal: {{pse: hall}}")
+    tree, robot = tmp_path / "trees" / "mine.yaml", tmp_path / "robots" / "arm"
+    assert lint_file(tree, library=library) == []
+    robot.mkdir(parents=True)
+    (robot / "procedures.json").write_bytes(msgspec.json.encode([DRIVE]))
+
+    assert ["found 'pse'" in str(each) for each in lint_file(tree, library=library)] == [True]
+    (robot / "procedures.json").write_text("[1]")
+    (broken,) = lint_file(tree, library=library)
+    assert (broken.code, broken.expected) == ("INVALID_VALUE", "what `python -m ros2_body.interfaces` writes")
+
+
 def test_a_path_is_split_as_the_file_has_it():
-    assert split_path("goal.poses[10].pose.x") == ("goal", "poses", 10, "pose", "x")
+    assert split_path("goal.poses.10.pose.x") == ("goal", "poses", 10, "pose", "x")
     assert split_path("object") == ("object",)
