@@ -4,6 +4,7 @@ python -m ros2_body.interfaces robots/NAME/target.yaml   # writes procedures.jso
 """
 
 import importlib
+import itertools
 import json
 import math
 import re
@@ -60,11 +61,7 @@ def describe_procedure(name: str, offer: Offer) -> Procedure:
 
 def describe(message: Any) -> dict[str, str]:
     """Type of each field by its path, as of `target_server.procedures.Procedure`; bytes are left out."""
-    found: dict[str, str] = {}
-    for path, kind in _iter_fields(message, "", 0):
-        if len(found) < FIELDS_MAX:
-            found[path] = kind
-    return found
+    return dict(itertools.islice(_iter_fields(message, "", 0), FIELDS_MAX))
 
 
 def _iter_fields(message: Any, above: str, depth: int) -> Iterator[tuple[str, str]]:
@@ -173,7 +170,7 @@ def main(arguments: list[str]) -> int:
     try:
         (profile,) = map(Path, arguments)
         offers = read_settings(profile).ros.procedures
-        found = [describe_procedure(name, each).encode() for name, each in offers.items()]
+        found = [vars(describe_procedure(name, each)) for name, each in offers.items()]
     except (ValueError, SettingsError) as error:
         print(
             error if isinstance(error, SettingsError) else "usage: python -m ros2_body.interfaces PROFILE",

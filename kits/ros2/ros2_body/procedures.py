@@ -26,6 +26,7 @@ _STATES = {
 }
 _REASONS = ("error_msg", "error_string", "message")  # fields that say why, in Nav2, ros2_control and std_srvs
 
+QUEUE = 10  # messages that wait for a slow node
 Start = Callable[[Mapping[str, Any]], Call]  # from a goal by path; raises `Refusal` `REQUEST_INVALID`
 
 
@@ -54,7 +55,7 @@ def _open(node: Node, procedure: Procedure, settings: Offer) -> Start:
         services = node.create_client(kind, name)
         return lambda goal: ServiceCall(procedure, services, fill(kind.Request(), goal, frame))
     if not settings.listen:
-        publisher = node.create_publisher(kind, name, 1)
+        publisher = node.create_publisher(kind, name, QUEUE)
         return lambda goal: _publish(procedure, publisher, fill(kind(), goal, frame))
     waiting: list[_Ending] = []
 

@@ -38,11 +38,6 @@ class Procedure:
     feedback: Mapping[str, str] = field(default_factory=dict)
     result: Mapping[str, str] = field(default_factory=dict)
 
-    def encode(self) -> dict[str, Any]:
-        """As the wire has it."""
-        maps = {"goal": dict(self.goal), "feedback": dict(self.feedback), "result": dict(self.result)}
-        return {"name": self.name, "kind": self.kind, "type": self.type, **maps}
-
 
 @dataclass(frozen=True)
 class Progress:

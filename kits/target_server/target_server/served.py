@@ -182,7 +182,7 @@ class Served:
             "mode": "realtime" if body.is_realtime else "lockstep", "end_effector": body.end_effector,
             "gripper_force_n": body.gripper_force_n, "ground_truth": body.has_truth,
             "tools": [{"name": name, "moves": False} for name in body.tools],
-            "procedures": [each.encode() for each in body.procedures],
+            "procedures": list(map(vars, body.procedures)),
             "kinematics": {
                 "axes": [each.axis for each in joints], "anchors_m": [each.anchor_m for each in joints],
                 "tcp_m": body.tcp_m, "slides": [each.slides for each in joints],

@@ -38,7 +38,7 @@ class Servers(Node):
         self.nested = ActionServer(self, NestedMessage, "nested", self.echo, **group)
         self.create_service(SetBool, "door", self.open_door, **group)
         self.create_service(SetBool, "mute", self.be_silent, **group)
-        self.create_subscription(PoseStamped, "goal_pose", self.take_pose, 1)
+        self.create_subscription(PoseStamped, "goal_pose", self.take_pose, 10)
         self.ticker = self.create_publisher(Int32, "tick", 1)
         self.create_timer(0.1, lambda: self.ticker.publish(Int32(data=7)))
 
@@ -53,7 +53,7 @@ class Servers(Node):
     def carry_out(self, handle: ServerGoalHandle):
         order, numbers = handle.request.order, [0, 1]
         say({"began": order})
-        for step in range(4 if order < 50 else 40):
+        for step in range({STUBBORN: 240}.get(order, 4 if order < 50 else 40)):
             time.sleep(0.05)
             if handle.is_cancel_requested:
                 handle.canceled()

@@ -3,7 +3,9 @@
 import ast
 import itertools
 import os
+import queue
 import subprocess
+import threading
 import time
 from pathlib import Path
 
@@ -38,7 +40,9 @@ class Rig:
     def __init__(self, folder, python):
         self.domain = {"ROS_DOMAIN_ID": str(next(DOMAINS) % 101)}
         self.servers = Process([python, HERE / "misbehaving.py"], folder / "servers.log", **self.domain)
-        assert self._read(self.servers) == "ready"
+        self._lines = queue.Queue()
+        threading.Thread(target=self._listen, daemon=True).start()
+        assert self.hear() == "ready"
         paths = os.pathsep.join((KITS, str(ROOT / "examples" / "projects" / "05_any_body")))
         self.body = Process([python, HERE / "called.py"], folder / "body.log", PYTHONPATH=paths, **self.domain)
         key = make_key()
@@ -65,7 +69,11 @@ class Rig:
 
     def hear(self):
         """The next line that the servers say."""
-        return ast.literal_eval(self._read(self.servers))
+        return self._lines.get(timeout=60.0)
+
+    def _listen(self):
+        for line in self.servers.process.stdout:
+            self._lines.put(ast.literal_eval(line) if line.startswith("{") else line.strip())
 
     def find_problems(self, root):
         self.stand.add_tree(f"tree: called\ndescription: Calls.\nroot: {root}\n")
