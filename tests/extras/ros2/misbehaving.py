@@ -64,7 +64,7 @@ class Servers(Node):
                 return Fibonacci.Result(sequence=numbers)
             if order == DEAD and step:
                 os._exit(0)
-            numbers.append(numbers[-1] + numbers[-2])
+            numbers.append((numbers[-1] + numbers[-2]) % 1000)
             handle.publish_feedback(Fibonacci.Feedback(sequence=numbers))
         handle.succeed()
         say({"ended": order})

@@ -55,6 +55,8 @@ class Rig:
         target = ServedTarget(RemoteDriver(profile, channel, key), ReceiveLog(None))
         library = Library((folder, COUNTER, find_shipped_root()))
         self.stand = SkillStand(folder, target=target, library=library, robot=(profile, limits))
+        self.run(count(1, ", accept_within_s: 30.0"))  # until each has found the other
+        assert [self.hear(), self.hear()] == [{"began": 1}, {"ended": 1}]
 
     @staticmethod
     def _read(process):
