@@ -73,6 +73,7 @@ NO_SPACE         The destination is too small for the object.
     ("execution", "agent", "replanned"): """
 AGENT_GAVE_UP           The agent that directed a session ended it as failed.
 ALREADY_MET             The acceptance was true before the session, so that nothing was commanded.
+CALL_FAILED             A procedure of the target was rejected, aborted or cancelled, or its server is gone.
 CONTACT                 A guarded motion met something, and stopped.
 GRASP_LOST              The object was held and is not any more.
 GRASP_MISSED            The fingers closed and do not hold the object.

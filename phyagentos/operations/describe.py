@@ -20,7 +20,7 @@ from phyagentos.protocol.predicates.library import PredicateDefinition, get_pred
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.protocol.world.faults import FaultFile
 
-_TYPES: dict[type, str] = {float: "number", int: "whole number", str: "text", bool: "true or false"}
+_TYPES: dict[type, str] = {float: "number", int: "whole number", str: "text", bool: "true or false", dict: "mapping"}
 
 
 class Row(msgspec.Struct, frozen=True, omit_defaults=True):

@@ -17,7 +17,7 @@ from phyagentos.errors import DefinitionError, Problem, format_hint, format_name
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
 from phyagentos.protocol.capabilities.targets import TARGETS, find_unshared
-from phyagentos.protocol.capabilities.trees import iter_short_references, load_tree, read_tree
+from phyagentos.protocol.capabilities.trees import Tree, iter_short_references, load_tree, read_tree
 from phyagentos.protocol.documents.schema import read_text, read_yaml
 from phyagentos.protocol.predicates.project_predicates import load_predicates, name_option
 from phyagentos.protocol.settings.perception import Sensing, read_perception
@@ -156,6 +156,15 @@ def lint_file(
         return name_option(error.problems, library.iter_predicates())
 
 
+def _find_call_problems(tree: Tree, library: Library) -> Sequence[Problem]:
+    """Of the robot that its calls fit best, of those whose procedures are written down."""
+    from phyagentos.runtime.execution.call_check import iter_own_problems, read_procedures
+
+    files = (file for root in library.roots for file in sorted(root.glob("robots/*/procedures.json")))
+    found = (list(iter_own_problems(tree, read_procedures(file), file.parent.name)) for file in files)
+    return min(found, key=len, default=())
+
+
 def find_kind(path: Path) -> FileKind | None:
     """The kind of a file, by its name, then by its first keys, then by its folder."""
     if path.suffix == ".md":
@@ -225,7 +234,7 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
             tree, problems = load_tree(path)
             registry = build_registry(library) if runs_python else read_registry(library)
             found = check_loaded_tree(tree, library, registry) if tree is not None else ()
-            return [*problems, *found]
+            return [*problems, *found, *(_find_call_problems(tree, library) if tree is not None else ())]
         case FileKind.SCENE:
             from phyagentos.runtime.models.scene_start import find_start_problems
 

@@ -13,7 +13,8 @@ def check_leaf(leaf: type[Leaf]) -> None:
     for port, declared in {**leaf.INPUT_PORTS, **leaf.OUTPUT_PORTS}.items():
         assert port != "name", "name is the node's own"
         assert declared.description, f"{leaf.__name__}.{port} has no description"
-        known = ", ".join(sorted({each.__name__ for each in PORT_TYPES.values()}))
-        assert declared.data_type in PORT_TYPES.values(), f"{leaf.__name__}.{port} is none of {known}"
+        known = {dict, *PORT_TYPES.values()}
+        names = ", ".join(sorted(each.__name__ for each in known))
+        assert declared.data_type in known, f"{leaf.__name__}.{port} is none of {names}"
     missing = PORTS.get(leaf.ROLE, set()) - leaf.INPUT_PORTS.keys()
     assert not missing, f"the role {leaf.ROLE} needs the inputs {', '.join(sorted(missing))}"

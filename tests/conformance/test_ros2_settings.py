@@ -71,6 +71,7 @@ def test_a_drafted_file_has_the_kinematics_of_the_model(robot, kit):
         ({"stop": {}}, "stop: found '' and ''; expected a service or a topic"),
         ({"tool": {"position_m": [0], "quaternion_wxyz": [1, 0, 0, 0]}}, "position_m: found [0]; expected a list of 3"),
         ({"joint_states": {"silence_s": float("nan")}}, "joint_states.silence_s: found nan; expected a finite number"),
+        ({"procedures": {"go": {"frame": "map"}}}, "ros2.yaml: procedures.go.type: found nothing; expected a value"),
         ({"joints": {}}, "joints: found 'joint1', a joint of target.yaml without an entry"),
     ],
 )  # fmt: skip

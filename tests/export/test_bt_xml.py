@@ -56,6 +56,7 @@ root:
             - for_each: {each: $one, in: $things, child: {locate: {object: $one}}}
             - for_each: {each: $two, in: [red_cube, "true"], child: {locate: {object: $two}}}
             - strange_leaf: {a: true, b: "true", c: [1, 2.5], d: "${object}", e: "{x}", f: "a $(x)", g: '"', i: ""}
+            - call: {action: /go, goal: {ways: [{x: 1}, {x: "${speed}"}], to: "${object}"}, result: {n: "${n}"}}
             - subtree: {tree: home}
             - subtree: {tree: free_hand, name: free, with: {object: '${object}'}}
             - subtree: {tree: free_hand, with: {object: blue_cube}}
@@ -276,7 +277,7 @@ def test_a_foreign_tree_is_refused_with_line_and_column_what_is_possible_and_the
         ("3:3: INVALID_VALUE: found the tree 'MainTree'", "Call it 'main_tree'."),
         (
             "5:7: UNKNOWN_NAME (leaf): found 'OpenGripper'",
-            "expected attach, close_gripper,",
+            "expected attach, call, close_gripper,",
             "Did you mean 'open_gripper'?",
         ),
         ("6:7: UNKNOWN_NAME (leaf): found 'MoveTo'", "Did you mean 'move_to'?"),
@@ -458,7 +459,7 @@ def test_the_model_of_a_leaf_has_its_ports_with_their_ways_types_and_defaults(na
     ways = {port: each.direction for port, each in model.ports.items()}
     assert ways == dict.fromkeys(leaf.INPUT_PORTS, "input_port") | dict.fromkeys(leaf.OUTPUT_PORTS, "output_port")
     for port, declared in {**leaf.INPUT_PORTS, **leaf.OUTPUT_PORTS}.items():
-        assert PORT_TYPES[model.ports[port].type] is declared.data_type
+        assert PORT_TYPES.get(model.ports[port].type, dict) is declared.data_type
         assert model.ports[port].default == (declared.default_value if declared.has_default else None)
         assert model.ports[port].description == declared.description
     assert model.description

@@ -37,7 +37,7 @@ from phyagentos.store.records import Record
 TOLERANCE_S = 0.02  # one control period
 STOP_S = STOP_GRACE_S + POLL_S  # from the request to cancel until whoever does not stop is ended
 MOVING = frozenset(
-    {"Command", "Halt", "Settle"}
+    {"Command", "Call", "Cancel", "Halt", "Settle"}
 )  # what needs authority; the target decelerating by itself is no request
 ENDING = frozenset({"End", "Withdraw"})
 ESTOP_S = 1.0  # from the request until the target knows: far more than it takes, which is measured elsewhere

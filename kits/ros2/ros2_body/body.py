@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -20,6 +21,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from target_server.body import Body, Joint, Picture, State, Window
+from target_server.procedures import Call
 from target_server.wire import Refusal
 
 from ros2_body.cameras import RosCamera
@@ -27,6 +29,7 @@ from ros2_body.clock import RosClock
 from ros2_body.controllers import ForwardSender, Point, TrajectorySender, brake
 from ros2_body.joint_reader import JointReader
 from ros2_body.kinematics import Chain, to_quaternion
+from ros2_body.procedures import Procedures
 from ros2_body.settings import FILE, Settings, SettingsError, list_ros_names
 
 REST = 0.01  # slower joints are at rest [rad/s or m/s]
@@ -55,6 +58,8 @@ class Ros2Body(Body):
         self._open_senders()
         self._open_stop()
         self._cameras = {name: RosCamera(self._node, each, self._clock) for name, each in ros.cameras.items()}
+        self._procedures = Procedures(self._node, ros.procedures)
+        self.procedures = self._procedures.described
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin, daemon=True, name="ros")
@@ -185,6 +190,9 @@ class Ros2Body(Body):
         self._q, self._qd, self._wanted_m = tuple(q), tuple(qd), width_m
         self._send()
         return ""
+
+    def call(self, procedure: str, goal: Mapping[str, Any]) -> Call:
+        return self._procedures.call(procedure, goal)
 
     def stay(self) -> None:
         self._await_step()

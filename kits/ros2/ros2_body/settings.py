@@ -131,6 +131,21 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class Offer:
+    """An action, service or topic that sessions may call by its name.
+
+    Attributes:
+        type: `package/action/Name`, `package/srv/Name` or `package/msg/Name`.
+        frame: Of poses and points, where they have a header.
+        listen: Whether a call of a topic awaits its next message; else it sends one.
+    """
+
+    type: str
+    frame: str = "map"
+    listen: bool = False
+
+
+@dataclass(frozen=True)
 class Ros:
     """`ros2.yaml`; names of topics and services are relative to `namespace` without a leading slash."""
 
@@ -144,6 +159,7 @@ class Ros:
     gripper: "Gripper | None" = None
     stop: Stop = Stop()
     cameras: Mapping[str, Camera] = field(default_factory=dict)
+    procedures: Mapping[str, Offer] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from target_server.procedures import Call, Procedure
 from target_server.wire import Refusal
 
 Triple = tuple[float, float, float]
@@ -128,6 +129,7 @@ class Body(ABC):
         is_realtime: Whether its time goes on by itself; without a command in time it is halted then (`DEADMAN`).
         has_truth: Whether `list_entities` says where things are.
         cameras: Names of its RGB-D cameras, as in sensors.yaml of the framework's side.
+        procedures: What it does by itself when `call` starts it, while set-points hold its joints still.
         tools: By name; each takes its arguments and gives (media type, bytes) by file name. None moves the body.
         beat: Call it during what takes long: the other side waits on.
     """
@@ -146,6 +148,7 @@ class Body(ABC):
     is_realtime: bool = False
     has_truth: bool = False
     cameras: Sequence[str] = ()
+    procedures: Sequence[Procedure] = ()
     tools: Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, tuple[str, bytes]]]] = {}
     beat: Callable[[], None] = staticmethod(lambda: None)
 
@@ -201,6 +204,14 @@ class Body(ABC):
         Returns:
             Code of the body's own protective stop, after which it is at rest; empty otherwise.
         """
+
+    def call(self, procedure: str, goal: Mapping[str, Any]) -> Call:
+        """Start one of `procedures` with values by path; never waits. Stops and the session's end cancel it.
+
+        Raises:
+            Refusal: `REQUEST_INVALID` for a path or value that does not fit; nothing was started.
+        """
+        raise Refusal("REQUEST_INVALID", f"the target has no procedure {procedure!r}")
 
     @abstractmethod
     def stay(self) -> None:

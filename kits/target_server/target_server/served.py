@@ -13,18 +13,21 @@ import math
 import os
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from target_server.body import Body, State
+from target_server.procedures import Calls
 from target_server.wire import VERSION, Refusal, mint, unpack
 
 SETTLE_MAX_S = 60.0
 BEAT_S = 0.5
 DEADMAN_PERIODS = 2.0  # without a command, while the body moves by itself
+CALL_SILENCE_S = 1.0  # without a command, while a procedure runs; the other side looks about between commands
 SLACK = 1e-6  # of ranges
 SPEED_SLACK = 1.1  # of speeds between two rows
 _NOTED = ("session", "epoch", "sequence")
-_UNLOGGED = {"Observe", "Describe", "Capture", "Shutdown", "InvokeTool"}
+_UNLOGGED = {"Observe", "Describe", "Capture", "Shutdown", "InvokeTool", "Follow"}
 
 
 Points = tuple[list[list[float]], list[list[float]], list[float]]  # positions and speeds by row, openings
@@ -85,6 +88,12 @@ class Served:
         self._scene: dict[str, Any] | None = None
         self.is_moving, self._events = False, list[str]()
         self._last: Sequence[float] = ()
+        self._calls = Calls(lambda: body.time_s)
+
+    @property
+    def awaits_command(self) -> bool:
+        """Whether it is halted unless a command follows in time."""
+        return self.is_moving or self._calls.is_running
 
     @property
     def period_s(self) -> float:
@@ -115,8 +124,9 @@ class Served:
         """Between requests: halt under an emergency stop, and where a body in motion got no command in time."""
         self._log.stamp()
         self.look_for_stops()
-        is_awaited = self.body.is_realtime and self.is_moving
-        if is_awaited and self.body.measure_silence(silent_s) > DEADMAN_PERIODS * self.period_s:
+        silence_max_s = max(DEADMAN_PERIODS * self.period_s, 0.0 if self.is_moving else CALL_SILENCE_S)
+        is_awaited = self.body.is_realtime and self.awaits_command and not self._stopped
+        if is_awaited and self.body.measure_silence(silent_s) > silence_max_s:
             self._stop("DEADMAN", "Deadman")
         self._note_events()
 
@@ -145,13 +155,19 @@ class Served:
             return self._load(request, client)
         if kind == "Begin":
             return self._begin(request)
-        if kind == "Command":
+        if kind in ("Command", "Call"):
             self._log.check()
+        if kind in ("Command", "Call", "Follow"):
             self.look_for_stops()
             self._check(request)
+            self._check_stop()
+            if kind != "Command":
+                return self._follow(kind, request)
             self._check_turn(request)
             return self._apply(self._read_points(request), client)
         self._check(request)
+        if kind == "Cancel":
+            return self._calls.cancel(request["number"]).encode()
         return self._bring_to_rest(kind, request, client)
 
     def _describe(self) -> dict[str, Any]:
@@ -166,6 +182,7 @@ class Served:
             "mode": "realtime" if body.is_realtime else "lockstep", "end_effector": body.end_effector,
             "gripper_force_n": body.gripper_force_n, "ground_truth": body.has_truth,
             "tools": [{"name": name, "moves": False} for name in body.tools],
+            "procedures": list(map(vars, body.procedures)),
             "kinematics": {
                 "axes": [each.axis for each in joints], "anchors_m": [each.anchor_m for each in joints],
                 "tcp_m": body.tcp_m, "slides": [each.slides for each in joints],
@@ -247,6 +264,8 @@ class Served:
             raise Refusal("STALE_TOKEN", f"epoch {epoch} of {session} is over")
         self.body.read()  # a body that cannot say where it is begins nothing
         if not self.session:
+            self._calls.begin()
+        if not self.session:
             self._stopped = ""  # the same claim made twice does not undo a stop
         self.session, self._epoch, self._sequence = session, epoch, 0
         self._rest()
@@ -259,11 +278,26 @@ class Served:
         if request["epoch"] != self._epoch:
             raise Refusal("STALE_TOKEN", f"epoch {request['epoch']}; authority was given for {self._epoch}")
 
+    def _check_stop(self) -> None:
+        """Whether no stop has ended the session's commands."""
+        if self._stopped:
+            raise Refusal(self._stopped, f"{self.session} was stopped; another session must begin first")
+
+    def _follow(self, kind: str, request: dict[str, Any]) -> dict[str, Any]:
+        """Start a procedure, or say how far it is."""
+        name, number = request.get("procedure", ""), request["number"]
+        if kind == "Follow":
+            return self._calls.read(number).encode()
+        self._calls.check()
+        if name not in (known := [each.name for each in self.body.procedures]):
+            raise Refusal("REQUEST_INVALID", f"no procedure {name!r}; there are {', '.join(known) or 'none'}")
+        start = partial(self.body.call, name, request["goal"])
+        return self._calls.start(number, name, request["cancel_within_s"], start).encode()
+
     def _check_turn(self, request: dict[str, Any]) -> None:
         """Whether a command may be carried out now."""
         body = self.body
-        if self._stopped:
-            raise Refusal(self._stopped, f"{self.session} was stopped; another session must begin first")
+        self._calls.check()
         if request["sequence"] != self._sequence + 1:
             raise Refusal("NO_AUTHORITY", f"number {request['sequence']} after {self._sequence}")
         if not body.time_s <= request["expires_at_s"]:  # also when the expiry is NaN
@@ -319,6 +353,7 @@ class Served:
         if kind == "Halt" and request["is_emergency"]:
             self._stop("ESTOPPED", "EStop")
         elif kind == "Halt":
+            self._calls.cancel_all()
             self.body.halt(request["category"])
             if request["category"] == 1:
                 self._stopped = self._stopped or "SAFETY_STOP"
@@ -336,6 +371,7 @@ class Served:
 
     def _stop(self, code: str, event: str) -> None:
         self._stopped = code
+        self._calls.cancel_all()
         if code == "ESTOPPED":
             self.body.emergency_stop()
         else:
@@ -351,8 +387,15 @@ class Served:
     def _end(self) -> None:
         session, self.session = self.session, ""
         self._floors[session] = self._epoch + 1
+        self._calls.cancel_all()
         if self.is_moving:
             self.body.halt(2)
+        for _ in range(math.ceil(self._calls.longest_s / self.body.step_s)):
+            if self._calls.has_ended():
+                break
+            self.body.beat()
+            self.body.stay()
+        self._calls.leave()
         self._rest()
         self.body.note_end(session)
 

@@ -75,7 +75,7 @@ def _serve_client(served: Served, client: Connection, key: bytes, ended: threadi
         _admit(client, key)
         answered_s = time.monotonic()
         while not ended.is_set():
-            if not client.poll(served.period_s if served.is_moving else LOOK_S):
+            if not client.poll(served.period_s if served.awaits_command else LOOK_S):
                 served.watch(time.monotonic() - answered_s)
                 continue
             message = client.receive()

@@ -1,8 +1,9 @@
 """Behaviour trees as people write them: `trees/<name>.yaml` in, frozen nodes out.
 
 Structure is checked here, ports where leaves are known. `${name}` refers to a key of the tree, else a value is literal;
-`$name`, as it was written before, means the same. A tree without `inputs` or `outputs` has those of the skill of
-its name.
+`$name`, as it was written before, means the same. A mapping given to a port of a leaf is as many ports as it has
+fields, by their paths: `goal: {poses: [{x: 1}]}` is `goal.poses.0.x: 1`. A tree without `inputs` or `outputs` has
+those of the skill of its name.
 """
 
 import itertools
@@ -341,9 +342,27 @@ def _build_leaf(
             located.problem("INVALID_VALUE", place, show_value(body), "a mapping of ports", "Write {PORT: VALUE}.")
         )
         return None
-    wiring = {str(port): _parse_value(value) for port, value in (body or {}).items()}
+    fields = (field for port, given in (body or {}).items() for field in _flatten(str(port), given))
+    wiring = {path: _parse_value(value) for path, value in fields}
     name = _check_name(located, (*place, "name"), wiring.pop("name", ""), problems)
     return Node(kind=NodeKind.LEAF, type=leaf, name=name or default_name or leaf, address=place, wiring=wiring)
+
+
+def _flatten(path: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """The fields of a mapping, or of a list with mappings or references, by their paths; any other value by its own."""
+    if isinstance(value, dict):
+        for name, each in value.items():
+            yield from _flatten(f"{path}.{name}", each)
+    elif isinstance(value, list) and any(isinstance(each, dict) or REFERENCE.fullmatch(str(each)) for each in value):
+        for index, each in enumerate(value):
+            yield from _flatten(f"{path}.{index}", each)
+    else:
+        yield path, value
+
+
+def split_path(path: str) -> Address:
+    """The steps of a port's path, as in the file: of `goal.poses.0.x` they are `goal`, `poses`, 0 and `x`."""
+    return tuple(int(step) if step.isdecimal() else step for step in path.split("."))
 
 
 def _check_name(located: Located, place: Address, name: object, problems: list[Problem]) -> str:

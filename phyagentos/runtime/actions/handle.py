@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.protocol.settings.safety import TargetLimits
@@ -85,6 +86,7 @@ class TargetSessionHandle:
         self._session = ""
         self._epoch = 0
         self._sequence = 0
+        self._n_calls = 0
         self._step: wire.Step | None = None
         self._rests = True
         self._permitted: frozenset[str] = frozenset((*OPERATIONS.values(), wire.RENDER))
@@ -312,6 +314,20 @@ class TargetSessionHandle:
         if self._guard is not None and not self._sequence:  # the first command begins where the arm stands now
             self._guard.begin_again(np.asarray(self._step.target.q_rad, dtype=np.float64))
         return self._step
+
+    def call(self, procedure: str, goal: Fields, cancel_within_s: float) -> tuple[int, wire.Progress]:
+        """Start a procedure of the target, as of `wire.Call`; its number, and how far it is."""
+        self._n_calls += 1
+        request = wire.Call(self._session, self._epoch, self._n_calls, procedure, goal, cancel_within_s)
+        return self._n_calls, self._ask(request)
+
+    def follow(self, number: int) -> wire.Progress:
+        """How far a call is."""
+        return self._ask(wire.Follow(self._session, self._epoch, number))
+
+    def cancel(self, number: int) -> wire.Progress:
+        """Ask for the end of a call."""
+        return self._ask(wire.Cancel(self._session, self._epoch, number))
 
     def end(self) -> wire.Ended:
         """Give authority back."""

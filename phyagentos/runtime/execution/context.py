@@ -3,12 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.evidence import Event
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.settings.safety import TargetLimits
@@ -16,7 +17,7 @@ from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.seeds import compute_seed
 from phyagentos.runtime.execution.commands import CommandBuffer, Lag
 from phyagentos.runtime.perception.world_model import HAND, WorldModel
-from phyagentos.runtime.targets.wire import Description, Neighbour, Step
+from phyagentos.runtime.targets.wire import Description, Neighbour, Progress, Step
 
 if TYPE_CHECKING:
     from phyagentos.runtime.motion.process import Planner
@@ -36,6 +37,22 @@ class NeighbourAccess:
     announce: Callable[[NDArray[np.float64], str], str] = lambda _q_rad, _beside: ""
 
 
+class CallPort(Protocol):
+    """Procedures of the target, as the handle has them."""
+
+    def describe(self) -> Description:
+        """What there is to call."""
+
+    def call(self, procedure: str, goal: Fields, cancel_within_s: float) -> tuple[int, Progress]:
+        """Start one; its number, and how far it is."""
+
+    def follow(self, number: int) -> Progress:
+        """How far a call is."""
+
+    def cancel(self, number: int) -> Progress:
+        """Ask for the end of a call."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SkillContext:
     """Services of one session.
@@ -44,6 +61,7 @@ class SkillContext:
         planner: Answers motion requests in its own process; simulated time stands while it plans.
         initial: The world before the first command.
         lag: Of the arm behind its set-points.
+        calls: Procedures of the target; None where there is no target to call.
         evidence: Folder of the session's bundle; None where none is kept.
         events: Events beside the tree so far.
     """
@@ -56,6 +74,7 @@ class SkillContext:
     initial: Environment
     lag: Lag
     cell: NeighbourAccess = NeighbourAccess()
+    calls: CallPort | None = None
     evidence: Path | None = None
     events: list[Event] = field(default_factory=list)
     _uses: dict[str, int] = field(default_factory=dict)
@@ -101,6 +120,7 @@ def open_context(
     world: WorldModel,
     start_rad: NDArray[np.float64],
     cell: NeighbourAccess = NeighbourAccess(),
+    calls: CallPort | None = None,
     evidence: Path | None = None,
 ) -> SkillContext:
     """The services of a session that has authority; its set-points begin where the arm rests, at `start_rad`.
@@ -124,5 +144,6 @@ def open_context(
         initial=initial,
         lag=Lag(float(np.asarray(limits.tracking_error_max.value))),
         cell=cell,
+        calls=calls,
         evidence=evidence,
     )

@@ -45,6 +45,8 @@ class FailureCode(StrEnum):
     """A motor does not follow its set-points, or the tree runs and neither commands nor plans."""
     TIMED_OUT = "TIMED_OUT"
     """A timeout of the tree ran out, in simulated time."""
+    CALL_FAILED = "CALL_FAILED"
+    """A procedure of the target was rejected, aborted or cancelled, or its server is gone."""
     CONTACT = "CONTACT"
     """A guarded motion met something."""
     UNMET = "UNMET"
@@ -224,6 +226,17 @@ class Leaf(Behaviour):
         """The point [m] of an optional input, or None when nothing was written to it."""
         point = self.find(port)
         return None if point is None else (float(point[0]), float(point[1]), float(point[2]))
+
+    def read_fields(self, port: str) -> Fields:
+        """What was given to an input that is a mapping, by the paths of its fields."""
+        given = {path.removeprefix(f"{port}."): key for path, key in self._keys.items() if path.startswith(f"{port}.")}
+        return {path: self._values[key] for path, key in given.items() if key in self._values}
+
+    def write_fields(self, port: str, values: Fields) -> None:
+        """Write those fields of an output that is a mapping which have a key."""
+        self._values.update(
+            {self._keys[path]: values[each] for each in values if (path := f"{port}.{each}") in self._keys}
+        )
 
     def write(self, port: str, value: Any) -> None:
         """Write an output; whole numbers pass as numbers."""

@@ -128,15 +128,7 @@ class SessionLoop:
             return describe_request(request) if isinstance(request, EndRequest) else self._describe_refusal(refusal)
         except LeafError as error:
             cause = error.cause
-            code = cause.code if isinstance(cause, ExecutionError) else "LEAF_ERROR"
-            place = cause.place if isinstance(cause, DefectError) else error.place
-            return Outcome(
-                ended=_ended_by(code),
-                code=code,
-                leaf=error.path,
-                message=str(error),
-                defect=place if is_defect(cause) else "",
-            )
+            return self._describe_refusal(cause) if isinstance(cause, CommandRefused) else _describe_error(error)
         except ExecutionError as error:
             return Outcome(ended=_ended_by(error.code), code=error.code, message=str(error))
         finally:
@@ -250,6 +242,14 @@ class SessionLoop:
         if refusal.code in OF_TARGETS:
             return Outcome(ended=Ended.TARGET_LOST, code=refusal.code, message=refusal.message)
         return Outcome(ended=Ended.SAFETY_STOP, code=refusal.code, message=str(refusal))
+
+
+def _describe_error(error: LeafError) -> Outcome:
+    cause = error.cause
+    code = cause.code if isinstance(cause, ExecutionError) else "LEAF_ERROR"
+    place = cause.place if isinstance(cause, DefectError) else error.place
+    defect = place if is_defect(cause) else ""
+    return Outcome(ended=_ended_by(code), code=code, leaf=error.path, message=str(error), defect=defect)
 
 
 def describe_request(request: EndRequest) -> Outcome:

@@ -1,7 +1,7 @@
 """Ports of leaves: a type, and for a number the range that it has to be in."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from py_trees.ports import PortInformation
@@ -20,6 +20,16 @@ class Port(PortInformation):
     minimum: float = -math.inf
     above: float = -math.inf
     maximum: float = math.inf
+
+
+def expand_ports(ports: Mapping[str, PortInformation], given: Iterable[str]) -> Mapping[str, PortInformation]:
+    """The ports, and the given fields, of any type, of those that are mappings."""
+    whole = {path: ports.get(path.partition(".")[0]) for path in given}
+    fields = {path: _FIELD for path, port in whole.items() if port is not None and port.data_type is dict}
+    return {**fields, **ports}
+
+
+_FIELD = PortInformation(data_type=object, required=False)
 
 
 def find_misfit(value: object, port: PortInformation) -> str:

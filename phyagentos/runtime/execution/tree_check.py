@@ -19,14 +19,16 @@ from phyagentos.protocol.capabilities.trees import (
     iter_nodes,
     load_tree,
     read_tree,
+    split_path,
 )
 from phyagentos.protocol.documents.yaml_scalars import advise_form, format_scalar
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.sessions.trace import Role
+from phyagentos.runtime.execution.call_check import iter_form_problems
 from phyagentos.runtime.execution.leaf import Leaf
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.port_types import ELEMENTS, PORT_TYPES
-from phyagentos.runtime.execution.ports import Port, find_misfit
+from phyagentos.runtime.execution.ports import Port, expand_ports, find_misfit
 
 REACTIVE = (NodeKind.REACTIVE_SEQUENCE, NodeKind.REACTIVE_FALLBACK)
 _CONTROL_WORDS = tuple(kind.value for kind in NodeKind if kind is not NodeKind.LEAF)
@@ -113,6 +115,7 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> I
         elif node.kind in (NodeKind.LEAF, NodeKind.SUBTREE):
             if ports is not None:
                 yield from _iter_wiring_problems(tree, node, ports, written)
+                yield from iter_form_problems(tree, node)
             elif not _is_unread(node, registry):
                 yield _problem_unknown(tree, node, library, registry)
             if node.kind is NodeKind.SUBTREE and (way := _find_way(node.type, tree.header.tree, library)):
@@ -228,7 +231,8 @@ def _find_ports(node: Node, library: Library, registry: LeafRegistry, above: tup
     """Declared ports of a leaf or a subtree; None when there is no such leaf or readable tree."""
     if node.kind is NodeKind.LEAF:
         leaf = registry.find(node.type)
-        return None if leaf is None else (leaf.INPUT_PORTS, leaf.OUTPUT_PORTS)
+        parts = () if leaf is None else (leaf.INPUT_PORTS, leaf.OUTPUT_PORTS)
+        return None if not parts else (expand_ports(parts[0], node.wiring), expand_ports(parts[1], node.wiring))
     if node.kind is NodeKind.SUBTREE and node.type not in above:
         try:
             tree = read_tree(library.get_tree(node.type))
@@ -274,14 +278,16 @@ def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[st
     inputs, outputs = ports
     base = (*node.address, "with") if node.kind is NodeKind.SUBTREE else node.address
     for port, value in node.wiring.items():
-        place = (*base, port)
+        place = (*base, *split_path(port))
         known = [*inputs, *outputs]
         if port not in known:
             yield tree.located.unknown("port", place, port, known)
         elif isinstance(value, Reference):
             yield from _iter_reference_problems(tree, place, value, {**inputs, **outputs}[port], written)
         elif port in outputs:
-            yield tree.located.problem("INVALID_VALUE", place, repr(value), f"a key such as '${{{port}}}' to write to")
+            yield tree.located.problem(
+                "INVALID_VALUE", place, repr(value), f"a key such as '${{{place[-1]}}}' to write to"
+            )
         else:
             yield from _iter_literal_problems(tree, place, value, inputs[port])
     for port, information in inputs.items():

@@ -24,6 +24,7 @@ from phyagentos.runtime.execution.context import SkillContext
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.port_types import EXPORTED_TYPES, PORT_TYPES
+from phyagentos.runtime.execution.ports import expand_ports
 from phyagentos.runtime.execution.tree_check import REACTIVE, convert_literal, find_list_type, read_sound_trees
 from phyagentos.runtime.perception.world_model import BELIEF
 
@@ -282,10 +283,11 @@ class _Builder:
     def _build_leaf(self, node: Node, scope: _Scope, path: str) -> Leaf:
         with blaming(kind := self._registry.get(node.type), "__init__"):
             leaf = kind(node.name, self._context, path)
+        kinds = expand_ports(leaf.INPUT_PORTS, node.wiring)
         keys = {
             port: scope[value.key]
             if isinstance(value, Reference)
-            else self._write_literal(value, leaf.INPUT_PORTS[port].data_type)
+            else self._write_literal(value, kinds[port].data_type)
             for port, value in node.wiring.items()
         }
         leaf.wire(self.values, keys)

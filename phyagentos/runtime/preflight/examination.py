@@ -19,6 +19,7 @@ from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.execution.call_check import iter_call_problems
 from phyagentos.runtime.execution.criteria import weigh_before
 from phyagentos.runtime.execution.first_motions import Grasp
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
@@ -88,6 +89,7 @@ class Examiner:
                 self.handle.load(session.scene, snapshot, may_reset=may_reset)
                 loading_s = self.clock.now_s() - loading_began_s
                 live = self.handle.describe()  # its cameras belong to the scene
+                problems += self._iter_call_problems(session, live)
                 problems += self.preflight.find_scene_problems(session, live)
                 found, held_back, trials = self._look(session, live, is_repeated=bool(snapshot), thorough=thorough)
                 problems += found
@@ -151,14 +153,22 @@ class Examiner:
         return msgspec.structs.replace(problem, found=found, expected=expected, hint=f"{why}.")
 
     def _iter_tree_problems(self, session: Session) -> Iterator[Problem]:
-        skill = self.preflight.skills.get(session.skill)
-        known = self.preflight.skills
-        named = skill.loop.tools if skill is not None and skill.loop is not None else (session.skill,)
-        for each in (known[name] for name in named if name in known):
+        for tree in self._find_trees(session):
             try:
-                yield from check_tree(each.tree, self.library, self.registry) if each.kind == "builtin" else ()
+                yield from check_tree(tree, self.library, self.registry)
             except DefinitionError as error:
                 yield from error.problems
+
+    def _iter_call_problems(self, session: Session, live: Description) -> Iterator[Problem]:
+        for tree in self._find_trees(session):
+            yield from iter_call_problems(tree, self.library, live.procedures, session.target)
+
+    def _find_trees(self, session: Session) -> tuple[str, ...]:
+        """The tree of the session's skill, or of each that its agent may direct."""
+        known = self.preflight.skills
+        skill = known.get(session.skill)
+        named = skill.loop.tools if skill is not None and skill.loop is not None else (session.skill,)
+        return tuple(known[name].tree for name in named if name in known and known[name].kind == "builtin")
 
     def _find_scene_problems(self, session: Session) -> list[Problem]:
         try:

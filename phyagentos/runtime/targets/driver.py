@@ -189,6 +189,14 @@ class TargetDriver(TargetPort):
             ExecutionError: `MALFORMED`, `TARGET_LIMIT`: nothing moved.
         """
 
+    def follow(self, request: wire.Call | wire.Follow | wire.Cancel) -> wire.Progress:
+        """Start, follow or cancel a call; never waits. A driver with procedures cancels them in `halt` and `end`.
+
+        Raises:
+            ExecutionError: `REQUEST_INVALID` for a procedure, path or value that does not fit; `BUSY` while it runs.
+        """
+        raise ExecutionError("REQUEST_INVALID", "the target has no procedures")
+
     def invoke_tool(self, name: str, arguments: Mapping[str, Any]) -> wire.ToolResult:
         """Use one of the described tools; raises ExecutionError `MALFORMED` for wrong arguments."""
         raise ExecutionError("REQUEST_INVALID", f"the target has no tool {name!r}")
@@ -254,12 +262,19 @@ def _observe(driver: TargetDriver, request: wire.Observe) -> wire.Observation:
     return msgspec.structs.replace(observation, snapshot=driver.snapshot()) if request.snapshot else observation
 
 
+def _follow(driver: TargetDriver, request: wire.Call | wire.Follow | wire.Cancel) -> wire.Progress:
+    return driver.follow(request)
+
+
 VERBS: Mapping[type[wire.Request], Verb] = {
     wire.Describe: Verb(lambda driver, _: driver.describe(), traits=Trait.UNLOGGED),
     wire.LoadScene: Verb(lambda driver, request: driver.load(request), traits=Trait.SLOW),
     wire.Begin: Verb(_begin, traits=Trait.MOVES),
     wire.Announce: Verb(lambda driver, request: wire.Admission(driver.announce(request)), Need.COMMANDING, Trait.MOVES),
     wire.Command: Verb(TargetDriver.carry_out, Need.COMMANDING, Trait.MOVES, "apply"),
+    wire.Call: Verb(_follow, Need.COMMANDING),
+    wire.Follow: Verb(_follow, Need.COMMANDING, Trait.UNLOGGED),
+    wire.Cancel: Verb(_follow, Need.SESSION),
     wire.Halt: Verb(_halt, Need.SESSION, Trait.MOVES, "halt"),
     wire.Settle: Verb(_settle, Need.SESSION, Trait.MOVES, "settle"),
     wire.End: Verb(_end, Need.SESSION, Trait.MOVES),

@@ -177,6 +177,9 @@ class ServedTarget:
                 message = "the ground truth is not offered here; perception.yaml needs `sensing: truth` in a simulation"
                 return wire.Refused("REQUEST_INVALID", message)
             case wire.OfSession(session, epoch) if VERBS[type(request)].needs is Need.COMMANDING:
+                if isinstance(request, wire.Call | wire.Follow):
+                    self._refuse_unlogged()
+                    self.look_for_stops()
                 return self._authority.check_commanding(session, epoch)
             case wire.OfSession(session, epoch):
                 return self._authority.check(session, epoch)

@@ -6,6 +6,7 @@ Arrays travel in C order with their shape: float64, pictures as uint8, depth as 
 
 import math
 from collections.abc import Callable
+from enum import StrEnum
 from typing import Any, Generic, TypeVar, get_args
 
 import msgspec
@@ -74,6 +75,60 @@ class Tool(msgspec.Struct, frozen=True):
     moves: bool = False
 
 
+class Procedure(msgspec.Struct, frozen=True):
+    """What a target does by itself when it is called; its set-points hold the joints still meanwhile.
+
+    Attributes:
+        name: As trees write it.
+        kind: `action`, `service`, `topic`; `procedure` where it is none of ROS.
+        type: Of its messages, such as `nav2_msgs/action/NavigateToPose`; empty where they have none.
+        goal: Type by path (`pose.position.x`, `poses[].header.stamp.sec`): `number`, `integer`, `string`, `boolean`,
+            `pose`, `point`, or one of the first four with `[]`. `feedback` and `result` alike.
+    """
+
+    name: str
+    kind: str = "procedure"
+    type: str = ""
+    goal: dict[str, str] = {}
+    feedback: dict[str, str] = {}
+    result: dict[str, str] = {}
+
+
+class CallState(StrEnum):
+    """How far a call is."""
+
+    PENDING = "pending"
+    """Not accepted yet."""
+    RUNNING = "running"
+    """Accepted."""
+    CANCELLING = "cancelling"
+    """A cancel was requested and not confirmed."""
+    SUCCEEDED = "succeeded"
+    """Its server says so; whether it is true decides the verifier."""
+    ABORTED = "aborted"
+    """Its server gave up."""
+    REJECTED = "rejected"
+    """Its server did not accept the goal."""
+    CANCELLED = "cancelled"
+    """Ended by a cancel or a stop."""
+    LOST = "lost"
+    """Its server is gone, or did not confirm a cancel in time."""
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether no other state follows."""
+        return self not in (CallState.PENDING, CallState.RUNNING, CallState.CANCELLING)
+
+
+class Progress(msgspec.Struct, frozen=True, tag=True):
+    """A call of a procedure: its latest feedback and, at its end, its result, by path."""
+
+    state: CallState
+    feedback: Fields = {}
+    result: Fields = {}
+    message: str = ""
+
+
 class Description(msgspec.Struct, frozen=True, tag=True):
     """What the target is, read from the live model rather than from its profile.
 
@@ -90,6 +145,7 @@ class Description(msgspec.Struct, frozen=True, tag=True):
         shares_time: Whether other targets move in the same simulated time, so that a motion may wait for theirs.
         end_effector: `opening`, `suction` or `none`.
         idealisations: What of the target and its present world is simpler than reality.
+        procedures: What it does when it is called.
     """
 
     target: str
@@ -114,6 +170,7 @@ class Description(msgspec.Struct, frozen=True, tag=True):
     end_effector: str = "opening"
     idealisations: tuple[Idealisation, ...] = ()
     counts_frames: bool = False
+    procedures: tuple[Procedure, ...] = ()
 
     def offers_tool(self, name: str) -> bool:
         """Whether there is a tool of this name."""
@@ -239,7 +296,20 @@ class Frames(msgspec.Struct, frozen=True, tag=True):
     missing: dict[str, str] = {}
 
 
-Reply = Ack | Refused | Description | Loaded | Admission | Step | Observation | Ended | ToolResult | Frames | KeepAlive
+Reply = (
+    Ack
+    | Refused
+    | Description
+    | Loaded
+    | Admission
+    | Step
+    | Observation
+    | Ended
+    | ToolResult
+    | Frames
+    | Progress
+    | KeepAlive
+)
 ReplyT = TypeVar("ReplyT", bound=Reply)
 
 
@@ -346,6 +416,31 @@ class InvokeTool(RequestFor[ToolResult], frozen=True, tag=True):
     epoch: int = 0
 
 
+class Call(OfSession[Progress], frozen=True, tag=True):
+    """Start a procedure of the description; calls of a session have numbers.
+
+    It is cancelled by every halt and stop, at the end of the session, and where no request comes in time. Once a cancel
+    was not confirmed for `cancel_within_s` [s], the target takes no command any more (`PROTECTIVE_STOP`).
+    """
+
+    number: int
+    procedure: str
+    goal: Fields
+    cancel_within_s: float
+
+
+class Follow(OfSession[Progress], frozen=True, tag=True):
+    """Ask how far a call is."""
+
+    number: int
+
+
+class Cancel(OfSession[Progress], frozen=True, tag=True):
+    """Ask for the end of a call, also before it is accepted."""
+
+    number: int
+
+
 class Capture(RequestFor[Frames], frozen=True, tag=True):
     """Ask RGB-D cameras, all if none is named, for their latest frames without moving time.
 
@@ -364,7 +459,21 @@ class Shutdown(RequestFor[Ack], frozen=True, tag=True):
 
 Request = RequestFor[Any]
 _REQUESTS = (
-    Describe | LoadScene | Begin | Announce | Command | Halt | Settle | End | Observe | Capture | InvokeTool | Shutdown
+    Describe
+    | LoadScene
+    | Begin
+    | Announce
+    | Command
+    | Call
+    | Follow
+    | Cancel
+    | Halt
+    | Settle
+    | End
+    | Observe
+    | Capture
+    | InvokeTool
+    | Shutdown
 )
 _EXPECTED: dict[type, Any] = {each: get_args(get_original_bases(each)[0])[0] for each in get_args(_REQUESTS)}
 

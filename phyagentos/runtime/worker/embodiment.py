@@ -70,6 +70,7 @@ class SkillLoader:
             world=target.world,
             start_rad=target.handle.start_rad,
             cell=NeighbourAccess(read_neighbours=target.handle.read_neighbours, announce=target.handle.announce),
+            calls=target.handle,
             evidence=evidence,
         )
 

@@ -2,6 +2,7 @@
 
 from phyagentos.runtime.execution.leaf import Leaf
 from phyagentos.runtime.execution.leaves.attach import Attach
+from phyagentos.runtime.execution.leaves.call import Call
 from phyagentos.runtime.execution.leaves.detach import Detach
 from phyagentos.runtime.execution.leaves.drive_to import DriveTo
 from phyagentos.runtime.execution.leaves.fail import Fail
@@ -33,6 +34,7 @@ from phyagentos.runtime.execution.leaves.wait import Wait
 
 BUILTIN: dict[str, type[Leaf]] = {
     "attach": Attach,
+    "call": Call,
     "close_gripper": CloseGripper,
     "detach": Detach,
     "drive_to": DriveTo,
