@@ -63,7 +63,7 @@ def add_scenes(app: FastAPI, documents: Documents, access: Access) -> None:
     def show_client(request: Request, session: str, key: str) -> Response:
         if not access.admits_scene(request.headers, session, key):
             return PlainTextResponse("no such scene\n", 401)
-        if SessionId(session) not in documents.ledger.sessions:
+        if SessionId(session.removeprefix(access.place)) not in documents.ledger.sessions:
             return PlainTextResponse(f"no session {session!r}\n", 404)
         return HTMLResponse(_read_client(), headers=policy)
 
@@ -75,7 +75,7 @@ def add_scenes(app: FastAPI, documents: Documents, access: Access) -> None:
         wanted = [each.strip() for each in socket.headers.get("sec-websocket-protocol", "").split(",") if each.strip()]
         await socket.accept(wanted[0] if wanted else None)  # at once: the client gives up after five seconds
         try:
-            stage = await asyncio.to_thread(Stage, documents, SessionId(session))
+            stage = await asyncio.to_thread(Stage, documents, SessionId(session.removeprefix(access.place)))
         except (DefinitionError, ExecutionError, KeyError, OSError, ValueError) as error:
             await socket.close(1011, str(error)[:100])
             return
