@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 from pathlib import Path
 from urllib.parse import urlencode
 
@@ -28,9 +29,11 @@ from phyagentos.protocol.settings.safety import get_target_limits, read_safety
 from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.store.views.tasks import describe_fault
 from phyagentos.view.comparison import list_moved
-from phyagentos.view.documents import Documents
+from phyagentos.view.distance import draw_distance
+from phyagentos.view.documents import BUNDLES_KEPT, Documents
 from phyagentos.view.frames import read_frames
-from phyagentos.view.plots import draw_plots
+from phyagentos.view.judged import JudgedPicture, find_judged
+from phyagentos.view.plots import Plot, draw_plots
 from phyagentos.view.story import Picture, find_decisive, find_pictures, list_phases
 from phyagentos.view.timeline import measure_length, read_timeline
 
@@ -175,6 +178,7 @@ def _read_story(documents: Documents, _: Query, status: Session) -> Fields:
         "children": [each for each in sessions.values() if each.contract.parent == status.contract.id],
         "leaf": beat.leaf if beat is not None else "",
         "decisive": find_decisive(status.decision),
+        "judged": None,
         "phases": [],
         "pictures": [],
         "moved": [],
@@ -184,9 +188,29 @@ def _read_story(documents: Documents, _: Query, status: Session) -> Fields:
         bundle = documents.read_bundle(status)
         story["phases"], story["pictures"] = list_phases(bundle.trace), find_pictures(bundle.folder)
         story["moved"] = list_moved(documents, status)
+        story["judged"] = _find_judged(documents, status.contract.id, status.updated_at)
     except ExecutionError as error:
         story["problem"] = str(error)
     return story
+
+
+@lru_cache(maxsize=BUNDLES_KEPT)
+def _find_judged(documents: Documents, id: SessionId, _: str) -> JudgedPicture | None:
+    status = documents.ledger.sessions[id]
+    return find_judged(documents.read_bundle(status), find_decisive(status.decision))
+
+
+@lru_cache(maxsize=BUNDLES_KEPT)
+def _draw_distance(documents: Documents, id: SessionId, _: str) -> list[Plot]:
+    status = documents.ledger.sessions[id]
+    decisive = find_decisive(status.decision)
+    plot = draw_distance(documents.read_bundle(status), decisive) if decisive is not None else None
+    return [plot] if plot is not None else []
+
+
+def _read_distance(documents: Documents, _: Query, status: Session) -> Fields:
+    has_ended = status is not None and status.execution is not None
+    return {"plots": _draw_distance(documents, status.contract.id, status.updated_at) if status and has_ended else []}
 
 
 def _read_motion(documents: Documents, _: Query, status: Session) -> Fields:
@@ -299,6 +323,8 @@ PANELS = (
           follows=_LIVE, place=Place.TOP, empty="status"),
     Panel(name="scene", title="Scene", file="evidence/{id}/motion.npz", command="paos render {id} -w {w}",
           read=_read_scene, follows=_LIVE, empty="status"),
+    Panel(name="distance", title="Distance to the criterion", file="evidence/{id}/motion.npz",
+          command="paos why {id} -w {w}", read=_read_distance, empty="plots"),
     Panel(name="motion", title="Motion", file="evidence/{id}/trajectory.npz", command="paos render {id} -w {w}",
           read=_read_motion, empty="plots"),
     Panel(name="frames", title="Camera frames", file="evidence/{id}/looks.json",
