@@ -1,5 +1,6 @@
 """The list with which a page of several runs begins: what runs first, then what was written last."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,7 +17,7 @@ from phyagentos.store.ledger import Ledger
 from phyagentos.view.documents import find_latest
 from phyagentos.view.places import Place, find_places
 from phyagentos.view.story import find_pictures
-from phyagentos.view.suites import read_grid
+from phyagentos.view.suites import Standing, read_grid
 
 PAGE = 60  # places whose journals are read for one answer
 GOALS_MAX = 20  # of one workspace, the latest
@@ -29,53 +30,47 @@ class Row:
     """A goal of a workspace, a workspace without one, or the run of a suite.
 
     Attributes:
-        link: Address of its page, and of its picture, relative to the list.
+        link: Address of its page, relative to the list, and of its `picture`.
         state: Verdict; `running`, `open` or `cancelled` without one.
-        at: When it began, UTC.
         counts: Of a suite: episodes by how they stand.
         problem: Why it cannot be read.
     """
 
     place: Place
     link: str
-    name: str
     state: str = ""
-    at: str = ""
+    goal: GoalStatus | None = None
     wall_s: float = 0.0
-    sessions: int = 0
-    replans: int = 0
     picture: str = ""
-    counts: Fields | None = None
+    counts: Counter[Standing] | None = None
     problem: str = ""
 
 
 def read_overview(given: Sequence[Path], page: int) -> Fields:
     """Values of the template `overview`; `page` counts from 1."""
-    places = [
-        (place.is_running, find_latest([place.root / name for name in _WRITTEN]), place)
-        for place in find_places(given).values()
-    ]
-    places.sort(key=lambda each: each[:2], reverse=True)
+    written = {each: find_latest([each.root / name for name in _WRITTEN]) for each in find_places(given).values()}
+    running = {each: each.is_running for each in written}
+    places = sorted(written, key=lambda each: (running[each], written[each]), reverse=True)
     shown = places[PAGE * (page - 1) : PAGE * page]
-    rows = [row for is_running, _, place in shown for row in _list_rows(place, is_running=is_running)]
+    rows = [row for place in shown for row in _list_rows(place, is_running=running[place])]
     rows.sort(key=lambda row: row.state != "running")
-    pages = max(1, -(-len(places) // PAGE))
-    return {"rows": rows, "places": len(places), "page": page, "pages": pages}
+    return {"rows": rows, "places": len(places), "page": page, "pages": max(1, -(-len(places) // PAGE))}
 
 
 def _list_rows(place: Place, *, is_running: bool) -> list[Row]:
+    link = f"{'suites' if place.is_suite else 'w'}/{place.key}/"
     try:
         if place.is_suite:
-            grid = read_grid(place)
-            state = "running" if is_running else "open" if grid["counts"]["waiting"] else "done"
-            return [Row(place=place, link=f"suites/{place.key}/", name=place.name, state=state, counts=grid["counts"])]
+            counts = read_grid(place)["counts"]
+            state = "running" if is_running else "open" if counts[Standing.WAITING] else "done"
+            return [Row(place=place, link=link, state=state, counts=counts)]
         written = tuple(find_latest([path]) for path in sorted(place.root.glob("sessions/*/*")))
         workspace, ledger = _read_workspace(place.root, written)
         goals = [*reversed(ledger.goals.values())][:GOALS_MAX]
         rows = [_show_goal(place, workspace, ledger, goal, is_up=is_running and goal is goals[0]) for goal in goals]
-        return rows or [Row(place=place, link=f"w/{place.key}/", name=place.name)]
+        return rows or [Row(place=place, link=link)]
     except (DefinitionError, ExecutionError, OSError, ValueError, LookupError, TypeError) as error:
-        return [Row(place=place, link=f"w/{place.key}/", name=place.name, problem=str(error))]
+        return [Row(place=place, link=link, problem=str(error))]
 
 
 @lru_cache(maxsize=512)
@@ -87,16 +82,13 @@ def _show_goal(place: Place, workspace: Workspace, ledger: Ledger, goal: GoalSta
     ids = [each.contract.id for each in ledger.sessions.values() if each.contract.goal == goal.id]
     tried = (find_pictures(workspace.evidence_of(id)) for id in ids[: -PICTURES_TRIED - 1 : -1])
     pictures = next(filter(None, tried), [])
-    is_running = is_up and not (goal.verdict or goal.is_cancelled)
-    until = SystemClock().wall_iso() if is_running else goal.updated_at
+    state = goal.verdict or ("cancelled" if goal.is_cancelled else "running" if is_up else "open")
+    until = SystemClock().wall_iso() if state == "running" else goal.updated_at
     return Row(
         place=place,
         link=f"w/{place.key}/?goal={quote(goal.id)}",
-        name=goal.objective or goal.graph,
-        state="running" if is_running else goal.verdict or ("cancelled" if goal.is_cancelled else "open"),
-        at=goal.submitted_at,
+        state=state,
+        goal=goal,
         wall_s=compute_seconds(goal.submitted_at, until) if goal.submitted_at else 0.0,
-        sessions=sum(len(node.sessions) for node in goal.nodes.values()),
-        replans=sum(len(node.replans) for node in goal.nodes.values()),
         picture=f"w/{place.key}/{pictures[-1].address}" if pictures else "",
     )

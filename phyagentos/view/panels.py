@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import urlencode
 
 from phyagentos.agent.tools.proposals import Proposals
@@ -20,7 +21,7 @@ from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.regular_files import open_regular, read_regular
 from phyagentos.protocol.sessions.estop import read_latch
-from phyagentos.protocol.sessions.evidence import BEFORE, PICTURE_AFTER, TRAJECTORY
+from phyagentos.protocol.sessions.evidence import BEFORE, MOTION, PICTURE_AFTER, TRAJECTORY
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
 from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
@@ -29,13 +30,15 @@ from phyagentos.protocol.settings.safety import get_target_limits, read_safety
 from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.store.views.tasks import describe_fault
 from phyagentos.view.comparison import list_moved
-from phyagentos.view.distance import draw_distance
 from phyagentos.view.documents import BUNDLES_KEPT, Documents
 from phyagentos.view.frames import read_frames
-from phyagentos.view.judged import JudgedPicture, find_judged
-from phyagentos.view.plots import Plot, draw_plots
+from phyagentos.view.plots import draw_plots
 from phyagentos.view.story import Picture, find_decisive, find_pictures, list_phases
 from phyagentos.view.timeline import measure_length, read_timeline
+
+if TYPE_CHECKING:
+    from phyagentos.view.distance import Distance
+    from phyagentos.view.judged import JudgedPicture
 
 SESSIONS_SHOWN, LINES_SHOWN, FRAMES_SHOWN, GOALS_SHOWN = 60, 40, 12, 20
 LINE_SHOWN = 2000  # letters of a line
@@ -188,29 +191,29 @@ def _read_story(documents: Documents, _: Query, status: Session) -> Fields:
         bundle = documents.read_bundle(status)
         story["phases"], story["pictures"] = list_phases(bundle.trace), find_pictures(bundle.folder)
         story["moved"] = list_moved(documents, status)
-        story["judged"] = _find_judged(documents, status.contract.id, status.updated_at)
+        story["judged"] = _read_judged(documents, status.contract.id, status.updated_at)[0]
     except ExecutionError as error:
         story["problem"] = str(error)
     return story
 
 
 @lru_cache(maxsize=BUNDLES_KEPT)
-def _find_judged(documents: Documents, id: SessionId, _: str) -> JudgedPicture | None:
-    status = documents.ledger.sessions[id]
-    return find_judged(documents.read_bundle(status), find_decisive(status.decision))
+def _read_judged(documents: Documents, id: SessionId, _: str) -> "tuple[JudgedPicture | None, Distance | None]":
+    """The number that decided in a picture and over time, as of one update of its session."""
+    from phyagentos.pictures.playback import read_playback
+    from phyagentos.view.distance import read_distance
+    from phyagentos.view.judged import find_judged
 
-
-@lru_cache(maxsize=BUNDLES_KEPT)
-def _draw_distance(documents: Documents, id: SessionId, _: str) -> list[Plot]:
     status = documents.ledger.sessions[id]
-    decisive = find_decisive(status.decision)
-    plot = draw_distance(documents.read_bundle(status), decisive) if decisive is not None else None
-    return [plot] if plot is not None else []
+    bundle, decisive = documents.read_bundle(status), find_decisive(status.decision)
+    if decisive is None:
+        return None, None
+    playback = read_playback(documents.workspace, status) if (bundle.folder / MOTION).is_file() else None
+    return find_judged(bundle, decisive, playback), read_distance(bundle, decisive, playback)
 
 
 def _read_distance(documents: Documents, _: Query, status: Session) -> Fields:
-    has_ended = status is not None and status.execution is not None
-    return {"plots": _draw_distance(documents, status.contract.id, status.updated_at) if status and has_ended else []}
+    return {"distance": _read_judged(documents, status.contract.id, status.updated_at)[1] if status else None}
 
 
 def _read_motion(documents: Documents, _: Query, status: Session) -> Fields:
@@ -324,7 +327,7 @@ PANELS = (
     Panel(name="scene", title="Scene", file="evidence/{id}/motion.npz", command="paos render {id} -w {w}",
           read=_read_scene, follows=_LIVE, empty="status"),
     Panel(name="distance", title="Distance to the criterion", file="evidence/{id}/motion.npz",
-          command="paos why {id} -w {w}", read=_read_distance, empty="plots"),
+          command="paos why {id} -w {w}", read=_read_distance, empty="distance"),
     Panel(name="motion", title="Motion", file="evidence/{id}/trajectory.npz", command="paos render {id} -w {w}",
           read=_read_motion, empty="plots"),
     Panel(name="frames", title="Camera frames", file="evidence/{id}/looks.json",

@@ -28,7 +28,6 @@ class Plot:
         limits: Heights of its limits, and what each is; of those that are near.
         words: Least and greatest value, for people.
         time_s: First and last simulated time.
-        dots: Single values: shares of width and height [%], and what each is.
     """
 
     title: str
@@ -37,7 +36,6 @@ class Plot:
     limits: tuple[tuple[float, str], ...]
     words: str
     time_s: tuple[float, float]
-    dots: tuple[tuple[float, float, str], ...] = ()
 
 
 def draw_plots(course: Mapping[str, Array], limits: TargetLimits) -> list[Plot]:

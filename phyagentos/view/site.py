@@ -6,13 +6,12 @@ the table of what was found; no path is made of them.
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 from threading import Event
 
-from fastapi import FastAPI, Response
+from fastapi import FastAPI, Request, Response
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -66,9 +65,10 @@ class Site:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, by the list or by the page of a workspace."""
         app: ASGIApp = self._front
-        if scope["type"] != "lifespan":
-            with suppress(DefinitionError, ExecutionError, OSError, ValueError, LookupError):  # the list says what
-                app, scope = await self._choose(scope)
+        try:
+            app, scope = await self._choose(scope)
+        except (DefinitionError, ExecutionError, OSError, ValueError, LookupError) as error:
+            scope["problem"] = error
         await app(scope, receive, send)
 
     async def _choose(self, scope: Scope) -> tuple[ASGIApp, Scope]:
@@ -108,9 +108,8 @@ class Site:
             raise DefinitionError.unknown("run" if is_suite else "workspace", "paos view", key, known)
         return known[key]
 
-    def _list_runs(self) -> dict[str, Path]:
-        found = find_places(self._given).values()
-        return {each.key: each.root for each in found if each.is_suite} | dict(self._runs)
+    def _find_suites(self) -> list[Place]:
+        return [each for each in find_places(self._given).values() if each.is_suite]
 
     def _build_front(self) -> FastAPI:
         app, clock = make_guarded(self._access), SystemClock()
@@ -126,23 +125,16 @@ class Site:
                 return answer("grid", lambda: read_grid(only) | {"others": []})
             return answer("overview", lambda: read(max(1, page), int(clock.now_s() / FRESH_S)))
 
-        add_runs(app, self._list_runs)
+        add_runs(app, lambda: {each.key: each.root for each in self._find_suites()} | dict(self._runs))
 
         @app.get("/suites/{key}/")
         def show_grid(key: str) -> Response:
             place = self._find_place(key, is_suite=True)
-            others = [each for each in find_places(self._given).values() if each.is_suite and each != place]
+            others = [each for each in self._find_suites() if each != place]
             return answer("grid", lambda: read_grid(place) | {"others": others}, "../../")
 
-        @app.get("/{kind}/{name:path}")
-        def show_problem(kind: str, name: str) -> Response:
-            """Why a workspace was not opened."""
-            length = _NAMES.get(kind, 0)
-
-            def explain() -> Fields:
-                Documents(self._find_root((kind, *name.split("/")[:length]))).refresh()
-                raise LookupError(f"no page {name!r}")
-
-            return answer("page_problem", explain, "../" * (name.count("/") + 1))
+        @app.get("/{name:path}")
+        def refuse(request: Request, name: str) -> Response:
+            raise request.scope.get("problem", LookupError(f"no page {name!r}"))
 
         return app

@@ -212,7 +212,8 @@ def test_nothing_of_any_workspace_is_answered_without_the_token(access, folder, 
     assert client.get("/w/met/").status_code == 401, "without the key of the page"
 
 
-def test_the_scene_of_one_workspace_is_not_opened_by_the_key_of_another(access, folder, run):
+def test_the_scene_of_one_workspace_is_not_opened_by_the_key_of_another(access, folder, run, monkeypatch):
+    monkeypatch.setattr("phyagentos.view.scenes._read_client", lambda: "the client of the scene")
     client = TestClient(open_places([folder], Event())(access), base_url=OWN, headers=carry_token(access))
     src = re.search(r'src="(http://[^"]*/scene/[^"]*)"', client.get("/w/met/?session=tidy-7.a").text)[1]
     assert "/scene/w~met~tidy-7.a/" in src
