@@ -241,7 +241,11 @@ def _read_frames(documents: Documents, _: Query, status: Session) -> Fields:
 
 def _read_scene(documents: Documents, _: Query, status: Session) -> Fields:
     has_scene = status is not None and (documents.workspace.evidence_of(status.contract.id) / BEFORE).is_file()
-    return {"status": status if has_scene else None}
+    bundle = documents.read_bundle(status) if status is not None and has_scene else None
+    times = {"before": bundle.before, "after": bundle.after} if bundle is not None else {}
+    shown = find_pictures(bundle.folder) if bundle is not None else []
+    at = [(each, world.time_s if (world := times[each.label]) is not None else 0.0) for each in shown]
+    return {"status": status if has_scene else None, "pictures": at}
 
 
 def _read_guard(documents: Documents, _: Query, status: Session) -> Fields:

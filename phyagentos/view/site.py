@@ -77,7 +77,7 @@ class Site:
         if path.startswith(PATH):
             scene, _, rest = path.removeprefix(PATH).partition("/")
             name = tuple(scene.split("~")[: _NAMES[scene.partition("~")[0]] + 1])
-            is_ours = self._access.admits_scene(connection.headers, scene, rest.rstrip("/"))
+            is_ours = self._access.admits_scene(connection.headers, scene, rest.partition("/")[0])
         else:
             key, _, rest = path[1:].partition("/")
             is_keyed = key == self._access.page_key

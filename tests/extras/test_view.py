@@ -184,12 +184,8 @@ def test_frames_are_the_pictures_that_perception_has_used(page, replanned):
 
 def test_a_replay_shows_any_moment_of_the_evidence(shown, visits):
     page = visits.open(shown, PAGES["page"], with_scene=True)
-    scene = get_scene(page)
-    slider = scene.get_by_role("slider")
-    plays, cameras = scene.get_by_label("play"), scene.get_by_label("cameras")
-    wait_until(lambda: slider.count() and plays.count() == 1, "a replay", PATIENCE_S)
-    plays.evaluate("each => each.click()")  # it plays; now it rests
-    slider.press("Home")
+    get_scene(page)
+    slider = page.locator("#panel-scene input.cursor")
     first = await_picture(page, is_drawn, "a drawn scene")
     shoot(page, "replay_begin", whole=False)
     for key in ("End", "Home"):
@@ -198,9 +194,36 @@ def test_a_replay_shows_any_moment_of_the_evidence(shown, visits):
             last = await_picture(page, lambda picture: differ(picture, first) > 0.004, "another picture")
             shoot(page, "replay_end", whole=False)
     await_picture(page, lambda picture: differ(picture, first) < differ(last, first) / 4, "the first picture")
-    cameras.evaluate("each => each.click()")
-    await_picture(page, lambda picture: differ(picture, first) > 0.004, "what the cameras saw")
+    page.get_by_label("paths", exact=True).uncheck()
+    bare = await_picture(page, lambda picture: differ(picture, first) > 0.0005, "no paths")
+    page.get_by_label("cameras", exact=True).check()
+    await_picture(page, lambda picture: differ(picture, bare) > 0.004, "what the cameras saw")
     shoot(page, "replay_cameras", whole=False)
+
+
+def test_one_cursor_moves_scene_plots_and_log_and_plays_by_itself(page, shown, visits):
+    page.locator("#moment").press("Home")
+    page.locator("#moment").press("PageUp")
+    await_true(page, "document.querySelectorAll('.log li.now').length === 1")
+    assert page.locator("#panel-scene input.cursor").input_value() == page.locator("#moment").input_value() != "0"
+    assert page.locator("svg.plot > line.cursor[visibility=visible]").count() == page.locator("svg.plot").count()
+    before = float(page.locator("#moment").input_value())
+    page.locator("#play").click()
+    await_true(page, f"Number(document.querySelector('#moment').value) > {before + 5}")
+    page.get_by_role("button", name="Pause").click()
+
+
+def test_without_webgl_the_pictures_stand_in_place_of_the_scene(browser, shown):
+    visits = Visits(browser)
+    page = visits.open(shown, awaits_stream=False)
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    page.goto(shown.origin + PAGES["page"])
+    page.locator(".flat figure img").first.wait_for()
+    page.locator("#panel-scene input.cursor").press("End")
+    await_true(page, "document.querySelector('.flat figure.now img').alt === 'The world after the session'")
+    assert not page.locator("#panel-scene iframe").is_visible()
+    shoot(page, "flat")
+    visits.end()
 
 
 def test_two_sessions_stand_side_by_side_with_what_differed(visit):
