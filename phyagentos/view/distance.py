@@ -14,18 +14,18 @@ from msgspec.structs import replace
 from phyagentos.geometry import Pose
 from phyagentos.pictures.playback import Array, Playback
 from phyagentos.protocol.predicates.evaluation import Evaluation, evaluate
+from phyagentos.protocol.predicates.library import ArgumentKind, Meaning, get_predicate_library
 from phyagentos.protocol.predicates.predicate import find_formula
 from phyagentos.protocol.predicates.syntax import iter_calls
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.verdicts import Criterion
-from phyagentos.protocol.world.environment import Environment, Status
+from phyagentos.protocol.world.environment import FRESH_S, Environment, Status
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.view.quantities import list_numbers
 
 SAMPLES = 120  # of the simulated world
-OF_POSES = frozenset(
-    ("inside", "on", "above", "at", "centred", "near", "upright", "fallen", "moved", "tilt", "height", "distance")
-)  # predicates that poses alone decide
+_OF_MORE = (Meaning.CONTAINS, Meaning.OPEN, Meaning.CLOSED)  # that poses of objects alone do not decide
+_ARGUMENTS = {ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE, ArgumentKind.NUMBER}
 _FITS = 1e-3  # of the range: by which a quantity may differ from one that the margins are proportional to
 Sample = tuple[float, float, str]
 """Simulated time [s], value, and the finding in words."""
@@ -47,7 +47,7 @@ def read_distance(bundle: Bundle, criterion: Criterion, playback: Playback | Non
     """None where the record does not say it: too few known moments, or a predicate that poses do not decide."""
     formula, before = find_formula(criterion.text), bundle.before
     calls = {each.name for each in iter_calls(formula)} if formula is not None else set()
-    if formula is None or before is None or not calls or not OF_POSES.issuperset(calls):
+    if formula is None or before is None or not calls or not all(map(_is_of_poses, calls)):
         return None
     simulated = _iter_simulated(playback, before) if playback is not None else ()
     worlds = [
@@ -65,6 +65,14 @@ def read_distance(bundle: Bundle, criterion: Criterion, playback: Playback | Non
     best = int(np.argmax(np.abs(values - limit)))
     is_met_above = (values[best] > limit) == (known[best][2].truth is Truth.TRUE)
     return Distance(criterion.text, quantity, limit, bool(is_met_above), samples[:split], samples[split:])
+
+
+def _is_of_poses(name: str) -> bool:
+    """Whether the poses of objects alone decide a predicate; a momentary one, as of a speed, needs more."""
+    found = get_predicate_library().find(name)
+    if found is None or found.by_name or found.meaning in _OF_MORE or found.max_age_s < FRESH_S:
+        return False
+    return bool(found.arguments) and _ARGUMENTS.issuperset(each.kind for each in found.arguments)
 
 
 def _iter_simulated(playback: Playback, before: Environment) -> Iterator[Environment]:

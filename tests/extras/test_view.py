@@ -28,7 +28,6 @@ from tests.extras.viewing import (
     served,
     shoot,
 )
-from tests.following import wait_until
 
 pytestmark = [pytest.mark.extras, pytest.mark.journey]
 

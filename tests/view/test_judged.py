@@ -79,7 +79,18 @@ def test_the_limit_is_where_the_criterion_turns_over(bundle, playback, text, lim
     assert [value for _, value, _ in found.perceived] == pytest.approx([values[0], values[-1]], abs=0.0025)
 
 
-@pytest.mark.parametrize("text", ["holding(target, red_cube)", "metric(x) < 1", "no predicate at all", "human Is it?"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "holding(target, red_cube)",
+        "speed(red_cube) < 1",
+        "open(red_cube)",
+        "visible(red_cube)",
+        "metric(x) < 1",
+        "no predicate at all",
+        "human Is it?",
+    ],
+)
 def test_what_poses_do_not_decide_is_not_computed(bundle, playback, text):
     assert read_distance(bundle, Criterion(text=text, kind="accept", truth=Truth.FALSE), playback) is None
 

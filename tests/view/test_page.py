@@ -294,7 +294,7 @@ def test_the_socket_of_a_scene_asks_for_origin_host_and_key(open_page, access, o
         "/evidence/tidy-7.a/%00", "/evidence/%00/x", f"/evidence/{'a' * 300}/x", "/frames/tidy-7.a/trace.jsonl/x.png",
         "/frames/tidy-7.a/%00/x", f"/panels/{'a' * 5000}", "/compare?first=%00&second=",
         "/compare/runs?first=a&second=b",
-        "/static/%00", "/static/..%2Faccess.py", "/scene/x/y/z", "/actions/estop",
+        "/static/%00", "/static/..%2Faccess.py", "/scene/x/y/z/none", "/actions/estop",
         "/evidence/..%2F/TASK.md", "/evidence/tidy-7.a/..%2F..%2FTASK.md", "/evidence/./TASK.md", "/evidence/x/y",
 
     ],
