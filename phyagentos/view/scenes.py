@@ -69,6 +69,7 @@ addEventListener("message", event => {
 });</script>"""
 _LOOK_AT_M = (0.3, 0.0, 0.15)
 _building = threading.Lock()
+STAGES: "dict[str, Stage]" = {}  # those that are fed, by the random names of their viewers
 
 
 class Control(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -91,7 +92,6 @@ def add_scenes(app: FastAPI, documents: Documents, access: Access) -> None:
         for scheme, names in (("ws", access.scene_hosts), ("http", access.hosts))
     )
     policy = {"content-security-policy": _POLICY.format(sockets=sockets, pages=pages)}
-    stages: dict[str, Stage] = {}
 
     @app.get(PATH + "{session}/{key}/")
     def begin(request: Request, session: str, key: str) -> Response:
@@ -107,7 +107,7 @@ def add_scenes(app: FastAPI, documents: Documents, access: Access) -> None:
         async for part in request.stream():
             data = (data + part)[:CONTROL_MAX]
         try:
-            stages[viewer].control = msgspec.json.decode(data, type=Control)
+            STAGES[viewer].control = msgspec.json.decode(data, type=Control)
         except (KeyError, msgspec.MsgspecError):  # it is not fed yet
             return PlainTextResponse("no such scene, or nothing to choose\n", 404)
         return Response(status_code=204)
@@ -120,10 +120,10 @@ def add_scenes(app: FastAPI, documents: Documents, access: Access) -> None:
             return PlainTextResponse(f"no session {session!r}\n", 404)
         return HTMLResponse(_read_client(), headers=policy)
 
-    _add_sockets(app, documents, access, stages)
+    _add_sockets(app, documents, access)
 
 
-def _add_sockets(app: FastAPI, documents: Documents, access: Access, stages: "dict[str, Stage]") -> None:
+def _add_sockets(app: FastAPI, documents: Documents, access: Access) -> None:
     @app.websocket(PATH + "{session}/{key}/{viewer}")
     async def connect(socket: WebSocket, session: str, key: str, viewer: str) -> None:
         if not access.admits_scene(socket.headers, session, key) or not access.is_scene_origin(socket.headers):
@@ -136,11 +136,11 @@ def _add_sockets(app: FastAPI, documents: Documents, access: Access, stages: "di
         except (DefinitionError, ExecutionError, KeyError, OSError, ValueError) as error:
             await socket.close(1011, str(error)[:100])
             return
-        stages[viewer] = stage
+        STAGES[viewer] = stage
         try:
             await _relay(socket, stage.socket, wanted)
         finally:
-            stages.pop(viewer, None)
+            STAGES.pop(viewer, None)
             await asyncio.to_thread(stage.close)
 
 

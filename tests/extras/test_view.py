@@ -13,7 +13,6 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.view.panels import PANELS
 from tests.bench.suite_of_counter import call, make_project
 from tests.extras.viewing import (
-    PATIENCE_S,
     Visits,
     await_picture,
     await_true,
@@ -28,6 +27,7 @@ from tests.extras.viewing import (
     served,
     shoot,
 )
+from tests.view.conftest import Desk
 
 pytestmark = [pytest.mark.extras, pytest.mark.journey]
 
@@ -39,6 +39,8 @@ PAGES = {
     "runs": "/compare/runs?first=one&second=two",
     "problem": "/compare?first=none&second=none",
 }
+SEVERAL = {"list": "/", "grid": "/suites/one/", "opened": "/w/met/"}
+ATTACK = "<script>window.hurt=1</script><img src=x onerror='window.hurt=2'>"
 STREAMS = {"page", "found", "acting"}
 SCENE = "#panel-scene iframe"  # the client of viser: not ours
 
@@ -56,6 +58,19 @@ def runs(browser, tmp_path_factory):
 def shown(replanned, runs):
     """The server of the replanned session, read-only, with two runs to compare."""
     with served(replanned.root, *(f"--run={run}" for run in runs)) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def several(replanned, runs, tmp_path_factory):
+    """The server of a folder with the replanned workspace, one of hostile texts, and a run of a suite."""
+    folder = tmp_path_factory.mktemp("several")
+    shutil.copytree(replanned.root, folder / "met")
+    shutil.copytree(runs[0], folder / "one")
+    desk = Desk(folder / "hostile")
+    desk.record("goal:tidy-7", "goal_submitted", graph="tidy", seed=7, objective=ATTACK)
+    desk.close()
+    with served(folder) as server:
         yield server
 
 
@@ -78,9 +93,12 @@ def page(browser, shown):
 
 @pytest.fixture
 def visit(request, visits):
-    """Opens one of `PAGES`, or `acting`: the page with its actions."""
+    """Opens one of `PAGES` or `SEVERAL`, or `acting`: the page with its actions."""
 
     def open_one(name, **how):
+        if name in SEVERAL:
+            server = request.getfixturevalue("several")
+            return visits.open(server, SEVERAL[name], awaits_stream=name == "opened", **how)
         if name == "acting":
             return visits.open(request.getfixturevalue("acting")[0], f"/?session={CHILD}", **how)
         return visits.open(request.getfixturevalue("shown"), PAGES[name], awaits_stream=name in STREAMS, **how)
@@ -112,6 +130,8 @@ def list_facts(workspace, panel):
             reasons = [each.because for each in child.decision.criteria]
             execution = [f"{child.execution.sim_time_s:.2f} s", "speed: 0.5"]
             return [child.state, child.decision.reason, *criteria, *reasons, *execution, PARENT], [*criteria, *reasons]
+        case "distance":
+            return ["inside(red_cube, red_tray)", "met above the limit", "limit 0 mm", "2 as perceived"], [*criteria]
         case "motion":
             return ["Joint positions", "joint 7", "Tracking error", "Gripper", "limit 80 mm"], []
         case "proposals":
@@ -252,7 +272,22 @@ def test_two_runs_of_a_suite_stand_side_by_side(visit):
     shoot(page, "runs")
 
 
-@pytest.mark.parametrize("name", [*PAGES, "acting"])
+def test_a_click_in_the_list_opens_a_run_and_one_in_the_grid_an_episode(visit):
+    page = visit("list")
+    assert ATTACK in page.locator("main").text_content()
+    assert page.evaluate("window.hurt") is None
+    await_true(page, "document.querySelector('.run img').naturalWidth > 0")
+    page.get_by_role("link", name="tray of its colour").click()
+    page.wait_for_url("**/w/met/?goal=tidy_table-7")
+    assert "1 replan" in squeeze(get_panel(page, "headline").text_content())
+    page.get_by_role("link", name="All runs").click()
+    page.get_by_role("link", name="one, one").click()
+    page.locator("a.cell").first.click()
+    page.wait_for_url("**/e/one/**")
+    assert "Three steps up." in get_panel(page, "headline").text_content()
+
+
+@pytest.mark.parametrize("name", [*PAGES, *SEVERAL, "acting"])
 def test_axe_finds_nothing_serious_or_critical(name, visit, axe):
     page = visit(name)
     for each in page.locator("details").all():
@@ -261,7 +296,7 @@ def test_axe_finds_nothing_serious_or_critical(name, visit, axe):
     assert find_faults(page, axe, without=[SCENE]) == []
 
 
-@pytest.mark.parametrize("name", [*PAGES, "acting"])
+@pytest.mark.parametrize("name", [*PAGES, *SEVERAL, "acting"])
 def test_on_a_narrow_screen_only_what_scrolls_is_wider_than_it(name, visit):
     page = visit(name, width=360, height=740)
     shoot(page, f"narrow_{name}", whole=False)

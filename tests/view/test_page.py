@@ -289,6 +289,29 @@ def test_the_socket_of_a_scene_asks_for_origin_host_and_key(open_page, access, o
 
 
 @pytest.mark.parametrize(
+    ("sent", "status"),
+    [
+        (b'{"time_s": 1.5, "cameras": true}', 204), (b'{"time_s": "x"}', 404), (b'{"other": 1}', 404), (b"[1", 404),
+        (b'{"time_s": 1' + b"0" * 5000 + b"}", 404),
+    ],
+)  # fmt: skip
+def test_a_scene_is_directed_by_its_own_frame_alone_and_only_to_a_moment(open_page, access, monkeypatch, sent, status):
+    stage = type("Scene", (), {"control": None})()
+    monkeypatch.setattr("phyagentos.view.scenes.STAGES", {"viewer": stage})
+    client, key = open_page(), access.scene_key("tidy-7.a")
+    path, own = f"/scene/tidy-7.a/{key}/viewer/control", {"origin": f"http://{SCENES}", "host": SCENES}
+    assert client.post(path, content=sent, headers=own).status_code == status
+    assert (stage.control is not None) == (status == 204)
+    if status == 204:
+        assert (stage.control.time_s, stage.control.cameras, stage.control.paths) == (1.5, True, True)
+        assert client.post(path.replace("viewer", "other"), content=sent, headers=own).status_code == 404
+        for headers in (own | {"origin": OWN}, own | {"host": HOST}, own | {"origin": "http://elsewhere.example"}):
+            assert client.post(path, content=sent, headers=headers).status_code == 401
+        wrong = path.replace(key, "0" * 32)
+        assert client.post(wrong, content=sent, headers=own).status_code == 401
+
+
+@pytest.mark.parametrize(
     "path",
     [
         "/evidence/tidy-7.a/%00", "/evidence/%00/x", f"/evidence/{'a' * 300}/x", "/frames/tidy-7.a/trace.jsonl/x.png",
