@@ -87,6 +87,7 @@ class Documents:
             running = [self.workspace.evidence_of(id) / TRACE for id in self.list_running()]
             beats = [*self.workspace.heartbeats.glob("*.json"), *running]
             files = [self.workspace.root / name for name in _WATCHED]
+            files += map(self.workspace.answers_of, self.ledger.goals)
             newest = find_latest([*files, *self.workspace.logs.glob("*.log")])
             self.version = Version(self.ledger.seq, find_latest(beats), newest, sum(self.list_stages().values()))
             return self.version

@@ -349,7 +349,7 @@ PANELS = (
     Panel(name="sessions", title="Sessions", file="SESSIONS.md", command="paos graph -w {w}", read=_read_sessions,
           place=Place.RIGHT, empty="all"),
     Panel(name="questions", title="Questions to you", file="evidence/{id}/", command="paos answer {id} yes -w {w}",
-          read=_read_questions, follows=_LIVE, place=Place.RIGHT, empty="questions"),
+          read=_read_questions, follows=(_JOURNAL, _BEATS, _FILES), place=Place.RIGHT, empty="questions"),
     Panel(name="proposals", title="Proposals", file="proposals/new/", command="paos approve -w {w}",
           read=_read_proposals, follows=(_FILES,), place=Place.RIGHT, empty="proposals"),
     Panel(name="memory", title="Memory", file="LESSONS.md", command="paos memory show --all -w {w}", read=_read_memory,

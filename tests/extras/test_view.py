@@ -9,7 +9,9 @@ import pytest
 from phyagentos.clock import SystemClock
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.estop import is_latched, reset
+from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.view.panels import PANELS
 from tests.bench.suite_of_counter import call, make_project
 from tests.extras.viewing import (
@@ -312,6 +314,35 @@ def test_on_a_narrow_screen_only_what_scrolls_is_wider_than_it(name, visit):
         header = page.locator("header").bounding_box()
         assert header["height"] < 740 / 3, "and leaves room"
         shoot(page, "narrow_scrolled", whole=False)
+
+
+def test_a_person_answers_a_question_and_contests_a_verdict(browser, visits, tmp_path):
+    desk = Desk(tmp_path / "w")
+    place, goal = desk.workspace, "goal:tidy-7"
+    desk.record(goal, "goal_submitted", graph="tidy", seed=7, objective="Tidy.")
+    nodes = {"a": {"objective": "Put it away.", "skill": "pick_and_place", "target": "panda"}}
+    desk.record(goal, "goal_compiled", nodes=nodes, accept=["human: Is the table clean?"], constraints=[])
+    place.goal_file_of("tidy-7").write_text("goal: tidy\n")
+    first = desk.submit("a")
+    desk.execute(first)
+    desk.judge(first, "accept", Verdict.SUCCESS, Truth.TRUE)
+    desk.record(goal, "goal_verdict", verdict="success", criteria=[], reason="all is done")
+    desk.close()
+    with served(place.root, "--allow-actions") as server:
+        page = visits.open(server)
+        shoot(page, "question")
+        get_panel(page, "questions").get_by_role("button", name="Yes").click()
+        page.locator("#result").get_by_text("paos answer tidy-7 yes").wait_for()
+        await_true(page, "getComputedStyle(document.querySelector('#panel-questions')).display === 'none'")
+        get_panel(page, "story").get_by_text("The verdict is wrong").click()
+        reason = page.get_by_label("What you see instead")
+        reason.fill("It leans on the wall.")
+        shoot(page, "contest", whole=False)
+        page.get_by_role("button", name="Contest").click()
+        get_panel(page, "story").get_by_text("It leans on the wall.").first.wait_for()
+        shoot(page, "contested")
+    assert read_ledger(place.root).sessions[first].attempts[-1].is_review
+    assert len([*place.answers_of("tidy-7").iterdir()]) == 1
 
 
 def press_tab_until(page, is_there, limit=60):
