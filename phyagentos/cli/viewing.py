@@ -4,6 +4,7 @@ import os
 import socket
 import webbrowser
 from pathlib import Path
+from threading import Event
 from types import FrameType
 from typing import Annotated
 
@@ -15,12 +16,15 @@ from phyagentos.cli.outcome import print_note, print_result
 from phyagentos.errors import needs_extra
 
 NICE = 10  # a run on the same machine comes first
-_SPACE = typer.Argument(metavar="WORKSPACE", default_factory=choose_newest, show_default="the newest")
+_SPACE_HELP = "A workspace, the run of a suite, or a folder that holds several; several begin with a list."
+_SPACE = typer.Argument(
+    metavar="PLACE...", default_factory=lambda: [choose_newest()], show_default="the newest", help=_SPACE_HELP
+)
 _ACTIONS_HELP = "Let the page cancel, pause, stop, approve, amend, retract and submit; read-only without."
 
 
 def view(
-    workspace: Annotated[Path, _SPACE],
+    workspace: Annotated[list[Path], _SPACE],
     port: Annotated[int, typer.Option(help="0 for a free one.", min=0, max=65535)] = 0,
     host: Annotated[
         str, typer.Option(help="Address to listen on; other machines reach another one than this.")
@@ -29,15 +33,14 @@ def view(
     run: Annotated[list[Path] | None, typer.Option(help="Folder of a suite's run, to compare; repeatable.")] = None,
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
 ) -> None:
-    """Show a workspace in the browser, before, during or after a run, until Ctrl-C; a token is printed."""
+    """Show runs in the browser, before, while and after they run, until Ctrl-C; a token is printed."""
     with needs_extra("view", "paos view"):
         import uvicorn
 
         from phyagentos.view.access import Access
-        from phyagentos.view.documents import Documents
-        from phyagentos.view.server import build_app
-    documents = Documents(workspace)
-    documents.refresh()
+        from phyagentos.view.site import open_places
+    ends = Event()
+    build = open_places(workspace, ends, allows_actions=allow_actions, runs={path.name: path for path in run or ()})
     os.nice(NICE)
     listening, scenes = socket.create_server((host, port)), socket.create_server((host, 0))
     number, beside = (each.getsockname()[1] for each in (listening, scenes))
@@ -46,16 +49,16 @@ def view(
     access = Access(frozenset(f"{each}:{number}" for each in names), frozenset({f"{name}:{beside}"}))
     address = f"http://{host}:{number}/?token={access.token}"
     print_result(address)
-    print_note(f"{documents.workspace.root}, {'with actions' if allow_actions else 'read-only'}; Ctrl-C ends")
+    shown = ", ".join(str(each.resolve()) for each in workspace)
+    print_note(f"{shown}, {'with actions' if allow_actions else 'read-only'}; Ctrl-C ends")
     if browser:
         webbrowser.open(address)
-    app = build_app(documents, access, allows_actions=allow_actions, runs={path.name: path for path in run or ()})
-    config = uvicorn.Config(app, log_level="warning", ws_max_size=64 << 20, timeout_graceful_shutdown=1)
+    config = uvicorn.Config(build(access), log_level="warning", ws_max_size=64 << 20, timeout_graceful_shutdown=1)
 
     class Server(uvicorn.Server):
         @override
         def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-            app.state.watcher.is_over = True  # streams end by themselves
+            ends.set()  # streams end by themselves
             super().handle_exit(sig, frame)
 
     Server(config).run(sockets=[listening, scenes])

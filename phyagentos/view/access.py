@@ -22,11 +22,13 @@ class Access:
     Attributes:
         hosts: Names under which the page may be asked for, with their port.
         scene_hosts: The same of its 3D scenes, whose port is another one; none are shown without.
+        place: What the names of scenes begin with where a server shows several workspaces.
     """
 
     hosts: frozenset[str]
     scene_hosts: frozenset[str] = frozenset()
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
+    place: str = ""
 
     @property
     def cookie(self) -> str:
@@ -48,14 +50,14 @@ class Access:
         """What a form of our own page carries; the token cannot be derived from it."""
         return self._derive("form")
 
-    def scene_key(self, session: str) -> str:
-        """What the address of the 3D scene of one session carries; it opens nothing else."""
-        return self._derive(f"scene {session}")[:32]
+    def scene_key(self, scene: str) -> str:
+        """What the address of the 3D scene of one session carries, by the name of that scene; it opens nothing else."""
+        return self._derive(f"scene {scene}")[:32]
 
     def scene_address(self, session: str) -> str:
         """Of the 3D scene of a session; empty where none are shown."""
-        host = min(self.scene_hosts, default="")
-        return f"http://{host}/scene/{quote(session, safe='')}/{self.scene_key(session)}/" if host else ""
+        host, scene = min(self.scene_hosts, default=""), f"{self.place}{session}"
+        return f"http://{host}/scene/{quote(scene, safe='')}/{self.scene_key(scene)}/" if host else ""
 
     def admits(self, headers: Mapping[str, str], cookies: Mapping[str, str], key: str) -> bool:
         """Whether a request names this server, and carries the token as a bearer, or the cookie and the page's key."""
@@ -66,9 +68,9 @@ class Access:
             return self.is_token(given)
         return _is_same(key, self.page_key) and _is_same(cookies.get(self.cookie, ""), self.cookie_secret)
 
-    def admits_scene(self, headers: Mapping[str, str], session: str, key: str) -> bool:
-        """Whether a request names this server, and carries the key of a session's scene."""
-        return headers.get("host", "") in self.scene_hosts and _is_same(key, self.scene_key(session))
+    def admits_scene(self, headers: Mapping[str, str], scene: str, key: str) -> bool:
+        """Whether a request names this server, and carries the key of a scene."""
+        return headers.get("host", "") in self.scene_hosts and _is_same(key, self.scene_key(scene))
 
     def is_token(self, given: str) -> bool:
         """Whether this is the token."""

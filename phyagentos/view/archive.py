@@ -16,7 +16,7 @@ from phyagentos.view.story import Picture
 
 _OVERVIEW, _OF_SESSION = (
     ("headline", "timeline", "goal", "memory", "log"),
-    ("story", "motion", "tree", "world", "guard"),
+    ("story", "distance", "motion", "tree", "world", "guard"),
 )
 
 

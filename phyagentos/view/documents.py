@@ -87,8 +87,9 @@ class Documents:
             running = [self.workspace.evidence_of(id) / TRACE for id in self.list_running()]
             beats = [*self.workspace.heartbeats.glob("*.json"), *running]
             files = [self.workspace.root / name for name in _WATCHED]
-            newest = _find_latest([*files, *self.workspace.logs.glob("*.log")])
-            self.version = Version(self.ledger.seq, _find_latest(beats), newest, sum(self.list_stages().values()))
+            files += map(self.workspace.answers_of, self.ledger.goals)
+            newest = find_latest([*files, *self.workspace.logs.glob("*.log")])
+            self.version = Version(self.ledger.seq, find_latest(beats), newest, sum(self.list_stages().values()))
             return self.version
 
     def is_running(self) -> bool:
@@ -152,7 +153,7 @@ class Documents:
     def read_bundle(self, status: SessionStatus) -> Bundle:
         """The evidence of a session, as far as it is written; raises ExecutionError `EVIDENCE_DAMAGED`."""
         folder, execution = self.workspace.evidence_of(status.contract.id), status.execution
-        key = (status.contract.id, status.updated_at, _find_latest([folder / TRACE]))
+        key = (status.contract.id, status.updated_at, find_latest([folder / TRACE]))
         if key not in self._bundles:
             nothing = Execution(ended=Ended.COMPLETED, evidence=str(folder))  # only to read what there is so far
             self._bundles[key] = read_bundle(folder, status.contract, execution or nothing)
@@ -169,7 +170,7 @@ class Documents:
         return read_environment(read_regular(path).decode(), path.name) if path.is_file() else None
 
 
-def _find_latest(paths: list[Path]) -> int:
+def find_latest(paths: list[Path]) -> int:
     """Latest change of any of these files and folders [ns], 0 where there are none."""
     stamps = []
     for path in paths:

@@ -1,6 +1,5 @@
 """HTML of panels and pages: templates of this package, everything from documents escaped."""
 
-import math
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -12,9 +11,9 @@ from phyagentos.protocol.documents.markdown import format_value
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.view.documents import Documents
 from phyagentos.view.panels import Panel, Query
+from phyagentos.view.quantities import format_measure, name_quantity
 
 NOTHING = "<!---->"  # of a panel that has nothing to show
-_UNITS = {"_m": (1e3, 0, "mm"), "_rad": (math.degrees(1), 1, "°"), "_s": (1.0, 2, "s"), "_n": (1.0, 1, "N")}
 _KEPT = 256  # rendered panels
 
 
@@ -30,8 +29,8 @@ def get_templates() -> Any:
     made.filters |= {
         "drawing": Markup,
         "number": format_value,
-        "measure": _format_measure,
-        "quantity": lambda name: name.removesuffix(_find_unit(name)).replace("_", " "),
+        "measure": format_measure,
+        "quantity": name_quantity,
         "yaml": _render_yaml,
     }  # drawings and panels are escaped
     return made
@@ -75,23 +74,6 @@ class PanelRenderer:
         except (DefinitionError, ExecutionError, OSError, ValueError, LookupError, TypeError) as error:
             inside = render("unreadable", error=error)
         return render("panel", inside=inside, **head)
-
-
-def _find_unit(name: str) -> str:
-    """The end of a quantity's name that is its unit, as far as it is known."""
-    return next((unit for unit in _UNITS if name.endswith(unit)), "")
-
-
-def _format_measure(value: object, name: str) -> str:
-    """A quantity in the unit in which people read it."""
-    factor, digits, unit = _UNITS.get(_find_unit(name), (1.0, 3, ""))
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return (
-        str(value)
-        if not isinstance(value, int | float)
-        else f"{factor * value:.{digits}f} {unit}".strip().replace("-", "−")
-    )
 
 
 def _render_yaml(value: Any) -> str:

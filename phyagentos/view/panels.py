@@ -5,7 +5,9 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import urlencode
 
 from phyagentos.agent.tools.proposals import Proposals
@@ -19,7 +21,7 @@ from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.regular_files import open_regular, read_regular
 from phyagentos.protocol.sessions.estop import read_latch
-from phyagentos.protocol.sessions.evidence import BEFORE, PICTURE_AFTER, TRAJECTORY
+from phyagentos.protocol.sessions.evidence import BEFORE, MOTION, PICTURE_AFTER, TRAJECTORY
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
 from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
@@ -28,11 +30,15 @@ from phyagentos.protocol.settings.safety import get_target_limits, read_safety
 from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.store.views.tasks import describe_fault
 from phyagentos.view.comparison import list_moved
-from phyagentos.view.documents import Documents
+from phyagentos.view.documents import BUNDLES_KEPT, Documents
 from phyagentos.view.frames import read_frames
 from phyagentos.view.plots import draw_plots
 from phyagentos.view.story import Picture, find_decisive, find_pictures, list_phases
 from phyagentos.view.timeline import measure_length, read_timeline
+
+if TYPE_CHECKING:
+    from phyagentos.view.distance import Distance
+    from phyagentos.view.judged import JudgedPicture
 
 SESSIONS_SHOWN, LINES_SHOWN, FRAMES_SHOWN, GOALS_SHOWN = 60, 40, 12, 20
 LINE_SHOWN = 2000  # letters of a line
@@ -175,6 +181,7 @@ def _read_story(documents: Documents, _: Query, status: Session) -> Fields:
         "children": [each for each in sessions.values() if each.contract.parent == status.contract.id],
         "leaf": beat.leaf if beat is not None else "",
         "decisive": find_decisive(status.decision),
+        "judged": None,
         "phases": [],
         "pictures": [],
         "moved": [],
@@ -184,9 +191,29 @@ def _read_story(documents: Documents, _: Query, status: Session) -> Fields:
         bundle = documents.read_bundle(status)
         story["phases"], story["pictures"] = list_phases(bundle.trace), find_pictures(bundle.folder)
         story["moved"] = list_moved(documents, status)
+        story["judged"] = _read_judged(documents, status.contract.id, status.updated_at)[0]
     except ExecutionError as error:
         story["problem"] = str(error)
     return story
+
+
+@lru_cache(maxsize=BUNDLES_KEPT)
+def _read_judged(documents: Documents, id: SessionId, _: str) -> "tuple[JudgedPicture | None, Distance | None]":
+    """The number that decided in a picture and over time, as of one update of its session."""
+    from phyagentos.pictures.playback import read_playback
+    from phyagentos.view.distance import read_distance
+    from phyagentos.view.judged import find_judged
+
+    status = documents.ledger.sessions[id]
+    bundle, decisive = documents.read_bundle(status), find_decisive(status.decision)
+    if decisive is None:
+        return None, None
+    playback = read_playback(documents.workspace, status) if (bundle.folder / MOTION).is_file() else None
+    return find_judged(bundle, decisive, playback), read_distance(bundle, decisive, playback)
+
+
+def _read_distance(documents: Documents, _: Query, status: Session) -> Fields:
+    return {"distance": _read_judged(documents, status.contract.id, status.updated_at)[1] if status else None}
 
 
 def _read_motion(documents: Documents, _: Query, status: Session) -> Fields:
@@ -214,7 +241,11 @@ def _read_frames(documents: Documents, _: Query, status: Session) -> Fields:
 
 def _read_scene(documents: Documents, _: Query, status: Session) -> Fields:
     has_scene = status is not None and (documents.workspace.evidence_of(status.contract.id) / BEFORE).is_file()
-    return {"status": status if has_scene else None}
+    bundle = documents.read_bundle(status) if status is not None and has_scene else None
+    times = {"before": bundle.before, "after": bundle.after} if bundle is not None else {}
+    shown = find_pictures(bundle.folder) if bundle is not None else []
+    at = [(each, world.time_s if (world := times[each.label]) is not None else 0.0) for each in shown]
+    return {"status": status if has_scene else None, "pictures": at}
 
 
 def _read_guard(documents: Documents, _: Query, status: Session) -> Fields:
@@ -299,6 +330,8 @@ PANELS = (
           follows=_LIVE, place=Place.TOP, empty="status"),
     Panel(name="scene", title="Scene", file="evidence/{id}/motion.npz", command="paos render {id} -w {w}",
           read=_read_scene, follows=_LIVE, empty="status"),
+    Panel(name="distance", title="Distance to the criterion", file="evidence/{id}/motion.npz",
+          command="paos why {id} -w {w}", read=_read_distance, empty="distance"),
     Panel(name="motion", title="Motion", file="evidence/{id}/trajectory.npz", command="paos render {id} -w {w}",
           read=_read_motion, empty="plots"),
     Panel(name="frames", title="Camera frames", file="evidence/{id}/looks.json",
@@ -316,7 +349,7 @@ PANELS = (
     Panel(name="sessions", title="Sessions", file="SESSIONS.md", command="paos graph -w {w}", read=_read_sessions,
           place=Place.RIGHT, empty="all"),
     Panel(name="questions", title="Questions to you", file="evidence/{id}/", command="paos answer {id} yes -w {w}",
-          read=_read_questions, follows=_LIVE, place=Place.RIGHT, empty="questions"),
+          read=_read_questions, follows=(_JOURNAL, _BEATS, _FILES), place=Place.RIGHT, empty="questions"),
     Panel(name="proposals", title="Proposals", file="proposals/new/", command="paos approve -w {w}",
           read=_read_proposals, follows=(_FILES,), place=Place.RIGHT, empty="proposals"),
     Panel(name="memory", title="Memory", file="LESSONS.md", command="paos memory show --all -w {w}", read=_read_memory,

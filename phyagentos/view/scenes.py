@@ -1,22 +1,25 @@
 """The 3D scene of a session, live and in replay: viser with mjviser, one scene a viewer, behind the page's token.
 
 A running session shows its robot as its heartbeat says, and objects where they were believed to be before. One that has
-ended shows any moment of its evidence.
+ended shows the moment of its evidence at which the cursor of the page stands. The page posts it to the frame of the
+scene, with what else a person has chosen (`Control`), and the frame sends it on.
 """
 
 import asyncio
 import contextlib
 import io
 import math
+import secrets
 import tempfile
 import threading
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from fastapi import FastAPI, Request, WebSocket, WebSocketDisconnect
-from fastapi.responses import HTMLResponse, PlainTextResponse, Response
+from fastapi.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from PIL import Image, ImageDraw
 from websockets.asyncio.client import unix_connect
 
@@ -43,12 +46,43 @@ _POLICY = (
     "connect-src 'self' data: blob: {sockets}; "
     "form-action 'none'; base-uri 'none'; frame-ancestors {pages}"
 )
-_SHIM = "<script>document.hasFocus = () => !document.hidden;</script>"  # it looks for its server only in the focus
+CONTROL_MAX = 1024  # bytes of what a frame sends
+_SHIM = """<style>
+[data-floating-window], [title="About Viser"], .mantine-Notifications-root { visibility: hidden; }
+</style>
+<script>document.hasFocus = () => !document.hidden;  // it looks for its server only in the focus
+let wanted = {}, changed = false, busy = false;
+const send = async () => {
+  if (busy || !changed) return;
+  busy = true;
+  changed = false;
+  const body = JSON.stringify(wanted);
+  const is_sent = await fetch("control", {method: "POST", body}).then(each => each.ok, () => false);
+  busy = false;
+  if (!is_sent) { changed = true; setTimeout(send, 300); } else send();
+};
+addEventListener("message", event => {
+  if (event.source !== parent || typeof event.data !== "object") return;
+  wanted = {...wanted, ...event.data};
+  changed = true;
+  send();
+});</script>"""
+_LOOK_AT_M = (0.3, 0.0, 0.15)
 _building = threading.Lock()
+STAGES: "dict[str, Stage]" = {}  # those that are fed, by the random names of their viewers
+
+
+class Control(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a viewer has chosen: a moment in the target's time [s], and what is drawn beside the world."""
+
+    time_s: float | None = None
+    paths: bool = True
+    believed: bool = True
+    cameras: bool = False
 
 
 def add_scenes(app: FastAPI, documents: Documents, access: Access) -> None:
-    """The pages `/scene/SESSION/KEY/`, and the sockets over which their scenes come.
+    """The pages `/scene/SESSION/KEY/VIEWER/`, and the sockets over which their scenes come.
 
     The client of viser needs `eval`, and shows texts of documents: it comes from another port, hence from an origin
     of its own, which reads nothing of the page and knows the key of one session's scene alone.
@@ -60,28 +94,53 @@ def add_scenes(app: FastAPI, documents: Documents, access: Access) -> None:
     policy = {"content-security-policy": _POLICY.format(sockets=sockets, pages=pages)}
 
     @app.get(PATH + "{session}/{key}/")
+    def begin(request: Request, session: str, key: str) -> Response:
+        if not access.admits_scene(request.headers, session, key):
+            return PlainTextResponse("no such scene\n", 401)
+        return RedirectResponse(f"{secrets.token_urlsafe(9)}/", 303)
+
+    @app.post(PATH + "{session}/{key}/{viewer}/control")
+    async def control(request: Request, session: str, key: str, viewer: str) -> Response:
+        if not access.admits_scene(request.headers, session, key) or not access.is_scene_origin(request.headers):
+            return PlainTextResponse("no such scene\n", 401)
+        data = b""
+        async for part in request.stream():
+            data = (data + part)[:CONTROL_MAX]
+        try:
+            STAGES[viewer].control = msgspec.json.decode(data, type=Control)
+        except (KeyError, msgspec.MsgspecError):  # it is not fed yet
+            return PlainTextResponse("no such scene, or nothing to choose\n", 404)
+        return Response(status_code=204)
+
+    @app.get(PATH + "{session}/{key}/{viewer}/")
     def show_client(request: Request, session: str, key: str) -> Response:
         if not access.admits_scene(request.headers, session, key):
             return PlainTextResponse("no such scene\n", 401)
-        if SessionId(session) not in documents.ledger.sessions:
+        if SessionId(session.removeprefix(access.place)) not in documents.ledger.sessions:
             return PlainTextResponse(f"no session {session!r}\n", 404)
         return HTMLResponse(_read_client(), headers=policy)
 
-    @app.websocket(PATH + "{session}/{key}")
-    async def connect(socket: WebSocket, session: str, key: str) -> None:
+    _add_sockets(app, documents, access)
+
+
+def _add_sockets(app: FastAPI, documents: Documents, access: Access) -> None:
+    @app.websocket(PATH + "{session}/{key}/{viewer}")
+    async def connect(socket: WebSocket, session: str, key: str, viewer: str) -> None:
         if not access.admits_scene(socket.headers, session, key) or not access.is_scene_origin(socket.headers):
             await socket.close(1008)
             return
         wanted = [each.strip() for each in socket.headers.get("sec-websocket-protocol", "").split(",") if each.strip()]
         await socket.accept(wanted[0] if wanted else None)  # at once: the client gives up after five seconds
         try:
-            stage = await asyncio.to_thread(Stage, documents, SessionId(session))
+            stage = await asyncio.to_thread(Stage, documents, SessionId(session.removeprefix(access.place)))
         except (DefinitionError, ExecutionError, KeyError, OSError, ValueError) as error:
             await socket.close(1011, str(error)[:100])
             return
+        STAGES[viewer] = stage
         try:
             await _relay(socket, stage.socket, wanted)
         finally:
+            STAGES.pop(viewer, None)
             await asyncio.to_thread(stage.close)
 
 
@@ -131,10 +190,10 @@ class Stage:
         self._scene = ViserMujocoScene(self._server, self._model, num_envs=1)
         self._scene.camera_tracking_enabled = False
         camera = self._server.initial_camera
-        camera.position, camera.look_at, camera.fov = (1.6, 0.0, 1.1), (0.3, 0.0, 0.15), 0.85
-        self._clock = self._server.gui.add_number("time [s]", 0.0, step=0.01, disabled=True)
-        self._slider: Any = None
+        camera.position, camera.look_at, camera.fov = (1.6, 0.0, 1.1), _LOOK_AT_M, 0.85
+        self.control = Control()
         self._playback: Any = None
+        self._paths: list[Any] = []
         self._told = ""
         self._shown: tuple[Any, ...] = ()  # joint positions
         self._believed: tuple[Any, ...] = ()  # revision and age of what is outlined
@@ -170,7 +229,7 @@ class Stage:
         """Say once what is wrong."""
         if problem != self._told:
             self._told = problem
-            self._server.gui.add_text("problem", problem, multiline=True, disabled=True)  # never as markup
+            self._server.scene.add_label("/problem", problem, position=_LOOK_AT_M)  # never as markup
 
     def _follow(self) -> None:
         """Show what the heartbeat says."""
@@ -181,33 +240,30 @@ class Stage:
         if beat is not None and beat.q_rad:
             set_posture(self._model, self._data.qpos, self._profile, beat.q_rad)
             set_opening(self._model, self._data, self._profile, beat.gripper_width_m)
-        time_s = self._clock.value = beat.sim_time_s if beat is not None else 0.0
-        self._show(self._documents.read_bundle(status).before, time_s)
+        self._show(self._documents.read_bundle(status).before, beat.sim_time_s if beat is not None else 0.0)
 
     def _begin_replay(self) -> None:
-        """A slider over the evidence, and the paths of the tool."""
+        """Read the evidence, and draw the paths of the tool."""
         from phyagentos.pictures.playback import read_playback
 
         status = self._documents.ledger.sessions[self._session]
         playback = self._playback = read_playback(self._documents.workspace, status)
-        last_s = float(playback.time_s[-1] - playback.time_s[0])
-        self._clock.remove()
-        gui = self._server.gui
-        self._slider = gui.add_slider("time [s]", min=0.0, max=max(last_s, 0.1), step=0.02, initial_value=0.0)
-        self._plays = gui.add_checkbox("play", initial_value=True)
         for name, places, color in (
             ("measured", playback.measured_m, _MEASURED),
             ("planned", playback.planned_m, _PLANNED),
         ):
             if len(places) > 1:
                 segments = np.stack((places[:-1], places[1:]), axis=1)
-                self._server.scene.add_line_segments(f"/paths/{name}", segments, np.array(color), thickness=0.004)
+                path = self._server.scene.add_line_segments(
+                    f"/paths/{name}", segments, np.array(color), thickness=0.004
+                )
+                self._paths.append(path)
 
     def _replay(self) -> None:
-        if self._plays.value:
-            now_s = self._slider.value + STEP_S
-            self._slider.value = 0.0 if now_s > self._slider.max else now_s
-        time_s = self._playback.time_s[0] + self._slider.value
+        control, (first_s, *_, last_s) = self.control, self._playback.time_s
+        time_s = float(np.clip(first_s if control.time_s is None else control.time_s, first_s, last_s))
+        for each in self._paths:
+            each.visible = control.paths
         self._playback.pose(time_s, self._data)
         self._show(self._playback.believe(time_s), time_s)
 
@@ -218,16 +274,16 @@ class Stage:
             self._shown = joints
             mujoco.mj_forward(self._model, self._data)
             self._scene.update_from_mjdata(self._data)
-        if self._cameras.are_wanted():
-            status = self._documents.ledger.sessions[self._session]
-            self._cameras.show(self._documents.read_bundle(status), time_s)
-        if believed is not None and (key := (believed.revision, round(time_s))) != self._believed:
+        status, control = self._documents.ledger.sessions[self._session], self.control
+        self._cameras.show(self._documents.read_bundle(status), time_s, is_wanted=control.cameras)
+        if believed is not None and (key := (believed.revision, round(time_s), control.believed)) != self._believed:
             self._believed = key
             self._show_believed(believed, time_s)
 
     def _show_believed(self, believed: Environment, time_s: float) -> None:
         """Outlines of movable objects, each with its age and uncertainty; uncertain ones are red."""
-        scene, before, outlines = self._server.scene, self._outlines, list(iter_outlines(believed))
+        scene, before = self._server.scene, self._outlines
+        outlines = list(iter_outlines(believed)) if self.control.believed else []
         with self._server.atomic():
             for each in before:
                 each.remove()
@@ -252,25 +308,20 @@ class Stage:
 
 
 class Cameras:
-    """What each camera saw last, with the windows of objects, where the camera was; shown once its box is ticked."""
+    """What each camera saw last, with the windows of objects, where the camera was."""
 
     def __init__(self, server: Any) -> None:
         self._scene = server.scene
-        self._box = server.gui.add_checkbox("cameras", initial_value=False)
         self._bundle: Bundle | None = None
         self._frames: list[SeenFrame] = []
         self._shown: list[SeenFrame] = []
         self._handles: list[Any] = []
 
-    def are_wanted(self) -> bool:
-        """Whether there is something to show, or to take away."""
-        return bool(self._box.value or self._shown)
-
-    def show(self, bundle: Bundle, time_s: float) -> None:
-        """The latest picture of each camera until then, of those that perception has used."""
-        if bundle is not self._bundle:
+    def show(self, bundle: Bundle, time_s: float, *, is_wanted: bool) -> None:
+        """The latest picture of each camera until then, of those that perception has used; none, unless wanted."""
+        if is_wanted and bundle is not self._bundle:
             self._frames, self._bundle = sorted(read_frames(bundle), key=lambda each: each.frame.time_s), bundle
-        frames = self._frames if self._box.value else []
+        frames = self._frames if is_wanted else []
         latest = list({each.frame.camera: each for each in frames if each.frame.time_s <= time_s}.values())
         if latest == self._shown:
             return

@@ -1,9 +1,10 @@
 """The server of the page: pages, panels as they change, files of the evidence, actions where they are allowed."""
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
+from threading import Event
 from urllib.parse import parse_qsl, quote
 
 from fastapi import FastAPI, Request, Response
@@ -40,33 +41,40 @@ _MEDIA = {".png": "image/png"} | dict.fromkeys(  # of files of evidence; whateve
 
 
 class Watcher:
-    """Looks at the documents, and wakes every stream when something has changed, or when `is_over` is set."""
+    """Looks at the documents while a stream waits, and wakes all when something has changed, or `ends` is set."""
 
-    def __init__(self, documents: Documents) -> None:
+    def __init__(self, documents: Documents, ends: Event) -> None:
         self.version = Version()
-        self.is_over = False
+        self.ends = ends
         self._documents = documents
         self._changed = asyncio.Condition()
+        self._waiting = 0
+        self._task: asyncio.Task[None] | None = None
 
-    async def run(self) -> None:
-        """Until it is cancelled."""
-        while True:
+    async def wait(self, seen: Version) -> Version:
+        """The version once it is another one than `seen`; at the latest after some seconds."""
+        self._waiting += 1
+        if self._task is None or self._task.done():
+            self._task = asyncio.create_task(self._run())
+        try:
+            async with self._changed:
+                with suppress(TimeoutError):
+                    is_news = self._changed.wait_for(lambda: self.version != seen or self.ends.is_set())
+                    await asyncio.wait_for(is_news, SILENCE_S)
+                return self.version
+        finally:
+            self._waiting -= 1
+
+    async def _run(self) -> None:
+        while self._waiting:
             version = self.version
             with suppress(ExecutionError, OSError):  # the page itself says what is wrong
                 version = await asyncio.to_thread(self._documents.refresh)
-            if version != self.version or self.is_over:
+            if version != self.version or self.ends.is_set():
                 async with self._changed:
                     self.version = version
                     self._changed.notify_all()
             await asyncio.sleep(LOOK_PERIOD_S)
-
-    async def wait(self, seen: Version) -> Version:
-        """The version once it is another one than `seen`; at the latest after some seconds."""
-        async with self._changed:
-            with suppress(TimeoutError):
-                is_news = self._changed.wait_for(lambda: self.version != seen or self.is_over)
-                await asyncio.wait_for(is_news, SILENCE_S)
-            return self.version
 
 
 class PanelFeed:
@@ -94,29 +102,38 @@ class PanelFeed:
 
 
 def build_app(
-    documents: Documents, access: Access, *, allows_actions: bool = False, runs: dict[str, Path] | None = None
+    documents: Documents,
+    access: Access,
+    *,
+    allows_actions: bool = False,
+    runs: Mapping[str, Path] | None = None,
+    ends: Event | None = None,
+    home: str = "",
+    title: str = "",
 ) -> FastAPI:
-    """The application of one workspace; `runs` are folders of suites that may be compared, by name."""
-    watcher = Watcher(documents)
+    """The application of one workspace; `runs` are folders of suites that may be compared, by name.
+
+    Streams end once the server `ends`. `home` is the list that the workspace stands in, relative to its page, `title`
+    its name there.
+    """
     extras: Fields = {"actions": allows_actions, "live": True, "scene_address": access.scene_address}
     renderer = PanelRenderer(documents, lambda: extras)
-
-    @asynccontextmanager
-    async def live(_: FastAPI) -> AsyncIterator[None]:
-        task = asyncio.create_task(watcher.run())
-        yield
-        task.cancel()
-
-    app = FastAPI(lifespan=live, docs_url=None, redoc_url=None, openapi_url=None)
-    app.state.watcher = watcher
-    app.middleware("http")(_guard(access))
-    app.mount("/static", StaticFiles(directory=_STATIC))
-    _add_pages(app, renderer, access, watcher, allows_actions=allows_actions)
-    _add_comparisons(app, documents, runs or {})
+    app = make_guarded(access)
+    _add_pages(app, renderer, access, Watcher(documents, ends or Event()), extras | {"home": home, "title": title})
+    _add_comparison(app, documents)
+    add_runs(app, lambda: runs or {})
     _add_files(app, documents)
     scenes.add_scenes(app, documents, access)
     if allows_actions:
         _add_actions(app, documents, access)
+    return app
+
+
+def make_guarded(access: Access) -> FastAPI:
+    """An application that answers nothing without the token, with its styles and scripts."""
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    app.middleware("http")(_guard(access))
+    app.mount("/static", StaticFiles(directory=_STATIC))
     return app
 
 
@@ -154,9 +171,7 @@ def _guard(access: Access) -> Callable[[Request, Callable[[Request], Awaitable[R
     return answer
 
 
-def _add_pages(
-    app: FastAPI, renderer: PanelRenderer, access: Access, watcher: Watcher, *, allows_actions: bool
-) -> None:
+def _add_pages(app: FastAPI, renderer: PanelRenderer, access: Access, watcher: Watcher, extras: Fields) -> None:
     documents, feed = renderer.documents, PanelFeed(renderer)
 
     @app.get("/", response_class=HTMLResponse)
@@ -172,8 +187,8 @@ def _add_pages(
             stream=query.link().replace("./", "events", 1),
             status=status,
             workspace=documents.workspace.root,
-            actions=allows_actions,
-            secret=access.form_secret if allows_actions else "",
+            secret=access.form_secret if extras["actions"] else "",
+            **extras,
         )
 
     @app.get("/panels/{name}", response_class=HTMLResponse)
@@ -190,29 +205,36 @@ def _add_pages(
         return StreamingResponse(stream, media_type="text/event-stream")
 
 
-def _add_comparisons(app: FastAPI, documents: Documents, runs: dict[str, Path]) -> None:
-    def answer(template: str, read: Callable[[], Fields], up: str = "./") -> Response:
-        try:
-            return HTMLResponse(render(template, up=up, **read()))
-        except (DefinitionError, ExecutionError, OSError, ValueError, LookupError, TypeError) as error:
-            return HTMLResponse(render("page_problem", up=up, error=error), 404)
+def answer(template: str, read: Callable[[], Fields], up: str = "./") -> Response:
+    """A page, or what is wrong with its documents."""
+    try:
+        return HTMLResponse(render(template, up=up, **read()))
+    except (DefinitionError, ExecutionError, OSError, ValueError, LookupError, TypeError) as error:
+        return HTMLResponse(render("page_problem", up=up, error=error), 404)
 
+
+def _add_comparison(app: FastAPI, documents: Documents) -> None:
     @app.get("/compare")
     def show_sessions(first: str, second: str) -> Response:
         documents.refresh()
         return answer("compare", lambda: comparison.compare_sessions(documents, first, second))
 
+
+def add_runs(app: FastAPI, read_runs: Callable[[], Mapping[str, Path]]) -> None:
+    """The page on which two runs of suites stand side by side, by their names; without names the first and the last."""
+
     @app.get("/compare/runs")
     def show_runs(first: str = "", second: str = "") -> Response:
-        first, second = first or next(iter(runs), ""), second or next(reversed(runs), "")
-        return answer("runs", lambda: comparison.compare_runs(runs, first, second), "../")
+        runs = read_runs()
+        names = [first or next(iter(runs), ""), second or next(reversed([*runs]), "")]
+        return answer("runs", lambda: comparison.compare_runs(runs, *names), "../")
 
 
 async def _iter_changes(request: Request, feed: PanelFeed, watcher: Watcher, query: Query) -> AsyncIterator[str]:
     """Server-sent events: each panel when it changes, all of them at first."""
     sent: dict[str, str] = {}
     seen = Version()
-    while not (watcher.is_over or await request.is_disconnected()):
+    while not (watcher.ends.is_set() or await request.is_disconnected()):
         seen = await watcher.wait(seen)
         events = await feed.read(query, seen)
         changed = [event for name, event in events.items() if sent.get(name) != event]

@@ -12,6 +12,7 @@ from itertools import groupby
 
 from phyagentos.clock import compute_seconds
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.sessions.evidence import TAKEN_OVER
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
 from phyagentos.protocol.sessions.looks import read_looks
 from phyagentos.protocol.sessions.session import SessionStatus
@@ -40,7 +41,7 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A moment: a `look` of the cameras, a `guard` that intervened, a `request` of an operator."""
+    """A moment: a `look` of the cameras, a `guard` that intervened, a `person` who took over, a `request`."""
 
     kind: str
     at_s: float
@@ -190,7 +191,12 @@ def _iter_marks(documents: Documents, bar: Bar, sim_s: tuple[float, float]) -> I
     folder = documents.workspace.evidence_of(bar.status.contract.id)
     looks = [(each.time_s, "look", f"look ({each.role})") for each in read_looks(folder)]
     guard = [(each.time_s, "guard", f"guard: {each.code}") for each in documents.read_bundle(bar.status).interventions]
-    for time_s, kind, text in (*looks, *guard):
+    person = [
+        (each.time_s, "person", f"taken over by {each.details.get('by', '?')}")
+        for each in documents.read_bundle(bar.status).events
+        if each.kind == TAKEN_OVER
+    ]
+    for time_s, kind, text in (*looks, *guard, *person):
         share = min(max((time_s - sim_s[0]) / max(sim_s[1] - sim_s[0], 1e-9), 0.0), 1.0)
         at_s = bar.ran.from_s + share * (bar.ran.to_s - bar.ran.from_s)
         yield Mark(kind, at_s, f"{text} at {time_s:.2f} s simulated")

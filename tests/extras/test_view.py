@@ -9,11 +9,12 @@ import pytest
 from phyagentos.clock import SystemClock
 from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.sessions.estop import is_latched, reset
+from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.view.panels import PANELS
 from tests.bench.suite_of_counter import call, make_project
 from tests.extras.viewing import (
-    PATIENCE_S,
     Visits,
     await_picture,
     await_true,
@@ -28,7 +29,7 @@ from tests.extras.viewing import (
     served,
     shoot,
 )
-from tests.following import wait_until
+from tests.view.conftest import Desk
 
 pytestmark = [pytest.mark.extras, pytest.mark.journey]
 
@@ -40,6 +41,8 @@ PAGES = {
     "runs": "/compare/runs?first=one&second=two",
     "problem": "/compare?first=none&second=none",
 }
+SEVERAL = {"list": "/", "grid": "/suites/one/", "opened": "/w/met/"}
+ATTACK = "<script>window.hurt=1</script><img src=x onerror='window.hurt=2'>"
 STREAMS = {"page", "found", "acting"}
 SCENE = "#panel-scene iframe"  # the client of viser: not ours
 
@@ -57,6 +60,19 @@ def runs(browser, tmp_path_factory):
 def shown(replanned, runs):
     """The server of the replanned session, read-only, with two runs to compare."""
     with served(replanned.root, *(f"--run={run}" for run in runs)) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def several(replanned, runs, tmp_path_factory):
+    """The server of a folder with the replanned workspace, one of hostile texts, and a run of a suite."""
+    folder = tmp_path_factory.mktemp("several")
+    shutil.copytree(replanned.root, folder / "met")
+    shutil.copytree(runs[0], folder / "one")
+    desk = Desk(folder / "hostile")
+    desk.record("goal:tidy-7", "goal_submitted", graph="tidy", seed=7, objective=ATTACK)
+    desk.close()
+    with served(folder) as server:
         yield server
 
 
@@ -79,9 +95,12 @@ def page(browser, shown):
 
 @pytest.fixture
 def visit(request, visits):
-    """Opens one of `PAGES`, or `acting`: the page with its actions."""
+    """Opens one of `PAGES` or `SEVERAL`, or `acting`: the page with its actions."""
 
     def open_one(name, **how):
+        if name in SEVERAL:
+            server = request.getfixturevalue("several")
+            return visits.open(server, SEVERAL[name], awaits_stream=name == "opened", **how)
         if name == "acting":
             return visits.open(request.getfixturevalue("acting")[0], f"/?session={CHILD}", **how)
         return visits.open(request.getfixturevalue("shown"), PAGES[name], awaits_stream=name in STREAMS, **how)
@@ -113,6 +132,8 @@ def list_facts(workspace, panel):
             reasons = [each.because for each in child.decision.criteria]
             execution = [f"{child.execution.sim_time_s:.2f} s", "speed: 0.5"]
             return [child.state, child.decision.reason, *criteria, *reasons, *execution, PARENT], [*criteria, *reasons]
+        case "distance":
+            return ["inside(red_cube, red_tray)", "met above the limit", "limit 0 mm", "2 as perceived"], [*criteria]
         case "motion":
             return ["Joint positions", "joint 7", "Tracking error", "Gripper", "limit 80 mm"], []
         case "proposals":
@@ -184,12 +205,8 @@ def test_frames_are_the_pictures_that_perception_has_used(page, replanned):
 
 def test_a_replay_shows_any_moment_of_the_evidence(shown, visits):
     page = visits.open(shown, PAGES["page"], with_scene=True)
-    scene = get_scene(page)
-    slider = scene.get_by_role("slider")
-    plays, cameras = scene.get_by_label("play"), scene.get_by_label("cameras")
-    wait_until(lambda: slider.count() and plays.count() == 1, "a replay", PATIENCE_S)
-    plays.evaluate("each => each.click()")  # it plays; now it rests
-    slider.press("Home")
+    get_scene(page)
+    slider = page.locator("#panel-scene input.cursor")
     first = await_picture(page, is_drawn, "a drawn scene")
     shoot(page, "replay_begin", whole=False)
     for key in ("End", "Home"):
@@ -198,9 +215,36 @@ def test_a_replay_shows_any_moment_of_the_evidence(shown, visits):
             last = await_picture(page, lambda picture: differ(picture, first) > 0.004, "another picture")
             shoot(page, "replay_end", whole=False)
     await_picture(page, lambda picture: differ(picture, first) < differ(last, first) / 4, "the first picture")
-    cameras.evaluate("each => each.click()")
-    await_picture(page, lambda picture: differ(picture, first) > 0.004, "what the cameras saw")
+    page.get_by_label("paths", exact=True).uncheck()
+    bare = await_picture(page, lambda picture: differ(picture, first) > 0.0005, "no paths")
+    page.get_by_label("cameras", exact=True).check()
+    await_picture(page, lambda picture: differ(picture, bare) > 0.004, "what the cameras saw")
     shoot(page, "replay_cameras", whole=False)
+
+
+def test_one_cursor_moves_scene_plots_and_log_and_plays_by_itself(page, shown, visits):
+    page.locator("#moment").press("Home")
+    page.locator("#moment").press("PageUp")
+    await_true(page, "document.querySelectorAll('.log li.now').length === 1")
+    assert page.locator("#panel-scene input.cursor").input_value() == page.locator("#moment").input_value() != "0"
+    assert page.locator("svg.plot > line.cursor[visibility=visible]").count() == page.locator("svg.plot").count()
+    before = float(page.locator("#moment").input_value())
+    page.locator("#play").click()
+    await_true(page, f"Number(document.querySelector('#moment').value) > {before + 5}")
+    page.get_by_role("button", name="Pause").click()
+
+
+def test_without_webgl_the_pictures_stand_in_place_of_the_scene(browser, shown):
+    visits = Visits(browser)
+    page = visits.open(shown, awaits_stream=False)
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    page.goto(shown.origin + PAGES["page"])
+    page.locator(".flat figure img").first.wait_for()
+    page.locator("#panel-scene input.cursor").press("End")
+    await_true(page, "document.querySelector('.flat figure.now img').alt === 'The world after the session'")
+    assert not page.locator("#panel-scene iframe").is_visible()
+    shoot(page, "flat")
+    visits.end()
 
 
 def test_two_sessions_stand_side_by_side_with_what_differed(visit):
@@ -230,7 +274,22 @@ def test_two_runs_of_a_suite_stand_side_by_side(visit):
     shoot(page, "runs")
 
 
-@pytest.mark.parametrize("name", [*PAGES, "acting"])
+def test_a_click_in_the_list_opens_a_run_and_one_in_the_grid_an_episode(visit):
+    page = visit("list")
+    assert ATTACK in page.locator("main").text_content()
+    assert page.evaluate("window.hurt") is None
+    await_true(page, "document.querySelector('.run img').naturalWidth > 0")
+    page.get_by_role("link", name="tray of its colour").click()
+    page.wait_for_url("**/w/met/?goal=tidy_table-7")
+    assert "1 replan" in squeeze(get_panel(page, "headline").text_content())
+    page.get_by_role("link", name="All runs").click()
+    page.get_by_role("link", name="one, one").click()
+    page.locator("a.cell").first.click()
+    page.wait_for_url("**/e/one/**")
+    assert "Three steps up." in get_panel(page, "headline").text_content()
+
+
+@pytest.mark.parametrize("name", [*PAGES, *SEVERAL, "acting"])
 def test_axe_finds_nothing_serious_or_critical(name, visit, axe):
     page = visit(name)
     for each in page.locator("details").all():
@@ -239,7 +298,7 @@ def test_axe_finds_nothing_serious_or_critical(name, visit, axe):
     assert find_faults(page, axe, without=[SCENE]) == []
 
 
-@pytest.mark.parametrize("name", [*PAGES, "acting"])
+@pytest.mark.parametrize("name", [*PAGES, *SEVERAL, "acting"])
 def test_on_a_narrow_screen_only_what_scrolls_is_wider_than_it(name, visit):
     page = visit(name, width=360, height=740)
     shoot(page, f"narrow_{name}", whole=False)
@@ -255,6 +314,35 @@ def test_on_a_narrow_screen_only_what_scrolls_is_wider_than_it(name, visit):
         header = page.locator("header").bounding_box()
         assert header["height"] < 740 / 3, "and leaves room"
         shoot(page, "narrow_scrolled", whole=False)
+
+
+def test_a_person_answers_a_question_and_contests_a_verdict(browser, visits, tmp_path):
+    desk = Desk(tmp_path / "w")
+    place, goal = desk.workspace, "goal:tidy-7"
+    desk.record(goal, "goal_submitted", graph="tidy", seed=7, objective="Tidy.")
+    nodes = {"a": {"objective": "Put it away.", "skill": "pick_and_place", "target": "panda"}}
+    desk.record(goal, "goal_compiled", nodes=nodes, accept=["human: Is the table clean?"], constraints=[])
+    place.goal_file_of("tidy-7").write_text("goal: tidy\n")
+    first = desk.submit("a")
+    desk.execute(first)
+    desk.judge(first, "accept", Verdict.SUCCESS, Truth.TRUE)
+    desk.record(goal, "goal_verdict", verdict="success", criteria=[], reason="all is done")
+    desk.close()
+    with served(place.root, "--allow-actions") as server:
+        page = visits.open(server)
+        shoot(page, "question")
+        get_panel(page, "questions").get_by_role("button", name="Yes").click()
+        page.locator("#result").get_by_text("paos answer tidy-7 yes").wait_for()
+        await_true(page, "getComputedStyle(document.querySelector('#panel-questions')).display === 'none'")
+        get_panel(page, "story").get_by_text("The verdict is wrong").click()
+        reason = page.get_by_label("What you see instead")
+        reason.fill("It leans on the wall.")
+        shoot(page, "contest", whole=False)
+        page.get_by_role("button", name="Contest").click()
+        get_panel(page, "story").get_by_text("It leans on the wall.").first.wait_for()
+        shoot(page, "contested")
+    assert read_ledger(place.root).sessions[first].attempts[-1].is_review
+    assert len([*place.answers_of("tidy-7").iterdir()]) == 1
 
 
 def press_tab_until(page, is_there, limit=60):

@@ -157,7 +157,7 @@ def get_scene(page, session=""):
 
     def find():
         frames = [frame for frame in page.frames if f"/scene/{session}" in frame.url]
-        fed = "document.body !== null && document.body.innerText.includes('Connected')"
+        fed = "document.querySelector('[data-floating-window]')?.textContent.includes('Connected')"
         return next((frame for frame in frames if frame.evaluate(fed)), None)
 
     wait_until(find, "a scene that is fed", PATIENCE_S)

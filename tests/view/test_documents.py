@@ -8,6 +8,7 @@ from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.workspace.process_lock import RUNTIME_LOCK, WATCHDOG_LOCK, become_sole
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.view.documents import Documents
+from phyagentos.view.panels import PANELS
 from tests.view.conftest import GOAL
 from tests.view.test_page import read, see
 
@@ -54,3 +55,12 @@ def test_a_run_is_followed_from_its_first_second(desk):
     assert look()[-1] == "motion"
     assert "starting" not in see(read(documents, "runtime"))
     assert len({version.stage for version in [*seen, documents.version]}) == 3, "each is news"
+
+
+def test_an_answer_to_the_question_of_a_goal_is_news(documents):
+    before = documents.refresh()
+    folder = documents.workspace.answers_of("tidy-7")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "answer.json").write_text("{}")
+    assert documents.refresh() != before
+    assert "files" in next(each for each in PANELS if each.name == "questions").follows

@@ -65,7 +65,7 @@ def see(text):
 @pytest.mark.parametrize("panel", PANELS, ids=lambda panel: panel.name)
 def test_every_panel_names_its_file_and_the_command_that_prints_the_same(reported, panel):
     shown = see(read(reported, panel.name, session="tidy-7.a"))
-    if panel.name in {"frames", "questions", "proposals", "memory", "log"}:  # they have nothing to show
+    if panel.name in {"distance", "frames", "questions", "proposals", "memory", "log"}:  # they have nothing to show
         assert read(reported, panel.name, session="tidy-7.a") == NOTHING
         return
     assert panel.title in shown
@@ -289,12 +289,35 @@ def test_the_socket_of_a_scene_asks_for_origin_host_and_key(open_page, access, o
 
 
 @pytest.mark.parametrize(
+    ("sent", "status"),
+    [
+        (b'{"time_s": 1.5, "cameras": true}', 204), (b'{"time_s": "x"}', 404), (b'{"other": 1}', 404), (b"[1", 404),
+        (b'{"time_s": 1' + b"0" * 5000 + b"}", 404),
+    ],
+)  # fmt: skip
+def test_a_scene_is_directed_by_its_own_frame_alone_and_only_to_a_moment(open_page, access, monkeypatch, sent, status):
+    stage = type("Scene", (), {"control": None})()
+    monkeypatch.setattr("phyagentos.view.scenes.STAGES", {"viewer": stage})
+    client, key = open_page(), access.scene_key("tidy-7.a")
+    path, own = f"/scene/tidy-7.a/{key}/viewer/control", {"origin": f"http://{SCENES}", "host": SCENES}
+    assert client.post(path, content=sent, headers=own).status_code == status
+    assert (stage.control is not None) == (status == 204)
+    if status == 204:
+        assert (stage.control.time_s, stage.control.cameras, stage.control.paths) == (1.5, True, True)
+        assert client.post(path.replace("viewer", "other"), content=sent, headers=own).status_code == 404
+        for headers in (own | {"origin": OWN}, own | {"host": HOST}, own | {"origin": "http://elsewhere.example"}):
+            assert client.post(path, content=sent, headers=headers).status_code == 401
+        wrong = path.replace(key, "0" * 32)
+        assert client.post(wrong, content=sent, headers=own).status_code == 401
+
+
+@pytest.mark.parametrize(
     "path",
     [
         "/evidence/tidy-7.a/%00", "/evidence/%00/x", f"/evidence/{'a' * 300}/x", "/frames/tidy-7.a/trace.jsonl/x.png",
         "/frames/tidy-7.a/%00/x", f"/panels/{'a' * 5000}", "/compare?first=%00&second=",
         "/compare/runs?first=a&second=b",
-        "/static/%00", "/static/..%2Faccess.py", "/scene/x/y/z", "/actions/estop",
+        "/static/%00", "/static/..%2Faccess.py", "/scene/x/y/z/none", "/actions/estop",
         "/evidence/..%2F/TASK.md", "/evidence/tidy-7.a/..%2F..%2FTASK.md", "/evidence/./TASK.md", "/evidence/x/y",
 
     ],

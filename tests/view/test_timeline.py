@@ -7,6 +7,8 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.tasks import Relation
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.view.timeline import Timeline, read_timeline
+from tests.view.conftest import HOSTILE
+from tests.view.test_page import read, see
 
 
 def test_a_session_is_a_bar_in_its_targets_lane_and_its_revision_is_linked_to_it(reported):
@@ -26,6 +28,19 @@ def test_what_evidence_says_in_simulated_time_stands_within_the_time_in_which_th
     assert (mark.kind, first.sim_s) == ("guard", (3.5, pytest.approx(7.4)))
     assert "JOINT_ACCELERATION" in mark.text
     assert first.ran.from_s <= mark.at_s <= first.ran.to_s
+
+
+def test_the_moment_at_which_a_person_took_over_is_marked_with_who_it_was(documents, desk):
+    third = desk.submit("b")
+    desk.execute(third, events=[{"time_s": 4.0, "kind": "taken_over", "details": {"by": HOSTILE}}])
+    documents.refresh()
+    bar = read_timeline(documents, documents.find_goal()).lanes["panda"][-1]
+    ((mark),) = bar.marks
+    assert (mark.kind, mark.text) == ("person", f"taken over by {HOSTILE} at 4.00 s simulated")
+    assert bar.ran.from_s <= mark.at_s <= bar.ran.to_s
+    shown = read(documents, "timeline", session=third)
+    assert "■ taken over by a person" in see(shown)
+    assert HOSTILE not in shown
 
 
 def test_a_session_without_a_worker_waits_and_a_request_of_an_operator_is_marked(documents, desk):

@@ -19,17 +19,45 @@ function follow() {
   const sim = between(bar.simFrom, bar.simTo, share);
   all("svg.timeline > line.cursor").forEach((line) => put(line, between(bar.from, bar.to, share)));
   all("svg.plot").forEach((plot) => put(plot.querySelector("line.cursor"), 100 * (sim - plot.dataset.from) / (plot.dataset.to - plot.dataset.from)));
-  const slider = one("#moment"), words = one("#moment-at");
-  if (slider) slider.value = 1000 * share;
-  if (words) words.textContent = `${sim.toFixed(2)} s simulated, ${new Date(between(bar.wallFrom, bar.wallTo, share)).toISOString().slice(11, 21)} UTC`;
+  all("input.cursor").forEach((slider) => { slider.value = 1000 * share; });
+  all(".moment-at").forEach((words) => { words.textContent = `${sim.toFixed(2)} s simulated, ${new Date(between(bar.wallFrom, bar.wallTo, share)).toISOString().slice(11, 21)} UTC`; });
+  const clock = new Date(between(bar.wallFrom, bar.wallTo, share)).toISOString().slice(11, 19), before = [...all(".log li[data-clock]")].filter((line) => line.dataset.clock <= clock);
+  all(".log li.now").forEach((line) => line.classList.remove("now"));
+  if (before.length) { const line = before[0], list = line.closest(".scroll"); line.classList.add("now"); list.scrollTop = line.offsetTop - list.offsetTop - list.clientHeight / 2; }
+  direct({ time_s: sim });
   all(".tree li[data-at]").forEach((node) => node.classList.toggle("later", Number(node.dataset.at) > sim + 1e-6));
   const latest = new Map();
   [...all(".frames figure")].sort((a, b) => a.dataset.at - b.dataset.at).forEach((figure) => { if (!latest.has(figure.dataset.camera) || Number(figure.dataset.at) <= sim + 1e-6) latest.set(figure.dataset.camera, figure); });
   all(".frames figure").forEach((figure) => figure.classList.toggle("now", latest.get(figure.dataset.camera) === figure));
   all(".frames").forEach((frames) => frames.classList.add("following"));
 }
+// The 3D scene stands at the cursor, and shows what is ticked: its frame, of another origin, is sent that.
+const scene = {};
+function direct(change) {
+  Object.assign(scene, change);
+  const frame = one("#panel-scene iframe");
+  if (frame) frame.contentWindow.postMessage(scene, new URL(frame.src).origin);
+}
+document.addEventListener("load", (event) => { if (event.target.matches?.("#panel-scene iframe")) direct({}); }, true);
+document.addEventListener("change", (event) => { const name = event.target.dataset?.scene; if (name) direct({ [name]: event.target.checked }); });
+// Play moves the cursor through the session in its own time.
+let playing = 0;
+function play(starts) {
+  clearInterval(playing);
+  playing = 0;
+  const bar = chosen(), button = one("#play");
+  if (starts && bar) {
+    if (share === null || share >= 1) share = 0;
+    playing = setInterval(() => { const now = chosen(); if (!now) return play(false); move(share + 0.1 / (now.simTo - now.simFrom)); if (share >= 1) play(false); }, 100);
+  }
+  if (button) { button.textContent = playing ? "❚❚ Pause" : "▶ Play"; button.setAttribute("aria-pressed", String(Boolean(playing))); }
+}
+document.addEventListener("click", (event) => { if (event.target.id === "play") play(!playing); });
+// Where nothing draws in 3D, pictures stand in place of the scene.
+const canvas = document.createElement("canvas");
+if (!(canvas.getContext("webgl2") || canvas.getContext("webgl"))) document.documentElement.classList.add("flat-only");
 const move = (to) => { share = Math.min(Math.max(to, 0), 1); follow(); };
-document.addEventListener("input", (event) => { if (event.target.id === "moment") move(event.target.value / 1000); });
+document.addEventListener("input", (event) => { if (event.target.matches("input.cursor")) move(event.target.value / 1000); });
 document.addEventListener("pointermove", (event) => {
   const drawing = event.target.closest?.("svg.plot, svg.timeline"), bar = chosen();
   if (!drawing || !bar) return;
