@@ -5,7 +5,7 @@ What is guessed is its drive, its pads, and the frame of the tool.
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -25,7 +25,7 @@ TIP_M, PAD_M, PROUD_M = (
 BESIDE_M = 0.01  # aside of the tip of a jaw is still what it closes on
 STRAIGHT_COS = 0.8  # between the axis of the last joint and where a hand points
 NEAR_RAD = 2.0  # what is further round the hinge than that is no jaw
-MOST = 0.75  # of a jaw's length: open by 45 degrees
+TAKEN_M, TURN_RAD = 0.04, 0.45  # what a jaw's pad lies flat against, turned by at most this
 FAR_M = 1.0
 
 
@@ -40,7 +40,6 @@ class HandDraft:
         tool: On the arm's last link.
         palm_m: From the tool centre point back to the solids between the fingers.
         tip_m: From the tool centre point to the end of the fingers.
-        most_m: Opening beyond which a jaw that turns is too far from level with the other.
     """
 
     joints: tuple[str, ...]
@@ -49,7 +48,6 @@ class HandDraft:
     tool: Placed
     palm_m: float
     tip_m: float
-    most_m: float = np.inf
 
 
 def draft_hand(model: mujoco.MjModel, last: int, fingers: Sequence[int]) -> HandDraft | None:
@@ -189,10 +187,11 @@ def _draft_jaw(
     face_rad = way * (way * view.measure_angles(view.rest)).max()
     approach = _find_approach(model, data, last, view.plane @ (np.cos(face_rad), np.sin(face_rad)))
     R = _build_frame(approach, way * np.cross(view.axis, approach))
-    z = R[:, 2]
+    palm = float(view.anchor @ R[:, 2] + view.lever_m / 2)
+    at_rad = float(np.clip(start_rad + way * (over + min(TAKEN_M / view.lever_m, TURN_RAD)), low, high))
+    view = _view_jaw(model, data, joint, at_rad, turning, standing)
     sides = [(np.array(list(view.near)), view.anchor + view.rest), (turning, view.anchor + view.tip)]
-    travel, palm, most_m = (way * view.lever_m,), float(view.anchor @ z + view.lever_m / 2), MOST * view.lever_m
-    return replace(_place_pads(model, data, last, [joint], sides, R, travel, palm, most_m), most_m=most_m)
+    return _place_pads(model, data, last, [joint], sides, R, (way * view.lever_m,), palm)
 
 
 def _find_approach(model: mujoco.MjModel, data: mujoco.MjData, last: int, guess: Array) -> Array:
@@ -211,7 +210,6 @@ def _place_pads(
     R: Array,
     travel: tuple[float, ...],
     palm: float | None = None,
-    opening_m: float = 0.0,
 ) -> HandDraft:
     """Pads at the inner sides of the tips, in the pose of `data`.
 
@@ -224,21 +222,14 @@ def _place_pads(
         R: Orientation of the tool; the second side is on the side of y.
         travel: As of `HandDraft`.
         palm: Where the palm is along z; by default where the solids of `last` end.
-        opening_m: By which the second side opens further, alone.
     """
-    clouds, approach = [cloud for _, cloud in sides], R[:, 2]
-    end = min(float((cloud @ approach).max()) for cloud in clouds)
-    depth, faces, across = end - PAD_M[2] - 0.002, [], []
-    for cloud, side in zip(clouds, (1.0, -1.0), strict=True):
-        tip = cloud[cloud @ approach > end - TIP_M] @ R
-        faces.append(side * float((side * tip[:, 1]).max()))
-        across.append(float(tip[:, 0].min() + tip[:, 0].max()) / 2)
+    approach, (depth, end, faces, across) = R[:, 2], _find_tips(model, data, sides, R)
     pads = []
     for (geoms, _), face, side in zip(sides, faces, (1.0, -1.0), strict=True):
         body = int(max(model.geom_bodyid[geoms]))  # the farthest one out
-        place = R @ np.array((float(np.mean(across)), face - side * (PAD_M[1] - PROUD_M), depth))
+        place = R @ np.array((across, face - side * (PAD_M[1] - PROUD_M), depth))
         pads.append((model.body(body).name, _express(data, body, place, R)))
-    tool = R @ np.array((float(np.mean(across)), float(np.mean(faces)) + opening_m / 2, depth))
+    tool = R @ np.array((across, float(np.mean(faces)), depth))
     held = [
         geom for geom in range(model.ngeom) if model.body_weldid[model.geom_bodyid[geom]] == model.body_weldid[last]
     ]
@@ -252,6 +243,28 @@ def _place_pads(
         palm_m=depth - palm,
         tip_m=end - depth,
     )
+
+
+def _find_tips(
+    model: mujoco.MjModel, data: mujoco.MjData, sides: Sequence[tuple[Geoms, Array]], R: Array
+) -> tuple[float, float, list[float], float]:
+    """Of pads along z and the end of the farther tip; where the inner sides are along y; and the middle along x [m]."""
+    ends, tips = [float((cloud @ R[:, 2]).max()) for _, cloud in sides], []
+    depth = min(ends) - PAD_M[2] - 0.002
+    for geoms, _ in sides:
+        solids = [_list_corners(model, data, int(geom)) for geom in geoms]
+        tips.append(np.vstack([_cut(corners, R[:, 2], depth - PAD_M[2]) for corners in solids]) @ R)
+    across = float(np.mean([tip[:, 0].min() + tip[:, 0].max() for tip in tips])) / 2
+    return depth, max(ends), [float(tips[0][:, 1].max()), float(tips[1][:, 1].min())], across
+
+
+def _cut(corners: Array, along: Array, least: float) -> Array:
+    """(n, 3) what of the corners of a convex solid is beyond `least` along an axis, and where its edges cross that."""
+    beyond = corners @ along >= least
+    inside, outside = corners[beyond], corners[~beyond]
+    share = (least - outside @ along)[:, None] / ((inside @ along)[None] - (outside @ along)[:, None])
+    crossing = outside[:, None] + share[..., None] * (inside[None] - outside[:, None])
+    return np.vstack((inside, crossing.reshape(-1, 3)))
 
 
 def _build_frame(approach: Array, closing: Array) -> Array:
@@ -302,11 +315,14 @@ def _stack(model: mujoco.MjModel, data: mujoco.MjData, geoms: Geoms) -> Array:
 
 
 def _list_corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
-    """(n, 3) corners of a mesh, or of the box around another solid, in the world [m]."""
+    """(n, 3) corners of the hull of a mesh, or of the box around another solid, in the world [m]."""
     mesh = int(model.geom_dataid[geom])
     if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_MESH):
-        start = int(model.mesh_vertadr[mesh])
+        start, graph = int(model.mesh_vertadr[mesh]), int(model.mesh_graphadr[mesh])
         corners = model.mesh_vert[start : start + int(model.mesh_vertnum[mesh])].astype(float)
+        if graph >= 0:  # of its hull
+            count = int(model.mesh_graph[graph])
+            corners = corners[model.mesh_graph[graph + 2 + count : graph + 2 + 2 * count]]
     else:
         center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
         corners = center + half * np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T

@@ -215,10 +215,11 @@ class _Document:
                     link.remove(shown)
                 elif shape.tag == "mesh":
                     file = shape.get("filename", "")
-                    found = find_mesh(file, f"{self.locate(shape)}: link {name!r}", folders)
+                    is_solid = shown.tag == "collision" and name not in replaced
+                    found = find_mesh(file, f"{self.locate(shape)}: link {name!r}", folders, is_solid=is_solid)
                     if isinstance(found, Path):
                         shape.set("filename", os.fspath(found))
-                    elif shown.tag == "visual" or name in replaced:
+                    elif not is_solid:
                         pictures.append(Path(file).name)
                         link.remove(shown)
                     else:
