@@ -36,11 +36,13 @@ class ModelSource:
     Attributes:
         remarks: What was left out or added, for people.
         speeds: Of joints, where a URDF says them [rad/s].
+        forces: Largest ones of joints, where the motors of a MJCF say them [N m or N].
     """
 
     spec: mujoco.MjSpec
     remarks: tuple[str, ...] = ()
     speeds: Mapping[str, float] = field(default_factory=dict)
+    forces: Mapping[str, float] = field(default_factory=dict)
 
 
 def read_urdf(path: Path, arguments: Mapping[str, str] = {}, replaced: Collection[str] = ()) -> ModelSource:

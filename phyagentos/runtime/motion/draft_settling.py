@@ -10,19 +10,18 @@ from numpy.typing import ArrayLike
 from phyagentos.errors import DefinitionError
 from phyagentos.geometry import compute_inverse, compute_matrix, compute_rotation, convert_euler
 from phyagentos.protocol.capabilities.targets import FINGERTIP_CLEAR_M, TargetProfile
-from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.settings.safety import UNITS
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.models.compiling import compile_model
 from phyagentos.runtime.models.drafting import ProfileDraft
 from phyagentos.runtime.models.hand import HandMotion, measure_hand
-from phyagentos.runtime.models.hand_drafting import PAD_M, PROUD_M, TAKEN_M, HandDraft
+from phyagentos.runtime.models.hand_drafting import PAD_M, PROUD_M, TAKEN_M, HandDraft, list_corners
 from phyagentos.runtime.models.robot import build_robot, read_profile
 from phyagentos.runtime.models.sources import find_models
 from phyagentos.runtime.motion.chain import Chain, build_chain
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.poses import point_tool_down
-from phyagentos.runtime.motion.profile_checks import find_model_problems
+from phyagentos.runtime.motion.profile_checks import find_profile_problems
 from phyagentos.runtime.motion.requests import Array, World
 from phyagentos.runtime.motion.robot_model import RobotModel, build_robot_model
 
@@ -69,7 +68,7 @@ def _settle(draft: ProfileDraft, file: Path) -> tuple[ProfileDraft, str]:
     home_rad = _find_home(robot, reach_m)
     draft = replace(draft, home_rad=home_rad.tolist(), band_m=(round(0.4 * reach_m, 2), round(0.8 * reach_m, 2)))
     profile = _write(draft, file)
-    if problems := list(find_model_problems(build_robot_model(profile, folder), read_yaml(file))):
+    if problems := find_profile_problems(file, profile, None):
         raise DefinitionError(problems)
     return draft, _render_limits(draft, profile, robot, reach_m)
 
@@ -83,11 +82,14 @@ def _open_hand(draft: ProfileDraft, guess: HandDraft, file: Path) -> tuple[Profi
     """Its widest opening at which the pads face each other, its tool amid that, and how deep it takes what it takes."""
     profile, folder = _write(draft, file), file.parent
     hand, (model, data) = measure_hand(profile, folder), _build_probe(profile, folder)
-    turned = [_measure_cos(model, data, profile, hand, width_m) for width_m in hand.widths_m.tolist()]
-    width_m = max(hand.widths_m[np.array(turned) > FACING_COS], default=0.0)
+    turned = [_measure_pads(model, data, profile, hand, width_m) for width_m in hand.widths_m.tolist()]
+    width_m = max(hand.widths_m[np.array([cos for cos, _ in turned]) > FACING_COS], default=0.0)
+    tip_m = max(
+        [guess.tip_m, *(tip_m for (_, tip_m), at_m in zip(turned, hand.widths_m, strict=True) if at_m <= width_m)]
+    )
     place, turn = guess.tool
     amid = place + compute_rotation(turn)[:, 1] * hand.find_middle(width_m)
-    draft = replace(draft, hand=replace(guess, tool=(amid, turn)), width_m=np.floor(width_m * 1e3) / 1e3)
+    draft = replace(draft, hand=replace(guess, tool=(amid, turn), tip_m=tip_m), width_m=np.floor(width_m * 1e3) / 1e3)
     profile = _write(draft, file)
     most_m = max(guess.palm_m - FINGERTIP_CLEAR_M, LEAST_DEPTH_M)
     depth_m = min(most_m, _measure_depth(profile, folder, min(TAKEN_M, TAKEN_SHARE * width_m)))
@@ -108,22 +110,26 @@ def _build_probe(
     return model, data
 
 
-def _measure_cos(
+def _measure_pads(
     model: mujoco.MjModel, data: mujoco.MjData, profile: TargetProfile, hand: HandMotion, width_m: float
-) -> float:
-    """Of the angle between the closing axis and the way from pad to pad, at an opening."""
+) -> tuple[float, float]:
+    """At an opening: cosine between closing axis and the way from pad to pad; how far their fingers reach [m]."""
     for name, position in zip(hand.joints, hand.pose(width_m), strict=True):
         data.joint(name).qpos = position
     mujoco.mj_kinematics(model, data)
     between = np.subtract(*(data.geom(name).xpos for name in profile.gripper.pads))
-    return abs(float(between @ data.site(profile.tcp).xmat.reshape(3, 3)[:, 1])) / float(np.linalg.norm(between))
+    tool, fingers = data.site(profile.tcp), [model.geom(name).bodyid[0] for name in profile.gripper.pads]
+    _, y, z = tool.xmat.reshape(3, 3).T
+    solid = np.flatnonzero((model.geom_contype | model.geom_conaffinity) & np.isin(model.geom_bodyid, fingers))
+    tip_m = max(float(((list_corners(model, data, geom) - tool.xpos) @ z).max()) for geom in solid.tolist())
+    return abs(float(between @ y)) / float(np.linalg.norm(between)), tip_m
 
 
 def _measure_depth(profile: TargetProfile, folder: Path, width_m: float) -> float:
     """How far what is so wide may reach above the tool centre point before it touches something else than pads [m]."""
     hand = measure_hand(profile, folder)
     model, data = _build_probe(profile, folder, (PAD_M[0], width_m / 2 - PROUD_M, PROUD_M))
-    _measure_cos(model, data, profile, hand, width_m)
+    _measure_pads(model, data, profile, hand, width_m)
     pads = {model.geom(name).id for name in (PROBE, *profile.gripper.pads)}
     solid = [each for each in np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist() if each not in pads]
     tool = data.site(profile.tcp)
