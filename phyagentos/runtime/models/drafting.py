@@ -30,8 +30,9 @@ from phyagentos.runtime.models.robot import read_model, read_profile
 _JAW = re.compile("jaw|finger|grip|camera", re.IGNORECASE)
 _PLAIN = re.compile(r"(?!(?:y|n|yes|no|on|off|true|false|null)$)[A-Za-z_][\w.-]*(?:/[\w.-]+)*", re.IGNORECASE)
 _PATH = re.compile(r"[\w:./+@-]+")
-GUESSED_TORQUE_NM, GUESSED_SPEED_RAD_S, GUESSED_LOAD_KG = 20.0, 1.0, 1.0
+GUESSED_TORQUE_NM, GUESSED_SPEED_RAD_S, GUESSED_LOAD_KG, GUESSED_GRIP_N = 20.0, 1.0, 1.0, 20.0
 STIFFNESS_PER_TORQUE, DAMPING_SHARE = 40.0, 0.1  # of a servo that holds its arm within a few milliradians
+ARMATURE_S2 = 0.001  # inertia of motors behind their gears, of their torque; without it such a servo shakes light links
 UNMOVED = Pose((0.0, 0.0, 0.0))
 ARM, LEG = 4, 3  # hinges after which what branches is a hand; that make one of several arms
 
@@ -56,9 +57,11 @@ class ProfileDraft:
         parked: Where the joints of other branches stand still [rad or m].
         fingers: Likewise those beyond the arm, where it has no hand that is drafted.
         speeds: That the file gives, by joint [rad/s].
+        forces: Likewise the largest ones of its motors [N m or N].
         home_rad: One for each joint of the chain.
         band_m: Least and greatest distance from the base at which an object can be taken.
         width_m: Opening of the hand.
+        depth_m: How far what it takes may reach above the tool centre point.
         mount: Where its base stands.
         carried: A hand of another model, at the end of the last link.
         remarks: On the model, for people.
@@ -73,18 +76,21 @@ class ProfileDraft:
     parked: dict[str, float]
     fingers: dict[str, float]
     speeds: Mapping[str, float]
+    forces: Mapping[str, float]
     hand: HandDraft | None
     home_rad: Sequence[float]
     remarks: tuple[str, ...]
     band_m: tuple[float, float] = (0.3, 0.6)
     width_m: float = 0.002
+    depth_m: float = 0.005
     mount: Pose = UNMOVED
     carried: CarriedHand | None = None
 
     def render(self) -> str:
         """YAML of the profile."""
         model, chain, hand = self.compiled, self.chain, self.hand
-        limits = [float(np.abs(model.jnt_actfrcrange[joint]).max()) for joint in chain]
+        limits = [self._find_force(model.joint(joint).name) for joint in chain]
+        armature = model.dof_armature[model.jnt_dofadr[list(chain)]].tolist()
         torque = [limit if limit > 0.0 else GUESSED_TORQUE_NM for limit in limits]
         names = [model.joint(joint).name for joint in chain]
         speeds = [self.speeds.get(name, 0.0) or GUESSED_SPEED_RAD_S for name in names]
@@ -92,7 +98,8 @@ class ProfileDraft:
         endless = {_quote(name): "[-3.14, 3.14]" for name, joint in zip(names, chain, strict=True)
                    if np.ptp(model.jnt_range[joint]) == 0.0}  # fmt: skip
         parked = {
-            _quote(name): f"{at:.6g}" for name, at in (self.parked | (self.fingers if hand is None else {})).items()
+            _quote(name): f"{at:.6g}"
+            for name, at in (self.parked | (self.fingers if hand is None else hand.still)).items()
         }
         opens, load_kg, tool, gripper = self._list_end()
         sheet, found = "# check: its data sheet", "# of the model"
@@ -116,6 +123,9 @@ class ProfileDraft:
             f"  torque_nm: {_show(torque)}   {found if all(limits) else sheet}",
             f"  stiffness_nm_rad: {_show([STIFFNESS_PER_TORQUE * each for each in torque])}",
             f"  damping_nms_rad: {_show([STIFFNESS_PER_TORQUE * DAMPING_SHARE * each for each in torque])}",
+            ""
+            if any(armature)
+            else f"  armature_kg_m2: {ARMATURE_S2 * min(torque):.4g}   {sheet}, of motors and gears",
             f"  payload_kg: {load_kg:.4g}   {sheet}, the hand included",
             f"  wrist_joints: {min(3, len(chain))}",
             *gripper,
@@ -143,7 +153,22 @@ class ProfileDraft:
             why = f"no two sides of {format_names(self.fingers)} close: write `gripper`, or " if self.fingers else ""
             asks = f"end_effector: none   # check: {why}draft it anew with --hand menagerie:robotiq_2f85/2f85.xml"
             return "", GUESSED_LOAD_KG, tool, [asks]
-        return ", gripper_width", GUESSED_LOAD_KG, tool, _list_gripper(hand, self.width_m)
+        return (
+            ", gripper_width",
+            GUESSED_LOAD_KG,
+            tool,
+            _list_gripper(hand, self.width_m, self.depth_m, self._find_grip(hand)),
+        )
+
+    def _find_force(self, joint: str) -> float:
+        """The largest one of a joint [N m or N]; zero where the model does not say it."""
+        force = float(np.abs(self.compiled.jnt_actfrcrange[self.compiled.joint(joint).id]).max())
+        return force or self.forces.get(joint, 0.0)
+
+    def _find_grip(self, hand: HandDraft) -> float:
+        """Of the drive [N]: a guess, and no more than any of its joints has."""
+        forces = [self._find_force(name) / abs(share) for name, share in zip(hand.joints, hand.travel, strict=True)]
+        return min([GUESSED_GRIP_N, *filter(None, forces)])
 
 
 def _list_mount(mount: Pose) -> list[str]:
@@ -155,7 +180,7 @@ def _list_mount(mount: Pose) -> list[str]:
     ]
 
 
-def _list_gripper(hand: HandDraft, width_m: float) -> list[str]:
+def _list_gripper(hand: HandDraft, width_m: float, depth_m: float, force_n: float) -> list[str]:
     pads = [
         f"    - {{name: pad_{index}, body: {_quote(body)}, {_place(pose)}, half_m: {_show(PAD_M)}}}"
         for index, (body, pose) in enumerate(hand.pads)
@@ -171,8 +196,8 @@ def _list_gripper(hand: HandDraft, width_m: float) -> list[str]:
         f"  max_width_m: {width_m:.4g}   # as the pads open in the model",
         "  stiffness_n_m: 2000.0",
         "  damping_ns_m: 60.0",
-        "  force_n: 20.0   # check: its data sheet",
-        f"  palm_depth_m: {max(hand.palm_m - FINGERTIP_CLEAR_M, 0.005):.3g}",
+        f"  force_n: {force_n:.3g}   # check: its data sheet",
+        f"  palm_depth_m: {depth_m:.3g}   # beyond it something else than the pads would touch",
         f"  palm_height_m: {max(hand.palm_m + hand.tip_m, 0.01):.3g}",
         f"  fingertip_m: {hand.tip_m + FINGERTIP_CLEAR_M:.3g}",
     ]
@@ -220,13 +245,11 @@ def draft_profile(
         raise DefinitionError([Problem.unknown("joint", str(path), joint, names)])
     chain, others = _find_chain(compiled, names.index(joint) if joint else -1)
     if not chain or (others and len(chain) < LEG):
-        raise DefinitionError.of(
-            "MODEL_INVALID",
-            str(path),
-            found=f"{len(others) + 1} run(s) of {len(chain)} hinge(s), of the joints {format_names(names)}",
-            expected="an arm: hinges, one after another",
-            hint="A gripper alone is the `hand` of an arm's profile; docs/robots.md says more of hands and bases.",
-        )
+        found = f"{len(others) + 1} run(s) of {len(chain)} hinge(s), of the joints {format_names(names)}"
+        hint = "A gripper alone is the `hand` of an arm's profile; docs/robots.md says more of hands and bases."
+        if not names:
+            found, hint = "no joint", "Of parts or macros give the file that puts them together."
+        raise DefinitionError.of("MODEL_INVALID", str(path), found, "an arm: hinges, one after another", hint)
     last = int(compiled.jnt_bodyid[chain[-1]])
     bodies = compiled.jnt_bodyid.tolist()
     below = [index for index, body in enumerate(bodies) if index not in chain and is_below(compiled, body, last)]
@@ -240,10 +263,12 @@ def draft_profile(
         ends = ", ".join(names[other[-1]] for other in others)
         remarks.append(f"{len(others) + 1} arms of {len(chain)} hinges: drafted is that of {names[chain[-1]]}; "
                        f"another with --joint: {ends}")  # fmt: skip
+    if gripper is not None and gripper.still:
+        remarks.append(f"of its fingers {format_names(gripper.joints)} close; the others stand still")
     home_rad = [_find_middle(compiled, index) for index in chain]
     return ProfileDraft(
-        name, path.name, model, arguments, compiled, chain, parked, fingers, source.speeds, gripper, home_rad,
-        tuple(remarks), carried=hand,
+        name, path.name, model, arguments, compiled, chain, parked, fingers, source.speeds, source.forces, gripper,
+        home_rad, tuple(remarks), carried=hand,
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ What is guessed is its drive, its pads, and the frame of the tool.
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
@@ -25,7 +25,7 @@ TIP_M, PAD_M, PROUD_M = (
 BESIDE_M = 0.01  # aside of the tip of a jaw is still what it closes on
 STRAIGHT_COS = 0.8  # between the axis of the last joint and where a hand points
 NEAR_RAD = 2.0  # what is further round the hinge than that is no jaw
-MOST = 0.75  # of a jaw's length: open by 45 degrees
+TAKEN_M, TURN_RAD = 0.04, 0.45  # what a jaw's pad lies flat against, turned by at most this
 FAR_M = 1.0
 
 
@@ -39,8 +39,8 @@ class HandDraft:
         pads: Body and pose of each pad.
         tool: On the arm's last link.
         palm_m: From the tool centre point back to the solids between the fingers.
-        tip_m: From the tool centre point to the end of the fingers.
-        most_m: Opening beyond which a jaw that turns is too far from level with the other.
+        tip_m: From the tool centre point to the end of the fingers, as far as they reach while they close.
+        still: Where joints of fingers stand that the drive does not move [rad or m].
     """
 
     joints: tuple[str, ...]
@@ -49,7 +49,7 @@ class HandDraft:
     tool: Placed
     palm_m: float
     tip_m: float
-    most_m: float = np.inf
+    still: dict[str, float] = field(default_factory=dict)
 
 
 def draft_hand(model: mujoco.MjModel, last: int, fingers: Sequence[int]) -> HandDraft | None:
@@ -64,23 +64,63 @@ def draft_hand(model: mujoco.MjModel, last: int, fingers: Sequence[int]) -> Hand
         bodies = [body for body in range(model.nbody) if is_below(model, body, top)]
         held = np.flatnonzero(solid & np.isin(model.geom_bodyid, bodies))
         if len(held):
-            clouds = [_list_corners(model, data, int(geom)) - data.xpos[last] for geom in held]
+            clouds = [list_corners(model, data, int(geom)) - data.xpos[last] for geom in held]
             away = np.array([np.linalg.norm(cloud, axis=1).max() for cloud in clouds])
-            drive = next(j for j in fingers if int(model.jnt_bodyid[j]) in bodies)
-            found.append((float(away.max()), held, drive, int(held[away.argmax()])))
-    if len(tops) not in {2, 4} or len(found) < 2:
-        return None  # of four, two are the inner bars of linkages
-    found = sorted(found, key=lambda each: -each[0])[:2]
-    geoms, drives, tips = ([each[1] for each in found], [each[2] for each in found], [each[3] for each in found])
+            joints = [joint for joint in fingers if int(model.jnt_bodyid[joint]) in bodies]
+            found.append(_Finger(held, joints, int(held[away.argmax()]), float(away.max())))
+    found.sort(key=lambda each: -round(each.away_m, 4))
+    if len(tops) in {2, 4}:
+        found = found[:2]  # of four, two are the inner bars of linkages
+    pairs = [_close(model, data, pair) for pair in itertools.combinations(found, 2)]
+    best = max(pairs, key=lambda each: round(each.opens_m, 4), default=None)
+    if best is None or best.opens_m < PAD_M[1]:
+        return None
+    draft = _draft_pair(model, data, last, best)
+    return replace(draft, still=_rest(model, data, [each for each in found if each not in best.fingers], best))
 
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Finger:
+    """What hangs on a joint at a palm: its solids and joints, that one first, and the solid at its tip, so far away."""
+
+    geoms: Geoms
+    joints: list[int]
+    tip: int
+    away_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    """Two fingers: at which ends of their ranges they are wide open, and the gap there and closed [m]."""
+
+    fingers: tuple[_Finger, _Finger]
+    wide: tuple[int, ...]
+    wide_m: float
+    narrow_m: float
+
+    @property
+    def opens_m(self) -> float:
+        return self.wide_m - max(self.narrow_m, 0.0)
+
+    @property
+    def drives(self) -> list[int]:
+        return [each.joints[0] for each in self.fingers]
+
+
+def _close(model: mujoco.MjModel, data: mujoco.MjData, pair: tuple[_Finger, _Finger]) -> _Pair:
     def measure(ends: tuple[int, ...]) -> float:
+        drives = [each.joints[0] for each in pair]
         _pose(model, data, drives, [float(model.jnt_range[j][end]) for j, end in zip(drives, ends, strict=True)])
-        return float(mujoco.mj_geomDistance(model, data, *tips, FAR_M, None))
+        return float(mujoco.mj_geomDistance(model, data, pair[0].tip, pair[1].tip, FAR_M, None))
 
     wide = max(itertools.product((0, 1), repeat=2), key=measure)
-    narrow_m, wide_m = measure((1 - wide[0], 1 - wide[1])), measure(wide)
-    if wide_m - max(narrow_m, 0.0) < PAD_M[1]:
-        return None
+    return _Pair(pair, wide, measure(wide), measure((1 - wide[0], 1 - wide[1])))
+
+
+def _draft_pair(model: mujoco.MjModel, data: mujoco.MjData, last: int, pair: _Pair) -> HandDraft:
+    geoms, drives, wide = [each.geoms for each in pair.fingers], pair.drives, pair.wide
+    _pose(model, data, drives, [float(model.jnt_range[j][end]) for j, end in zip(drives, wide, strict=True)])
+    wide_m, narrow_m = pair.wide_m, pair.narrow_m
     slides = int(model.jnt_type[drives[0]]) == SLIDE
     shares = [1.0 if slides else (wide_m - narrow_m) / 2 / float(np.ptp(model.jnt_range[joint])) for joint in drives]
     travel = tuple(share * (2 * end - 1) for share, end in zip(shares, wide, strict=True))
@@ -100,13 +140,29 @@ def draft_hand(model: mujoco.MjModel, last: int, fingers: Sequence[int]) -> Hand
     )
 
 
+def _rest(model: mujoco.MjModel, data: mujoco.MjData, others: Sequence[_Finger], pair: _Pair) -> dict[str, float]:
+    """Fingers that are not of a pair, away from it; and joints that nothing moves, straight."""
+    fingers = [*others, *([] if model.neq else pair.fingers)]  # else they may follow another joint
+    loose = [joint for each in fingers for joint in each.joints[1:]]
+    still = {joint: float(np.clip(0.0, *sorted(model.jnt_range[joint]))) for joint in loose}
+    for other in others:
+
+        def measure(at: float, drive: int = other.joints[0], tip: int = other.tip) -> float:
+            _pose(model, data, [drive], [at])
+            away = [float(mujoco.mj_geomDistance(model, data, tip, each.tip, FAR_M, None)) for each in pair.fingers]
+            return sum(away)
+
+        still[other.joints[0]] = max(map(float, model.jnt_range[other.joints[0]]), key=measure)
+    return {model.joint(joint).name: position for joint, position in still.items()}
+
+
 def find_flange(model: mujoco.MjModel, chain: Sequence[int]) -> Placed:
     """Where the last link of an arm carries a hand: at its end along its axis, away from the joint before."""
     joint, data = chain[-1], mujoco.MjData(model)
     last = int(model.jnt_bodyid[joint])
     mujoco.mj_kinematics(model, data)
     held = [body for body in range(model.nbody) if model.body_weldid[body] == model.body_weldid[last]]
-    ends = [_list_corners(model, data, geom) for geom in range(model.ngeom) if int(model.geom_bodyid[geom]) in held]
+    ends = [list_corners(model, data, geom) for geom in range(model.ngeom) if int(model.geom_bodyid[geom]) in held]
     z, anchor, before = (
         np.array(each) for each in (data.xaxis[joint], data.xanchor[joint], data.xanchor[chain[-2:][0]])
     )
@@ -154,7 +210,7 @@ def _view_jaw(
 ) -> _Jaw:
     _pose(model, data, [joint], [at_rad])
     axis, anchor = np.array(data.xaxis[joint]), np.array(data.xanchor[joint])
-    clouds = {int(geom): _list_corners(model, data, int(geom)) - anchor for geom in (*turning, *standing)}
+    clouds = {int(geom): list_corners(model, data, int(geom)) - anchor for geom in (*turning, *standing)}
     jaw = np.vstack([clouds[int(geom)] for geom in turning])
     away_m = np.linalg.norm(np.cross(jaw, axis), axis=1)
     tip = jaw[away_m > away_m.max() - TIP_M]
@@ -189,10 +245,11 @@ def _draft_jaw(
     face_rad = way * (way * view.measure_angles(view.rest)).max()
     approach = _find_approach(model, data, last, view.plane @ (np.cos(face_rad), np.sin(face_rad)))
     R = _build_frame(approach, way * np.cross(view.axis, approach))
-    z = R[:, 2]
+    palm = float(view.anchor @ R[:, 2] + view.lever_m / 2)
+    at_rad = float(np.clip(start_rad + way * (over + min(TAKEN_M / view.lever_m, TURN_RAD)), low, high))
+    view = _view_jaw(model, data, joint, at_rad, turning, standing)
     sides = [(np.array(list(view.near)), view.anchor + view.rest), (turning, view.anchor + view.tip)]
-    travel, palm, most_m = (way * view.lever_m,), float(view.anchor @ z + view.lever_m / 2), MOST * view.lever_m
-    return replace(_place_pads(model, data, last, [joint], sides, R, travel, palm, most_m), most_m=most_m)
+    return _place_pads(model, data, last, [joint], sides, R, (way * view.lever_m,), palm)
 
 
 def _find_approach(model: mujoco.MjModel, data: mujoco.MjData, last: int, guess: Array) -> Array:
@@ -211,7 +268,6 @@ def _place_pads(
     R: Array,
     travel: tuple[float, ...],
     palm: float | None = None,
-    opening_m: float = 0.0,
 ) -> HandDraft:
     """Pads at the inner sides of the tips, in the pose of `data`.
 
@@ -224,26 +280,19 @@ def _place_pads(
         R: Orientation of the tool; the second side is on the side of y.
         travel: As of `HandDraft`.
         palm: Where the palm is along z; by default where the solids of `last` end.
-        opening_m: By which the second side opens further, alone.
     """
-    clouds, approach = [cloud for _, cloud in sides], R[:, 2]
-    end = min(float((cloud @ approach).max()) for cloud in clouds)
-    depth, faces, across = end - PAD_M[2] - 0.002, [], []
-    for cloud, side in zip(clouds, (1.0, -1.0), strict=True):
-        tip = cloud[cloud @ approach > end - TIP_M] @ R
-        faces.append(side * float((side * tip[:, 1]).max()))
-        across.append(float(tip[:, 0].min() + tip[:, 0].max()) / 2)
+    approach, (depth, end, faces, across) = R[:, 2], _find_tips(model, data, sides, R)
     pads = []
     for (geoms, _), face, side in zip(sides, faces, (1.0, -1.0), strict=True):
         body = int(max(model.geom_bodyid[geoms]))  # the farthest one out
-        place = R @ np.array((float(np.mean(across)), face - side * (PAD_M[1] - PROUD_M), depth))
+        place = R @ np.array((across, face - side * (PAD_M[1] - PROUD_M), depth))
         pads.append((model.body(body).name, _express(data, body, place, R)))
-    tool = R @ np.array((float(np.mean(across)), float(np.mean(faces)) + opening_m / 2, depth))
+    tool = R @ np.array((across, float(np.mean(faces)), depth))
     held = [
         geom for geom in range(model.ngeom) if model.body_weldid[model.geom_bodyid[geom]] == model.body_weldid[last]
     ]
     if palm is None:
-        palm = max((float((_list_corners(model, data, geom) @ approach).max()) for geom in held), default=depth - TIP_M)
+        palm = max((float((list_corners(model, data, geom) @ approach).max()) for geom in held), default=depth - TIP_M)
     return HandDraft(
         joints=tuple(model.joint(joint).name for joint in drives),
         travel=travel,
@@ -252,6 +301,28 @@ def _place_pads(
         palm_m=depth - palm,
         tip_m=end - depth,
     )
+
+
+def _find_tips(
+    model: mujoco.MjModel, data: mujoco.MjData, sides: Sequence[tuple[Geoms, Array]], R: Array
+) -> tuple[float, float, list[float], float]:
+    """Of pads along z and the end of the farther tip; where the inner sides are along y; and the middle along x [m]."""
+    ends, tips = [float((cloud @ R[:, 2]).max()) for _, cloud in sides], []
+    depth = min(ends) - PAD_M[2] - 0.002
+    for geoms, _ in sides:
+        solids = [list_corners(model, data, int(geom)) for geom in geoms]
+        tips.append(np.vstack([_cut(corners, R[:, 2], depth - PAD_M[2]) for corners in solids]) @ R)
+    across = float(np.mean([tip[:, 0].min() + tip[:, 0].max() for tip in tips])) / 2
+    return depth, max(ends), [float(tips[0][:, 1].max()), float(tips[1][:, 1].min())], across
+
+
+def _cut(corners: Array, along: Array, least: float) -> Array:
+    """(n, 3) what of the corners of a convex solid is beyond `least` along an axis, and where its edges cross that."""
+    beyond = corners @ along >= least
+    inside, outside = corners[beyond], corners[~beyond]
+    share = (least - outside @ along)[:, None] / ((inside @ along)[None] - (outside @ along)[:, None])
+    crossing = outside[:, None] + share[..., None] * (inside[None] - outside[:, None])
+    return np.vstack((inside, crossing.reshape(-1, 3)))
 
 
 def _build_frame(approach: Array, closing: Array) -> Array:
@@ -298,15 +369,18 @@ def _pose(model: mujoco.MjModel, data: mujoco.MjData, joints: Sequence[int], pos
 
 def _stack(model: mujoco.MjModel, data: mujoco.MjData, geoms: Geoms) -> Array:
     """(n, 3) corners of solids in the world [m]."""
-    return np.vstack([_list_corners(model, data, int(geom)) for geom in geoms])
+    return np.vstack([list_corners(model, data, int(geom)) for geom in geoms])
 
 
-def _list_corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
-    """(n, 3) corners of a mesh, or of the box around another solid, in the world [m]."""
+def list_corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Array:
+    """(n, 3) corners of the hull of a mesh, or of the box around another solid, in the world [m]."""
     mesh = int(model.geom_dataid[geom])
     if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_MESH):
-        start = int(model.mesh_vertadr[mesh])
+        start, graph = int(model.mesh_vertadr[mesh]), int(model.mesh_graphadr[mesh])
         corners = model.mesh_vert[start : start + int(model.mesh_vertnum[mesh])].astype(float)
+        if graph >= 0:  # of its hull
+            count = int(model.mesh_graph[graph])
+            corners = corners[model.mesh_graph[graph + 2 + count : graph + 2 + 2 * count]]
     else:
         center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
         corners = center + half * np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T

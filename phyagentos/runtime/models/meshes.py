@@ -1,5 +1,6 @@
-"""Files of meshes: found by every form of reference, text STL read; a solid that is absent is never left out."""
+"""Files of meshes: found by every form of reference, text STL and COLLADA read; no solid is ever left out."""
 
+import importlib.util
 import os
 import re
 from collections.abc import Collection, Iterator
@@ -10,16 +11,18 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, format_install
 from phyagentos.runtime.models.sources import MODELS
 
 UP = 5  # folders above a file, in which the package that it names may stand
 READ = frozenset({".stl", ".obj", ".msh"})
+COLLADA = ".dae"
+Corners = NDArray[np.float64]  # (n, 3), three for each triangle
 _HEAD, _RECORD = 84, 50  # bytes of a binary STL: before its triangles, and of each
 _VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)")
 
 
-def find_mesh(name: str, address: str, folders: list[Path], kinds: frozenset[str] = READ) -> Path | Problem:
+def find_mesh(name: str, address: str, folders: list[Path], *, is_solid: bool) -> Path | Problem:
     r"""The file that a model names, or why it cannot be used: absent, with one that is like it, or of another kind.
 
     Args:
@@ -27,17 +30,18 @@ def find_mesh(name: str, address: str, folders: list[Path], kinds: frozenset[str
             or `file://`, `package://PACKAGE/`, `model://PACKAGE/`.
         address: Of the problem.
         folders: Where the model looks.
-        kinds: Suffixes of files that are read.
+        is_solid: Whether it is one: of pictures none is read in COLLADA, so that all machines see the same.
     """
     places = list(_iter_places(name.replace("\\", "/"), folders))
+    is_read = is_solid and importlib.util.find_spec("collada") is not None
+    kinds = READ | {COLLADA} if is_read else READ
     for base, rest in places:
         if (base / rest).is_file():
-            if Path(rest).suffix.lower() in kinds:
+            kind, stem = Path(rest).suffix.lower(), Path(rest).stem
+            if kind in kinds:
                 return base / rest
-            stem = Path(rest).stem
-            hint = (
-                f"Convert it, with Blender or `assimp export {Path(rest).name} {stem}.stl`, or use a box or cylinder."
-            )
+            install = f" {format_install('collada')}" if kind == COLLADA else ""
+            hint = f"Convert it, with Blender or `assimp export {Path(rest).name} {stem}.stl`, or use a box.{install}"
             return Problem(
                 "MODEL_INVALID",
                 address,
@@ -85,12 +89,31 @@ def _find_like(base: Path, name: str) -> str:
     return str(at.relative_to(base)) if at.is_file() else ""
 
 
-def read_text_stl(file: Path) -> NDArray[np.float64] | None:
-    """(n, 3) corners, three for each triangle, of an STL in its text form; None for any other file.
+def read_corners(file: Path) -> Corners | None:
+    """The triangles of an STL in its text form [as it has them], or of a COLLADA file [m]; None for any other file.
 
     Raises:
-        DefinitionError: `MODEL_INVALID` for a text that holds no triangles.
+        DefinitionError: `MODEL_INVALID` for one that holds no triangles.
     """
+    return _read_collada(file) if file.suffix.lower() == COLLADA else _read_text_stl(file)
+
+
+def _read_collada(file: Path) -> Corners:
+    """All meshes of its scene: its unit holds, its `up_axis` does not, as where ROS shows a robot."""
+    import collada  # type: ignore[import-not-found, import-untyped, unused-ignore]
+
+    try:
+        document = collada.Collada(str(file))
+        parts = [part for each in document.scene.objects("geometry") for part in each.primitives()]
+        meshes = [part.triangleset() if hasattr(part, "triangleset") else part for part in parts]
+        found = [each.vertex[each.vertex_index] for each in meshes if each.vertex_index.shape[1:] == (3,)]  # no lines
+        return np.concatenate(found).reshape(-1, 3).astype(float) * (document.assetInfo.unitmeter or 1.0)
+    except Exception as error:  # of a file of any content: any
+        said = f"a COLLADA file that cannot be read: {error}"
+        raise DefinitionError.of("MODEL_INVALID", str(file), said, "a scene with triangles") from error
+
+
+def _read_text_stl(file: Path) -> Corners | None:
     data = file.read_bytes() if file.suffix.lower() == ".stl" else b""
     count = int.from_bytes(data[_HEAD - 4 : _HEAD], "little")
     if not data.lstrip().startswith(b"solid") or len(data) == _HEAD + count * _RECORD:
@@ -105,7 +128,7 @@ def read_text_stl(file: Path) -> NDArray[np.float64] | None:
 
 
 def settle_meshes(spec: mujoco.MjSpec, path: Path, folders: list[Path], replaced: Collection[str] = ()) -> list[str]:
-    """Read text STL, and leave out pictures whose files are absent or of no kind that is read; their names.
+    """Read text STL and COLLADA, and leave out pictures whose files are absent or of no kind that is read; their names.
 
     Raises:
         DefinitionError: `UNREADABLE_FILE`, `MODEL_INVALID` for every such file of a solid.
@@ -117,19 +140,20 @@ def settle_meshes(spec: mujoco.MjSpec, path: Path, folders: list[Path], replaced
         line = mesh.info.removeprefix("line ")
         address = f"{path}:{line}" if line.isdecimal() and line != "0" else str(path)
         file, inside = Path(mesh.compiler.meshdir) / mesh.file, Path(mesh.compiler.meshdir) / Path(mesh.file).name
-        found = find_mesh(str(file), f"{address}: mesh {mesh.name!r}", folders)
+        shown = [geom for geom in spec.geoms if geom.meshname == mesh.name]
+        is_solid = any(
+            (geom.contype or geom.conaffinity or geom.name in paired) and geom.parent.name not in replaced
+            for geom in shown
+        )
+        found = find_mesh(str(file), f"{address}: mesh {mesh.name!r}", folders, is_solid=is_solid)
         if isinstance(found, Problem) and inside != file:  # MJCF can ask for files without their folders
             found = next((folder / inside for folder in folders if (folder / inside).is_file()), found)
-        shown = [geom for geom in spec.geoms if geom.meshname == mesh.name]
         if isinstance(found, Path):
-            corners = read_text_stl(found)
+            corners = read_corners(found)
             if corners is not None:
                 vertices, faces = np.unique(corners, axis=0, return_inverse=True)
                 mesh.file, mesh.uservert, mesh.userface = "", vertices.ravel(), faces.ravel()
-        elif any(
-            (geom.contype or geom.conaffinity or geom.name in paired) and geom.parent.name not in replaced
-            for geom in shown
-        ):
+        elif is_solid:
             problems.append(found)
         else:
             left_out.append(mesh.file)

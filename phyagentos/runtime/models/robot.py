@@ -187,10 +187,11 @@ def _park_others(spec: mujoco.MjSpec, profile: TargetProfile) -> None:
     for joint in [each for each in spec.joints if each.name not in kept and not each.name.startswith(HAND)]:
         if joint.name not in ends or joint.name in parked:
             freeze(joint, parked.get(joint.name, 0.0))
-            pairs = [each for each in spec.equalities if joint.name in {each.name1, each.name2}]
             wound = [
                 each for each in spec.tendons if joint.name in {wrap.target.name for wrap in each.path if wrap.target}
             ]
+            gone = {joint.name, *(each.name for each in wound)}
+            pairs = [each for each in spec.equalities if gone & {each.name1, each.name2}]
             for element in (*pairs, *wound, joint):
                 spec.delete(element)
 
@@ -235,9 +236,11 @@ def read_model(path: Path, arguments: Mapping[str, str] = {}, replaced: Collecti
     left_out = settle_meshes(spec, path, list(dict.fromkeys(file.parent for file in iter_files(path))), replaced)
     for body in spec.bodies:
         body.mocap = False  # a mark that others move
+    forces = {each.target: float(each.forcerange[1] * abs(each.gear[0])) for each in spec.actuators}
     for element in [*spec.actuators, *spec.sensors, *spec.keys, *spec.cameras, *spec.lights]:
         spec.delete(element)
-    return replace(source, remarks=(*source.remarks, *map(describe_left_out, [left_out] if left_out else [])))
+    remarks = (*source.remarks, *map(describe_left_out, [left_out] if left_out else []))
+    return replace(source, remarks=remarks, forces=forces)
 
 
 def read_remarks(profile: TargetProfile, folder: Path) -> tuple[str, ...]:

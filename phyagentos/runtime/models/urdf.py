@@ -36,11 +36,13 @@ class ModelSource:
     Attributes:
         remarks: What was left out or added, for people.
         speeds: Of joints, where a URDF says them [rad/s].
+        forces: Largest ones of joints, where the motors of a MJCF say them [N m or N].
     """
 
     spec: mujoco.MjSpec
     remarks: tuple[str, ...] = ()
     speeds: Mapping[str, float] = field(default_factory=dict)
+    forces: Mapping[str, float] = field(default_factory=dict)
 
 
 def read_urdf(path: Path, arguments: Mapping[str, str] = {}, replaced: Collection[str] = ()) -> ModelSource:
@@ -215,10 +217,11 @@ class _Document:
                     link.remove(shown)
                 elif shape.tag == "mesh":
                     file = shape.get("filename", "")
-                    found = find_mesh(file, f"{self.locate(shape)}: link {name!r}", folders)
+                    is_solid = shown.tag == "collision" and name not in replaced
+                    found = find_mesh(file, f"{self.locate(shape)}: link {name!r}", folders, is_solid=is_solid)
                     if isinstance(found, Path):
                         shape.set("filename", os.fspath(found))
-                    elif shown.tag == "visual" or name in replaced:
+                    elif not is_solid:
                         pictures.append(Path(file).name)
                         link.remove(shown)
                     else:

@@ -33,13 +33,14 @@ def expand_xacro(path: Path, arguments: Mapping[str, str]) -> str:
         DefinitionError: `MODEL_INVALID` for whatever cannot be expanded, `UNREADABLE_FILE` for an absent package.
     """
     require_reader(path)
-    from xacrodoc import XacroDoc, packages  # type: ignore[import-not-found, import-untyped, unused-ignore]
+    import xacro  # type: ignore[import-not-found, import-untyped, unused-ignore]
+    from xacrodoc import packages  # type: ignore[import-not-found, import-untyped, unused-ignore]
 
+    packages.walk_up_from(path)
     for _ in range(_PACKAGES):
         try:
             with contextlib.redirect_stderr(io.StringIO()):
-                document = XacroDoc.from_file(str(path), subargs=dict(arguments), resolve_packages=False)
-            return str(document.to_urdf_string())
+                return str(xacro.process_file(str(path.resolve()), mappings=dict(arguments)).toxml())
         except Exception as error:  # of expressions that the file itself holds: any
             name = next(iter(_UNKNOWN_PACKAGE.findall(str(error))), "")
             found = next(

@@ -3,25 +3,31 @@
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
 from phyagentos.errors import DefinitionError
-from phyagentos.geometry import compute_inverse, compute_matrix, convert_euler
-from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.documents.schema import read_yaml
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_rotation, convert_euler
+from phyagentos.protocol.capabilities.targets import FINGERTIP_CLEAR_M, TargetProfile
 from phyagentos.protocol.settings.safety import UNITS
 from phyagentos.protocol.world.environment import Pose
+from phyagentos.runtime.models.compiling import compile_model
 from phyagentos.runtime.models.drafting import ProfileDraft
-from phyagentos.runtime.models.hand import measure_hand
-from phyagentos.runtime.models.robot import read_profile
+from phyagentos.runtime.models.hand import HandMotion, measure_hand
+from phyagentos.runtime.models.hand_drafting import PAD_M, PROUD_M, TAKEN_M, HandDraft, list_corners
+from phyagentos.runtime.models.robot import build_robot, read_profile
+from phyagentos.runtime.models.sources import find_models
 from phyagentos.runtime.motion.chain import Chain, build_chain
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.poses import point_tool_down
-from phyagentos.runtime.motion.profile_checks import find_model_problems
+from phyagentos.runtime.motion.profile_checks import find_profile_problems
 from phyagentos.runtime.motion.requests import Array, World
 from phyagentos.runtime.motion.robot_model import RobotModel, build_robot_model
 
+PROBE, DEPTHS_M = "probe", np.arange(0.0, 0.1, 0.001)  # what it may touch above the tool centre point, and where
+LEAST_DEPTH_M, DEPTH_CLEAR_M = 0.005, 0.003  # above the tool centre point, and below what else would touch
+TAKEN_SHARE, FACING_COS = 0.6, 0.92  # of the opening, for what is taken; what a check demands of pads, and some more
 LEAST_M = 0.05  # half of a workspace, where the tool stays on the axis of the only joint
 SAMPLES = 300  # postures of which the arm's reach and its home are found
 HOMES = [(x, z) for x in (0.5, 0.4, 0.6, 0.3) for z in (0.3, 0.2, 0.45)]  # of the tool, in shares of the reach
@@ -53,9 +59,7 @@ def settle_draft(draft: ProfileDraft, file: Path) -> tuple[ProfileDraft, str]:
 def _settle(draft: ProfileDraft, file: Path) -> tuple[ProfileDraft, str]:
     profile, folder = _write(draft, file), file.parent
     if draft.hand is not None:
-        width_m = min(measure_hand(profile, folder).widths_m[-1], draft.hand.most_m)
-        draft = replace(draft, width_m=np.floor(width_m * 1e3) / 1e3)
-        profile = _write(draft, file)
+        draft, profile = _open_hand(draft, draft.hand, file)
     robot = build_robot_model(profile, folder)
     reach_m = measure_reach(robot)
     if profile.end_effector == "opening" and (mount := _find_mount(robot, reach_m)) != MOUNTS[0]:
@@ -64,7 +68,7 @@ def _settle(draft: ProfileDraft, file: Path) -> tuple[ProfileDraft, str]:
     home_rad = _find_home(robot, reach_m)
     draft = replace(draft, home_rad=home_rad.tolist(), band_m=(round(0.4 * reach_m, 2), round(0.8 * reach_m, 2)))
     profile = _write(draft, file)
-    if problems := list(find_model_problems(build_robot_model(profile, folder), read_yaml(file))):
+    if problems := find_profile_problems(file, profile, None):
         raise DefinitionError(problems)
     return draft, _render_limits(draft, profile, robot, reach_m)
 
@@ -72,6 +76,70 @@ def _settle(draft: ProfileDraft, file: Path) -> tuple[ProfileDraft, str]:
 def _write(draft: ProfileDraft, file: Path) -> TargetProfile:
     file.write_text(draft.render(), encoding="utf-8")
     return read_profile(file)[0]
+
+
+def _open_hand(draft: ProfileDraft, guess: HandDraft, file: Path) -> tuple[ProfileDraft, TargetProfile]:
+    """Its widest opening at which the pads face each other, its tool amid that, and how deep it takes what it takes."""
+    profile, folder = _write(draft, file), file.parent
+    hand, (model, data) = measure_hand(profile, folder), _build_probe(profile, folder)
+    turned = [_measure_pads(model, data, profile, hand, width_m) for width_m in hand.widths_m.tolist()]
+    width_m = max(hand.widths_m[np.array([cos for cos, _ in turned]) > FACING_COS], default=0.0)
+    tip_m = max(
+        [guess.tip_m, *(tip_m for (_, tip_m), at_m in zip(turned, hand.widths_m, strict=True) if at_m <= width_m)]
+    )
+    place, turn = guess.tool
+    amid = place + compute_rotation(turn)[:, 1] * hand.find_middle(width_m)
+    draft = replace(draft, hand=replace(guess, tool=(amid, turn), tip_m=tip_m), width_m=np.floor(width_m * 1e3) / 1e3)
+    profile = _write(draft, file)
+    most_m = max(guess.palm_m - FINGERTIP_CLEAR_M, LEAST_DEPTH_M)
+    depth_m = min(most_m, _measure_depth(profile, folder, min(TAKEN_M, TAKEN_SHARE * width_m)))
+    draft = replace(draft, depth_m=max(depth_m, LEAST_DEPTH_M))
+    return draft, _write(draft, file)
+
+
+def _build_probe(
+    profile: TargetProfile, folder: Path, half_m: ArrayLike = PAD_M
+) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """The robot at home, and a box that can be put anywhere."""
+    spec = build_robot(profile, folder)
+    spec.worldbody.add_body(name=PROBE, mocap=True).add_geom(name=PROBE, type=mujoco.mjtGeom.mjGEOM_BOX, size=half_m)
+    model = compile_model(spec, *find_models(profile, folder))
+    data = mujoco.MjData(model)
+    for name, position in zip(profile.arm.joints, profile.arm.home_rad, strict=True):
+        data.joint(name).qpos = position
+    return model, data
+
+
+def _measure_pads(
+    model: mujoco.MjModel, data: mujoco.MjData, profile: TargetProfile, hand: HandMotion, width_m: float
+) -> tuple[float, float]:
+    """At an opening: cosine between closing axis and the way from pad to pad; how far their fingers reach [m]."""
+    for name, position in zip(hand.joints, hand.pose(width_m), strict=True):
+        data.joint(name).qpos = position
+    mujoco.mj_kinematics(model, data)
+    between = np.subtract(*(data.geom(name).xpos for name in profile.gripper.pads))
+    tool, fingers = data.site(profile.tcp), [model.geom(name).bodyid[0] for name in profile.gripper.pads]
+    _, y, z = tool.xmat.reshape(3, 3).T
+    solid = np.flatnonzero((model.geom_contype | model.geom_conaffinity) & np.isin(model.geom_bodyid, fingers))
+    tip_m = max(float(((list_corners(model, data, geom) - tool.xpos) @ z).max()) for geom in solid.tolist())
+    return abs(float(between @ y)) / float(np.linalg.norm(between)), tip_m
+
+
+def _measure_depth(profile: TargetProfile, folder: Path, width_m: float) -> float:
+    """How far what is so wide may reach above the tool centre point before it touches something else than pads [m]."""
+    hand = measure_hand(profile, folder)
+    model, data = _build_probe(profile, folder, (PAD_M[0], width_m / 2 - PROUD_M, PROUD_M))
+    _measure_pads(model, data, profile, hand, width_m)
+    pads = {model.geom(name).id for name in (PROBE, *profile.gripper.pads)}
+    solid = [each for each in np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist() if each not in pads]
+    tool = data.site(profile.tcp)
+    mujoco.mju_mat2Quat(data.mocap_quat[0], tool.xmat)
+    for above_m in DEPTHS_M:
+        data.mocap_pos[0] = tool.xpos + tool.xmat.reshape(3, 3) @ (0.0, hand.find_middle(width_m), -above_m)
+        mujoco.mj_kinematics(model, data)
+        if any(mujoco.mj_geomDistance(model, data, each, model.geom(PROBE).id, 1.0, None) < 0.0 for each in solid):
+            return float(above_m - DEPTH_CLEAR_M)
+    return float(DEPTHS_M[-1])
 
 
 def _draw_postures(chain: Chain) -> Array:

@@ -1,5 +1,6 @@
 """Models as makers publish them: what of them is read, and which file, link or joint a refusal names."""
 
+import importlib.util
 import struct
 from pathlib import Path
 
@@ -77,13 +78,18 @@ def test_a_mesh_is_found_by_every_form_of_reference_and_read_in_both_forms(tmp_p
         ("assets/gone.stl", ("UNREADABLE_FILE", "r.urdf:3", "link 'arm'", "'assets/gone.stl'")),
         ("assets/Part.STL", ("UNREADABLE_FILE", "Did you mean 'assets/part.stl'?")),
         ("package://x/assets/part.STL", ("UNREADABLE_FILE", "Did you mean 'package://x/assets/part.stl'?")),
-        ("assets/part.dae", ("MODEL_INVALID", "'assets/part.dae'", "Convert it")),
+        ("assets/part.dae", ("MODEL_INVALID", "'assets/part.dae'", "Convert it", "[collada]")),
+        ("assets/part.fbx", ("MODEL_INVALID", "'assets/part.fbx'", "Convert it")),
         ("assets/torn.stl", ("MODEL_INVALID", "torn", "200000 triangles")),
     ],
 )
-def test_a_solid_that_cannot_be_read_is_named_and_a_picture_is_left_out_with_a_remark(tmp_path, name, says):
+def test_a_solid_that_cannot_be_read_is_named_and_a_picture_is_left_out_with_a_remark(
+    tmp_path, monkeypatch, name, says
+):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)  # without the extra
     write_stl(tmp_path / "assets" / "part.stl")
-    (tmp_path / "assets" / "part.dae").write_text("<COLLADA/>")
+    for kind in ("dae", "fbx"):
+        (tmp_path / "assets" / f"part.{kind}").write_text("<COLLADA/>")
     (tmp_path / "assets" / "torn.stl").write_bytes(bytes(90))
     found = find_refusal(tmp_path / "r.urdf", with_mesh(name))
     assert all(each in found for each in says), found

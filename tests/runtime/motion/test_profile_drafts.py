@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import yaml
 
+from phyagentos.assembly.robot_trial import run_trial
 from phyagentos.errors import DefinitionError
 from phyagentos.geometry import compute_rotation, convert_euler, multiply
 from phyagentos.protocol.capabilities.library import Library
@@ -29,6 +30,15 @@ TURNING = """<link name="hook">{i}<collision><origin xyz="0 {y} 0.05"/>
 <geometry><box size="0.02 0.01 0.12"/></geometry></collision></link>
 <joint name="jaw" type="revolute"><parent link="palm"/><child link="hook"/><origin xyz="0 {at} 0"/>
 <axis xyz="1 0 0"/><limit lower="{low}" upper="{high}" effort="20" velocity="1"/></joint>"""
+FINGER = """<link name="near{k}">{i}<collision><origin xyz="0 0 0.025"/>
+<geometry><box size="0.012 0.016 0.05"/></geometry></collision></link>
+<joint name="knuckle{k}" type="revolute"><parent link="palm"/><child link="near{k}"/>
+<origin xyz="{at} 0.012" rpy="0 0 {yaw}"/><axis xyz="0 -1 0"/>
+<limit lower="-0.4" upper="0.8" effort="5" velocity="2"/></joint>
+<link name="far{k}">{i}<collision><origin xyz="0 0 0.018"/>
+<geometry><box size="0.01 0.016 0.036"/></geometry></collision></link>
+<joint name="tip{k}" type="revolute"><parent link="near{k}"/><child link="far{k}"/><origin xyz="0 0 0.052"/>
+<axis xyz="0 -1 0"/><limit lower="0" upper="1" effort="5" velocity="2"/></joint>"""
 JAW = """<link name="{p}jaw{k}">{i}<collision><origin xyz="0 {y} 0.05"/>
 <geometry><box size="0.02 0.01 0.08"/></geometry></collision></link>
 <joint name="{p}slide{k}" type="{kind}"><parent link="{p}palm"/><child link="{p}jaw{k}"/><origin xyz="0 0 0.01"/>
@@ -157,18 +167,88 @@ def test_joints_without_an_end_get_a_range_that_is_asked_for(tmp_path):
     assert "ranges: {j6: [-3.14, 3.14]}   # check" in settled.render()
 
 
-@pytest.mark.parametrize("fingers", ["one", "three", "torn"])
+@pytest.mark.parametrize("fingers", ["one", "torn"])
 def test_a_hand_that_cannot_be_guessed_stands_still_and_is_asked_for(tmp_path, fingers):
     jaws = build_jaws()
     one = jaws.replace('type="prismatic"', 'type="fixed"', 1)
-    third = JAW.format(p="", k=3, y=0.0, way=1, kind="prismatic", up=0.03, i=INERTIAL)
     apart = jaws.replace('upper="0.03"', 'upper="0.0001"')
-    profile, settled, _ = draft(tmp_path, build_arm() + {"one": one, "three": jaws + third, "torn": apart}[fingers])
+    profile, settled, _ = draft(tmp_path, build_arm() + {"one": one, "torn": apart}[fingers])
     assert profile.end_effector == "none"
     assert "slide2" in dict(profile.parked_rad)
     asks = "close: write `gripper`, or draft it anew with --hand"
     assert asks in settled.render()
     assert "slide2" in settled.render().split(asks)[0].splitlines()[-1]
+
+
+def build_fingers(*angles_deg):
+    """A palm with fingers of two hinges around it."""
+    found = [FINGERS.format(p="", i=INERTIAL, jaws="")]
+    for k, angle in enumerate(np.radians(angles_deg)):
+        at = f"{0.035 * np.cos(angle):.5f} {0.035 * np.sin(angle):.5f}"
+        found.append(FINGER.format(k=k, at=at, yaw=angle, i=INERTIAL.replace('"1"', '"0.05"').replace("0.01", "1e-5")))
+    return "".join(found)
+
+
+@pytest.mark.parametrize("angles_deg", [(0, 145, 215), (0, 120, 240)])
+def test_of_three_fingers_two_that_face_each_other_close_and_the_third_stands_away(tmp_path, angles_deg):
+    profile, settled, _ = draft(tmp_path, build_arm() + build_fingers(*angles_deg))
+    assert profile.gripper.joints == ("knuckle0", "knuckle1")
+    assert dict(profile.parked_rad) == {"tip0": 0.0, "tip1": 0.0, "knuckle2": -0.4, "tip2": 0.0}
+    assert 0.05 < profile.gripper.max_width_m < 0.12
+    assert "of its fingers knuckle0, knuckle1 close; the others stand still" in settled.remarks
+
+
+@pytest.mark.slow
+@pytest.mark.sim
+@pytest.mark.parametrize("hand", ["three fingers", "a jaw"])
+def test_a_drafted_hand_holds_what_it_takes_when_it_is_tried_alone(tmp_path, hand):
+    jaw = TURNING.format(i=INERTIAL.replace("0.01", "1e-4"), y=0.0, at=0.03, low=-1.6, high=0.0)
+    finger = '<origin xyz="0 -0.005 0.06"/><geometry><box size="0.02 0.01 0.1"/></geometry>'
+    palm = FINGERS.format(p="", i=INERTIAL, jaws="").replace("</link>", f"<collision>{finger}</collision></link>", 1)
+    text = build_arm() + {"three fingers": build_fingers(0, 145, 215), "a jaw": palm + jaw}[hand]
+    profile, _, _ = draft(tmp_path, text)
+    trial = run_trial(profile, tmp_path / "robots" / "mine")
+    assert [each.measured for each in trial.findings if not each.is_well] == []
+    assert trial.findings[-1].what.startswith("holds a cube")
+
+
+def test_motors_behind_gears_are_asked_for_where_the_model_has_no_inertia_of_theirs(tmp_path):
+    profile, settled, _ = draft(tmp_path, build_arm())
+    assert profile.arm.armature_kg_m2 == pytest.approx(0.04)  # of 40 N m
+    assert "armature_kg_m2: 0.04   # check" in settled.render()
+
+
+def draft_mjcf(tmp_path, rest, *arms, armature=0.1, **given):
+    """The profile of arms of four hinges."""
+    chains = []
+    for prefix, y in arms:
+        links = [
+            f'<body name="{prefix}l{k}" pos="0 {0 if k else y} 0.2"><joint name="{prefix}j{k}" range="-2 2" '
+            f'axis="0 {k % 2} {1 - k % 2}" armature="{armature}"/><geom size="0.02 0.06" type="capsule" pos="0 0 0.1"/>'
+            for k in range(4)
+        ]
+        chains.append("".join(links) + "</body>" * 4)
+    (path := tmp_path / "robots" / "mine" / "mine.xml").parent.mkdir(parents=True)
+    compiler = '<compiler angle="radian"/>'
+    path.write_text(f"<mujoco>{compiler}<worldbody>{''.join(chains)}</worldbody>{rest}</mujoco>")
+    settle_draft(draft_profile(path, "mine.xml", "mine", **given), path.with_name("target.yaml"))
+    assert check_profile(path.with_name("target.yaml")) == []
+    return read_profile(path.with_name("target.yaml"))[0]
+
+
+def test_the_forces_of_the_motors_of_a_mjcf_are_those_of_its_draft(tmp_path):
+    motors = "".join(f'<motor joint="j{k}" gear="10" forcerange="-{k + 1} {k + 1}"/>' for k in range(4))
+    profile = draft_mjcf(tmp_path, f"<actuator>{motors}</actuator>", ("", 0.0))
+    assert profile.arm.torque_nm == (10.0, 20.0, 30.0, 40.0)
+    assert profile.arm.armature_kg_m2 == 0.0
+
+
+def test_joints_that_stand_still_leave_no_coupling_of_their_tendons_behind(tmp_path):
+    tendons = [f'<fixed name="{name}"><joint joint="right_j{k}" coef="1"/></fixed>' for k, name in enumerate("ab")]
+    coupling = '<equality><tendon tendon1="a" tendon2="b"/></equality>'
+    rest = f"<tendon>{''.join(tendons)}</tendon>{coupling}"
+    profile = draft_mjcf(tmp_path, rest, ("", 0.0), ("right_", -0.5), joint="j1")
+    assert "right_j1" in dict(profile.parked_rad)
 
 
 def test_a_gripper_alone_is_no_arm(tmp_path):
