@@ -57,7 +57,10 @@ def test_a_drafted_file_has_the_kinematics_of_the_model(robot, kit):
         pose, tool = chain.locate(q), data.site(profile.tcp)
         assert pose[:3, 3] == pytest.approx(tool.xpos, abs=1e-6)
         assert pose[:3, :3] == pytest.approx(tool.xmat.reshape(3, 3), abs=1e-6)
-        ours, theirs = kit("target_server.kinematics").to_quaternion(pose[:3, :3]), compute_quaternion(tool.xmat.reshape(3, 3))
+        ours, theirs = (
+            kit("target_server.kinematics").to_quaternion(pose[:3, :3]),
+            compute_quaternion(tool.xmat.reshape(3, 3)),
+        )
         assert abs(np.dot(ours, theirs)) == pytest.approx(1.0, abs=1e-9)
 
 
