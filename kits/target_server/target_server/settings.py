@@ -97,6 +97,8 @@ def convert(value: Any, kind: Any, place: str) -> Any:
     """A value of YAML as a type of dataclasses; every key is known, every number finite."""
     if dataclasses.is_dataclass(kind):
         return _convert_fields(value, kind, place)
+    if kind is Any:
+        return value
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if type(None) in arguments:
         return None if value is None else convert(value, arguments[0], place)
