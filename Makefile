@@ -104,6 +104,8 @@ mutants: $(STAMP)  ## mutation tests: each bent line of our own source turns red
 
 test-extras: setup $(OTHERS:%=build/%/.installed) $(ROS2:%=build/%/.installed) build/$(LEROBOT06)/.installed build/ros2/.messages $(DRIVERS)/.installed $(VIEW)/.installed $(MODEL)/.installed  ## tests beside systems of others, which it installs in build/
 	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS) $(ROS2) $(LEROBOT06),--$(each)-python=build/$(each)/bin/python)
+	@test ! -x build/$(LEROBOT06)/bin/python || $(BIN)/pytest -q -m extras --peers-python=build/peers/bin/python \
+	--lerobot-python=build/$(LEROBOT06)/bin/python tests/extras/test_lerobot.py tests/extras/test_lerobot_bridge.py
 	@$(DRIVERS)/bin/pytest -q -m device
 	@$(DRIVERS)/bin/pytest -q tests/runtime/policies/test_onnx.py tests/runtime/models/test_xacro.py tests/examples/test_trained_policy.py
 	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py tests/extras/test_mcp.py tests/extras/test_bt_cpp.py tests/extras/test_rerun.py tests/extras/test_site.py
