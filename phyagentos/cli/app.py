@@ -28,7 +28,11 @@ GROUPS = {  # name -> help, module and functions
     "memory": ("What verdicts taught.", "memory", ("show", "why", "forget", "promote", "revoke")),
     "tree": ("Behaviour trees.", "showing", ("show",)),
     "scene": ("Scenes: how they look and begin.", "scene_files", ("render", "check", "save")),
-    "robot": ("Profiles of robots.", "robots", ("list_", "show", "check", "render", "try_", "new", "ros2")),
+    "robot": (
+        "Profiles of robots.",
+        "robots",
+        ("list_", "show", "check", "render", "try_", "new", "ros2", "lerobot", "calibrate"),
+    ),
     "export": ("Trees, goals and sessions as files for the tools of others.", "exporting", EXPORTS),
     "evidence": ("Evidence bundles.", "keeping", ("verify", "prune")),
     "store": ("The journal of a workspace.", "keeping", ("check", "repair", "compact", "follow")),

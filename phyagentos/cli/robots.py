@@ -12,9 +12,11 @@ from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.reply import Reply
 from phyagentos.errors import DefinitionError
 from phyagentos.operations import robots
+from phyagentos.operations.calibrate import CalibratedRobot, calibrate_robot
 from phyagentos.operations.export import Written
+from phyagentos.operations.lerobot import draft_lerobot
 from phyagentos.operations.robots import DraftedProfile, KnownRobot, ProfileCheck, RobotDescription, RobotTrial
-from phyagentos.operations.ros2 import DraftedRos2, draft_ros2
+from phyagentos.operations.ros2 import DraftedSettings, draft_ros2
 from phyagentos.wording import count
 
 FAR_M, LEAST = 1.0, 0.5  # how far a robot reaches that needs no smaller scenes; how small they become
@@ -70,13 +72,37 @@ def try_(
     return Reply(found, build_table(("", "measured", ""), rows), notes, code)
 
 
-def ros2(robot: Name) -> Reply[DraftedRos2]:
+def ros2(robot: Name) -> Reply[DraftedSettings]:
     """Draft ros2.yaml beside a robot's profile, by which kits/ros2 finds its topics; what is guessed is marked."""
-    found = draft_ros2(robot)
-    notes = [f"next: python -m ros2_body {found.file.with_name('target.yaml')} --port 7000 < KEY"]
+    return _show_draft(draft_ros2(robot), "ros2_body")
+
+
+def lerobot(
+    robot: Name,
+    description: Annotated[
+        Path, typer.Argument(metavar="FILE.yaml", help="What `python -m lerobot_robot.description` wrote.")
+    ],
+) -> Reply[DraftedSettings]:
+    """Draft lerobot.yaml beside a robot's profile, by which kits/lerobot_robot serves it; what is guessed is marked."""
+    return _show_draft(draft_lerobot(robot, description), "lerobot_robot")
+
+
+def _show_draft(found: DraftedSettings, kit: str) -> Reply[DraftedSettings]:
+    notes = [f"next: python -m {kit} {found.file.with_name('target.yaml')} --port 7000 < KEY"]
     return Reply(
         found, "\n  ".join((f"wrote {found.file}; check {count(len(found.asks), 'line')}:", *found.asks)), notes
     )
+
+
+def calibrate(robot: Name) -> Reply[CalibratedRobot]:
+    """Calibrate a real robot by hand, step by step, and write what is measured into its profile."""
+
+    def ask(request: str) -> None:
+        typer.prompt(f"{request} Then press Enter", default="", show_default=False, err=True)
+
+    found = calibrate_robot(robot, ask)
+    rows = build_table(("setting", "measured"), [(name, str(each)) for name, each in found.settings.items()])
+    return Reply(found, rows, [f"wrote {found.file}", f"next: paos robot check {robot}"])
 
 
 def new(

@@ -1,11 +1,16 @@
 """A draft of `ros2.yaml`, by which `kits/ros2` finds a robot's topics: its geometry from the model, topics as usual."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from phyagentos.assembly.project import open_library
 from phyagentos.errors import DefinitionError
+
+if TYPE_CHECKING:
+    from phyagentos.protocol.capabilities.targets import TargetProfile
 
 FILE = "ros2.yaml"
 HEAD = """\
@@ -22,24 +27,38 @@ stop: {{service: stop}}             # check: std_srvs/Trigger; or `topic:`, std_
 """
 
 
-class DraftedRos2(msgspec.Struct, frozen=True, kw_only=True):
+class DraftedSettings(msgspec.Struct, frozen=True, kw_only=True):
     """The file that was written, and its lines that are guessed."""
 
     file: Path
     asks: tuple[str, ...]
 
 
-def draft_ros2(robot: str) -> DraftedRos2:
-    """Write `ros2.yaml` beside a robot's profile.
+def draft_ros2(robot: str) -> DraftedSettings:
+    """Write `ros2.yaml` beside a robot's profile; raises as `write_beside`, and DefinitionError of its model."""
+    return write_beside(robot, FILE, _describe)
 
-    Raises DefinitionError `UNKNOWN_NAME`, also for a robot that is none of this project, `WOULD_OVERWRITE`, of its
-    model, or `MODEL_INVALID` for other joints than hinges and slides.
+
+def _describe(profile: "TargetProfile", folder: Path) -> str:
+    from phyagentos.assembly.robot_geometry import describe_geometry, measure_fingers
+
+    text = HEAD.format(target=profile.target)
+    if profile.gripper.joints:
+        opened, closed = measure_fingers(profile, folder)
+        names = ", ".join(profile.gripper.joints)
+        text += f"gripper: {{joints: [{names}], opened: {opened:.6g}, closed: {closed:.6g}}}   # check\n"
+    return text + describe_geometry(profile, folder, lambda *_: "}")
+
+
+def write_beside(robot: str, name: str, describe: "Callable[[TargetProfile, Path], str]") -> DraftedSettings:
+    """Write a file of this name beside a robot's profile, by which a kit serves it.
+
+    Raises DefinitionError `UNKNOWN_NAME`, also for a robot that is none of this project, or `WOULD_OVERWRITE`.
     """
-    from phyagentos.assembly.ros2_geometry import describe_geometry
     from phyagentos.runtime.models.robot import read_profile
 
     profile, folder = read_profile(open_library().get_target(robot))
-    place = folder / FILE
+    place = folder / name
     if not folder.resolve().is_relative_to(Path.cwd()):
         hint = "Copy its folder into robots/ of the project."
         raise DefinitionError.of(
@@ -47,7 +66,7 @@ def draft_ros2(robot: str) -> DraftedRos2:
         )
     if place.exists():
         raise DefinitionError.of("WOULD_OVERWRITE", str(place), "a file", "none", hint="Move it away for a new draft.")
-    text = HEAD.format(target=profile.target) + describe_geometry(profile, folder)
+    text = describe(profile, folder)
     place.write_text(text, encoding="utf-8")
-    asks = [f"{FILE}:{k}: {line.strip()}" for k, line in enumerate(text.splitlines(), 1) if "# check" in line]
-    return DraftedRos2(file=place, asks=tuple(asks))
+    asks = [f"{name}:{k}: {line.strip()}" for k, line in enumerate(text.splitlines(), 1) if "# check" in line]
+    return DraftedSettings(file=place, asks=tuple(asks))

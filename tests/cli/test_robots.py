@@ -54,6 +54,32 @@ def test_a_file_for_ros_is_drafted_beside_a_profile_of_the_project_alone(paos, m
     assert_refused(paos("robot", "ros2", "arm"), "WOULD_OVERWRITE")
 
 
+def test_a_file_for_lerobot_is_drafted_from_what_lerobot_says(paos, model, monkeypatch):
+    monkeypatch.setenv("PHYAGENTOS_MODELS", str(model.parents[1]))
+    assert paos("robot", "new", model, "--name", "arm").code == ExitCode.GOAL_MET
+    features = {"shoulder.pos": "float", "elbow_flex.pos": "float", "front": [48, 64, 3], "front_depth": [48, 64, 1]}
+    said = {"robot": {"type": "mine", "port": "/dev/x"}, "observations": features}
+    said |= {"actions": {"shoulder.pos": "float", "elbow_flex.pos": "float", "x.vel": "float"}}
+    said |= {"units": {"shoulder": "degrees", "elbow_flex": "range_m100_100"}}
+    (file := Path("described.yaml")).write_text(json.dumps(said))
+    drafted = paos("robot", "lerobot", "arm", file)
+    assert_ended(drafted, ExitCode.GOAL_MET, out=["lerobot.yaml", "check"], err=["python -m lerobot_robot"])
+    text = Path("robots/arm/lerobot.yaml").read_text()
+    assert ", scale: 57.2957795, zero: 0}" in text
+    assert "key: elbow_flex, scale: 40, zero: 0}" in text
+    assert "constants: {x.vel: 0.0}" in text
+    assert "front: {color: front, depth: front_depth, focal_px: [64, 64], center_px: [32, 24]" in text
+    file.write_text(json.dumps(said | {"observations": {"shoulder.pos": "float"}}))
+    Path("robots/arm/lerobot.yaml").unlink()
+    assert_refused(paos("robot", "lerobot", "arm", file), "found 1 positions (shoulder); expected 2, one per joint")
+
+
+def test_a_robot_without_a_calibration_is_refused_by_name(paos, model, monkeypatch):
+    monkeypatch.setenv("PHYAGENTOS_MODELS", str(model.parents[1]))
+    assert paos("robot", "new", model, "--name", "arm").code == ExitCode.GOAL_MET
+    assert_refused(paos("robot", "calibrate", "arm"), "NOT_OFFERED", "expected so101. It is no real robot.")
+
+
 def test_without_that_folder_the_variable_to_set_is_named(paos, model, monkeypatch):
     monkeypatch.delenv("PHYAGENTOS_MODELS", raising=False)
     drafted = paos("robot", "new", model)

@@ -37,13 +37,13 @@ def kit(monkeypatch):
     """Imports a module of the kit that needs no ROS."""
     for name in ("ros2", "target_server"):
         monkeypatch.syspath_prepend(str(ROOT / "kits" / name))
-    return lambda name: importlib.import_module(f"ros2_body.{name}")
+    return lambda name: importlib.import_module(name if "." in name else f"ros2_body.{name}")
 
 
 @pytest.mark.motion
 def test_a_drafted_file_has_the_kinematics_of_the_model(robot, kit):
     settings = kit("settings").read_settings(robot / "target.yaml")
-    chain = kit("kinematics").Chain(list(settings.ros.joints.values()), settings.ros.tool)
+    chain = kit("target_server.kinematics").Chain(list(settings.ros.joints.values()), settings.ros.tool)
     mujoco = pytest.importorskip("mujoco")
     profile, folder = read_profile(robot / "target.yaml")
     model = compile_robot(profile, folder)
@@ -57,7 +57,10 @@ def test_a_drafted_file_has_the_kinematics_of_the_model(robot, kit):
         pose, tool = chain.locate(q), data.site(profile.tcp)
         assert pose[:3, 3] == pytest.approx(tool.xpos, abs=1e-6)
         assert pose[:3, :3] == pytest.approx(tool.xmat.reshape(3, 3), abs=1e-6)
-        ours, theirs = kit("kinematics").to_quaternion(pose[:3, :3]), compute_quaternion(tool.xmat.reshape(3, 3))
+        ours, theirs = (
+            kit("target_server.kinematics").to_quaternion(pose[:3, :3]),
+            compute_quaternion(tool.xmat.reshape(3, 3)),
+        )
         assert abs(np.dot(ours, theirs)) == pytest.approx(1.0, abs=1e-9)
 
 

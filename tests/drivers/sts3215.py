@@ -10,7 +10,10 @@ import numpy as np
 from tests.drivers.plant import Plant
 
 BROADCAST, PING, READ, WRITE, SYNC_READ, SYNC_WRITE = 0xFE, 1, 2, 3, 0x82, 0x83
+MODEL, LIMITS, OFFSET = 3, 9, 31  # in the memory that keeps its values
 TORQUE, GOAL, SPEED, PRESENT, STATUS = 40, 42, 46, 56, 65
+STS3215 = 777
+NEGATIVE = 1 << 11  # of an offset
 STEPS = 4096 / (2 * np.pi)
 FASTEST = 3400  # steps/s, of a goal speed of zero
 
@@ -26,6 +29,8 @@ class So101:
     def __init__(self, model_file, joints, q_rad):
         model = mujoco.MjModel.from_xml_path(str(model_file))
         self.registers = np.zeros((len(joints), 256), dtype=np.uint8)
+        for at, word in ((MODEL, STS3215), (LIMITS, 0), (LIMITS + 2, 4095)):
+            self.registers[:, at : at + 2] = word & 0xFF, word >> 8
         self.frames, self._n = [], len(joints)
         self._profile = np.array(q_rad, dtype=float)
         self.plant = Plant(model, joints, joints, q_rad, self._follow)
@@ -55,7 +60,16 @@ class So101:
 
     def present(self):
         """Present positions [steps]."""
-        return np.rint(2048 + self.plant.read()[0] * STEPS).astype(int).tolist()
+        return np.rint(2048 + self.plant.read()[0] * STEPS - self._offsets()).astype(int).tolist()
+
+    def put(self, servo, address, value):
+        """A number of two bytes in the memory of a servo."""
+        self.registers[servo, address : address + 2] = value & 0xFF, value >> 8
+
+    def _offsets(self):
+        """What each servo takes off where it stands [steps]."""
+        words = [self._word(each, OFFSET) for each in range(self._n)]
+        return np.array([-(word & ~NEGATIVE) if word & NEGATIVE else word for word in words])
 
     def fail(self, servo, bits):
         """A servo complains."""
@@ -67,13 +81,14 @@ class So101:
 
     def _follow(self, dt):
         """The servos' own profile: to the goal at the goal speed."""
-        powered = self.registers[:, TORQUE] == 1
+        powered, offsets = self.registers[:, TORQUE] == 1, self._offsets()
         for each in range(self._n):
             now = self.plant.data.qpos[self.plant._q[each]]
-            if not powered[each]:
+            if not powered[each]:  # a servo without torque has its goal where it stands
                 self._profile[each] = now
+                self.put(each, GOAL, max(round(2048 + now * STEPS - offsets[each]), 0))
                 continue
-            way = (self._word(each, GOAL) - 2048) / STEPS - self._profile[each]
+            way = (self._word(each, GOAL) + offsets[each] - 2048) / STEPS - self._profile[each]
             most = (self._word(each, SPEED) or FASTEST) / STEPS * dt
             self._profile[each] += np.clip(way, -most, most)
         self.plant.power(powered)
@@ -81,7 +96,7 @@ class So101:
 
     def _measure(self):
         q, qd = self.plant.read()
-        for values, at in ((2048 + q * STEPS, PRESENT), (qd * STEPS, PRESENT + 2)):
+        for values, at in ((2048 + q * STEPS - self._offsets(), PRESENT), (qd * STEPS, PRESENT + 2)):
             for each, value in enumerate(np.rint(values).astype(int).tolist()):
                 word = -value | 1 << 15 if value < 0 else value
                 self.registers[each, at : at + 2] = word & 0xFF, word >> 8
@@ -115,6 +130,8 @@ class So101:
                 self._answer(servo, told[0], told[1])
             elif instruction == WRITE:
                 self._store(servo, told[0], told[1:])
+                self._answer(servo, 0, 0)
+            elif instruction == PING:
                 self._answer(servo, 0, 0)
 
     def _store(self, servo, address, data):

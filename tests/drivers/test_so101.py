@@ -1,15 +1,20 @@
 """The driver of the SO-101, before servos that are emulated packet by packet and an arm in MuJoCo."""
 
+from dataclasses import replace
+
+import mujoco
 import pytest
 
 from phyagentos.clock import SystemClock
-from phyagentos.errors import ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.operations.calibrate import write_settings
 from phyagentos.operations.why import why
+from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.sessions.estop import Latch, latch
 from phyagentos.runtime.drivers.devices.specs import SO101
 from phyagentos.testing import DRIVER_CHECKS, DriverSubject
 from tests.drivers.journeys import Journey
-from tests.drivers.sts3215 import SYNC_WRITE, TORQUE
+from tests.drivers.sts3215 import OFFSET, SYNC_WRITE, TORQUE
 
 pytestmark = [pytest.mark.device, pytest.mark.alone]
 
@@ -107,3 +112,78 @@ def test_a_port_that_is_not_there_is_refused_by_its_name(menagerie, need_package
 def find_frames(arm, address):
     """Goals of all servos: from the register of the torque on (a stop), or without it."""
     return [told for kind, _, told in list(arm.frames) if kind == SYNC_WRITE and told[0] == address]
+
+
+WAYS = {
+    "shoulder_pan": (-1.92, 1.92),
+    "shoulder_lift": (-1.74, 1.74),
+    "elbow_flex": (-1.69, 1.69),
+    "wrist_flex": (-1.65, 1.65),
+    "wrist_roll": (-2.0, 2.0),
+}  # fmt: skip - the roll has no stops where the model has
+
+
+class Person:
+    """Does at the emulated arm what is requested, up to `slack_rad`."""
+
+    def __init__(self, arm, home_rad, slack_rad=0.0):
+        self.arm, self.home, self.slack_rad, self.heard = arm, home_rad, slack_rad, []
+
+    def __call__(self, request):
+        self.heard.append(request)
+        posture = [*self.home, 0.0]
+        if "posture" in request:
+            posture = [each + self.slack_rad for each in self.home] + [-0.15]
+        elif "jaw" in request:
+            posture[-1] = 1.7
+        for index, (name, ends) in enumerate(WAYS.items()):
+            if f"Turn {name} " in request:
+                posture[index] = ends["upper" in request]
+        self.arm.plant.place(posture)
+
+
+@pytest.fixture
+def calibrate(arm, menagerie, make_site):
+    """What is written for an arm whose servo 2 keeps an offset."""
+    site = make_site("so101", menagerie / "robotstudio_so101", endpoint=arm.port)
+    arm.put(1, OFFSET, 100)
+    arm.plant.model.opt.gravity[:] = 0.0  # the person holds it, at its stops as the model has them
+    arm.plant.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+
+    def calibrate(slack_rad=0.0):
+        person = Person(arm, site.profile.arm.home_rad, slack_rad)
+        found = SO101.calibrate(site.profile, site.folder, site.clock, person)
+        assert len(person.heard) == 3 + 2 * len(WAYS)
+        return found
+
+    calibrate.site = site
+    return calibrate
+
+
+def test_calibration_finds_zeros_by_the_stops_and_what_has_none_by_the_picture(calibrate):
+    found = calibrate(slack_rad=0.05)
+    roll = 2048 + round(0.05 * 4096 / 6.2832)
+    assert found["zero_steps"] == pytest.approx([2048, 1948, 2048, 2048, roll], abs=8)
+    assert found["directions"] == [1, 1, 1, 1, 1]
+    assert found["q_max_rad"] == pytest.approx([1.88, 1.7, 1.65, 1.61, 1.91], abs=0.02)
+    assert found["offsets"] == [0, 100, 0, 0, 0, 0]
+    assert found["jaw_open_steps"] - found["jaw_closed_steps"] == pytest.approx(1.85 * 4096 / 6.2832, abs=8)
+
+
+def test_an_arm_that_stood_elsewhere_than_in_the_picture_is_refused_joint_by_joint(calibrate):
+    with pytest.raises(DefinitionError, match=r"INVALID_VALUE: found 0\.50 rad between its posture") as error:
+        calibrate(slack_rad=0.5)
+    assert [each.address for each in error.value.problems] == [f"so101: {name}" for name in list(WAYS)[:4]]
+
+
+def test_a_calibration_is_written_into_the_profile_and_refused_once_a_servo_counts_from_elsewhere(arm, calibrate):
+    site = calibrate.site
+    path = site.folder / "target.yaml"
+    path.write_text(write_settings(path.read_text(), calibrate()))
+    changed = replace(site, profile=read_target(path))
+    assert "# data sheet STS3215-C018" in path.read_text(), "comments stay"
+    SO101.open(changed).close()
+    arm.put(3, OFFSET, 7)
+    said = r"CHANGED: found \[0, 100, 0, 7, 0, 0\]; expected \[0, 100, 0, 0, 0, 0\], as calibrated at 20"
+    with pytest.raises(DefinitionError, match=said):
+        SO101.open(changed)

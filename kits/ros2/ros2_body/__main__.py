@@ -7,8 +7,9 @@ import sys
 from pathlib import Path
 
 from target_server.server import main
+from target_server.settings import SettingsError
 
-from ros2_body.settings import SettingsError, read_settings
+from ros2_body.settings import read_settings
 
 USAGE = "usage: python -m ros2_body PROFILE [--host HOST] [--port PORT] [--log FILE] [--stop-file FILE]"
 INVALID_INPUT = 2

@@ -21,16 +21,17 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from target_server.body import Body, Joint, Picture, State, Window
+from target_server.kinematics import Chain, brake, to_quaternion
 from target_server.procedures import Call
+from target_server.settings import SettingsError
 from target_server.wire import Refusal
 
 from ros2_body.cameras import RosCamera
 from ros2_body.clock import RosClock
-from ros2_body.controllers import ForwardSender, Point, TrajectorySender, brake
+from ros2_body.controllers import ForwardSender, Point, TrajectorySender
 from ros2_body.joint_reader import JointReader
-from ros2_body.kinematics import Chain, to_quaternion
 from ros2_body.procedures import Procedures
-from ros2_body.settings import FILE, Settings, SettingsError, list_ros_names
+from ros2_body.settings import FILE, Settings, list_ros_names
 
 REST = 0.01  # slower joints are at rest [rad/s or m/s]
 REST_READINGS = 3
@@ -84,11 +85,11 @@ class Ros2Body(Body):
         self.tcp_m, self.width_max_m = ros.tool.position_m, settings.width_max_m
         self.gripper_force_n = settings.finger_force_n
         given = [ros.joints[name] for name in settings.joints]
-        self._chain = Chain(given, ros.tool)
         self.joints = [
             Joint(name, each.low, each.high, velocity, each.axis, each.anchor_m, each.slides)
             for name, each, velocity in zip(settings.joints, given, settings.velocity, strict=True)
         ]
+        self._chain = Chain(self.joints, ros.tool)
         if ros.gripper is not None:
             self.observations = ("joint_state", "gripper_width")
             self.actions = ("joint_position", "gripper_width")

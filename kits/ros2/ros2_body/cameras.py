@@ -12,10 +12,11 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from target_server.body import Picture, Window
+from target_server.exposure import Exposure
+from target_server.kinematics import Array, make_pose
 from target_server.wire import Refusal
 
 from ros2_body.clock import RosClock
-from ros2_body.kinematics import Array, make_pose, to_quaternion
 from ros2_body.settings import Camera
 
 KEPT = 8  # pictures of each kind that wait for the other
@@ -39,31 +40,17 @@ class Shot:
     def develop(self, name: str, time_s: float, tool: "Array | None", window: "Window | None", every: int) -> Picture:
         """The picture, or a part of it; `tool` (4, 4) is where the tool was, for a camera on it."""
         rgb, raw, unit_m = _read_colors(self.color), *_read_depth(self.depth)
-        (height, width), info = raw.shape, self.info
         if rgb.shape[:2] != raw.shape:
             raise Refusal(
                 "OBSERVATION_UNAVAILABLE", f"{name}: colours {rgb.shape[:2]} and depth {raw.shape}: not registered"
             )
-        left, top, wide, high = window or (0, 0, width, height)
-        rows, columns = high // max(every, 1), wide // max(every, 1)
-        is_inside = min(left, top) >= 0 and left + wide <= width and top + high <= height
-        if not is_inside or every < 1 or every % 2 == 0 or min(rows, columns) < 1:
-            raise Refusal("REQUEST_INVALID", f"every {every} of a window {window} of a picture of {width} x {height}")
-        some = np.ix_(top + every // 2 + every * np.arange(rows), left + every // 2 + every * np.arange(columns))
+        info, pose = self.info, make_pose(self.settings.position_m, self.settings.quaternion_wxyz)
         lens = info.p if info.p[0] else (*info.k[:3], 0.0, *info.k[3:6], 0.0)
-        pose = make_pose(self.settings.position_m, self.settings.quaternion_wxyz)
-        pose = pose if tool is None else tool @ pose
-        x, y, z = pose[:3, 3].tolist()
-        depth_m = raw[some].astype("<f4") * np.float32(unit_m)
-        depth_m[~(depth_m > 0.0) | np.isinf(depth_m)] = np.nan
-        return Picture(
-            camera=name, time_s=time_s, width=columns, height=rows,
-            focal_px=(float(lens[0]) / every, float(lens[5]) / every),
-            center_px=((float(lens[2]) + HALF_PX - left) / every, (float(lens[6]) + HALF_PX - top) / every),
-            position_m=(x, y, z), quaternion_wxyz=to_quaternion(pose[:3, :3]),
-            rgb=np.ascontiguousarray(rgb[some]).tobytes(),
-            depth_m=depth_m.tobytes(),
-        )  # fmt: skip
+        focal_px = (float(lens[0]), float(lens[5]))
+        exposure = Exposure(
+            name, time_s, rgb, raw, unit_m, focal_px, (float(lens[2]) + HALF_PX, float(lens[6]) + HALF_PX)
+        )
+        return exposure.develop(pose if tool is None else tool @ pose, window, every)
 
 
 class RosCamera:

@@ -11,7 +11,6 @@ from ros2_body.clock import RosClock
 from ros2_body.settings import Controller
 
 DEPTH = 10
-BRAKING_SHARE = 0.8  # of the acceleration limit
 
 
 @dataclass(frozen=True)
@@ -52,9 +51,3 @@ class ForwardSender:
     def send(self, points: Sequence[Point]) -> None:
         """The first of the coming set-points."""
         self.publisher.publish(Float64MultiArray(data=points[0].q))
-
-
-def brake(q: Sequence[float], qd: Sequence[float], limits: Sequence[float]) -> tuple[list[float], float]:
-    """Where joints come to rest, slowed in proportion within these limits of acceleration, and after how long [s]."""
-    lasts_s = max(abs(speed) / (BRAKING_SHARE * limit) for speed, limit in zip(qd, limits, strict=True))
-    return [each + 0.5 * lasts_s * speed for each, speed in zip(q, qd, strict=True)], lasts_s

@@ -3,30 +3,25 @@
 Upstream: `paos robot ros2`, which drafts `ros2.yaml` from the model. Downstream: `body`.
 """
 
-import dataclasses
-import difflib
-import math
-import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-import yaml
-
-Triple = tuple[float, float, float]
-Quadruple = tuple[float, float, float, float]
+from target_server.settings import (
+    Profile,
+    Quadruple,
+    SettingsError,
+    Tool,
+    Triple,
+    check_names,
+    convert,
+    read_profile,
+    read_yaml,
+)
 
 FILE = "ros2.yaml"
 KINDS = ("trajectory", "forward")
 STAMPS = ("now", "zero")
-
-
-class SettingsError(Exception):
-    """A file that cannot be used: where, what was found, what is possible."""
-
-    def __init__(self, where: str, found: str, expected: str) -> None:
-        super().__init__(f"{where}: found {found}; expected {expected}")
 
 
 @dataclass(frozen=True)
@@ -46,14 +41,6 @@ class Joint:
     anchor_m: Triple = (0.0, 0.0, 0.0)
     slides: bool = False
     name: str = ""
-
-
-@dataclass(frozen=True)
-class Tool:
-    """The tool centre point in the world with all joints at zero."""
-
-    position_m: Triple
-    quaternion_wxyz: Quadruple
 
 
 @dataclass(frozen=True)
@@ -163,47 +150,19 @@ class Ros:
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(Profile):
     """What `target.yaml` says of the robot, and `ros`."""
 
-    target: str
-    joints: tuple[str, ...]
-    velocity: tuple[float, ...]
-    acceleration: tuple[float, ...]
-    period_s: float
-    step_s: float
-    width_max_m: float
-    finger_speed_m_s: float
-    finger_force_n: float
-    end_effector: str
     ros: Ros
 
 
 def read_settings(profile: Path) -> Settings:
     """Both files; raises `SettingsError` at the first fault."""
-    given, place = _read_yaml(profile), str(profile)
-    arm, gripper = (_get(given, place, name, dict) for name in ("arm", "gripper"))
-    names = tuple(_get(arm, f"{place}: arm", "joints", list))
-    speeds, brakes = (
-        tuple(float(each) for each in _get(arm, f"{place}: arm", name, list))
-        for name in ("velocity_rad_s", "acceleration_rad_s2")
-    )
-    if not len(names) == len(speeds) == len(brakes):
-        raise SettingsError(f"{place}: arm", f"lists of {len(names)}, {len(speeds)}, {len(brakes)}", "equal lengths")
-    beside = profile.parent / FILE
-    ros: Ros = _convert(_read_yaml(beside), Ros, str(beside))
-    for name in sorted({*names} ^ {*ros.joints}):
-        where = "joint of target.yaml without an entry" if name in names else "joint that target.yaml lacks"
-        raise SettingsError(f"{beside}: joints", f"{name!r}, a {where}", f"exactly {', '.join(names)}")
+    found, beside = read_profile(profile), profile.parent / FILE
+    ros: Ros = convert(read_yaml(beside), Ros, str(beside))
+    check_names(found, ros.joints, str(beside))
     _check(ros, str(beside))
-    step_s = float(given.get("physics_step_s", 0.002))
-    return Settings(
-        target=str(_get(given, place, "target", str)), joints=names, velocity=speeds, acceleration=brakes,
-        period_s=float(given.get("control_period_s", 0.02)), step_s=step_s,
-        width_max_m=float(gripper.get("max_width_m", 0.0)), finger_speed_m_s=float(gripper.get("speed_m_s", 0.1)),
-        finger_force_n=float(gripper.get("force_n", 0.0)), end_effector=str(given.get("end_effector", "opening")),
-        ros=ros,
-    )  # fmt: skip
+    return Settings(**vars(found), ros=ros)
 
 
 def _check(ros: Ros, place: str) -> None:
@@ -221,63 +180,6 @@ def _check(ros: Ros, place: str) -> None:
         raise SettingsError(f"{place}: stop", f"{ros.stop.service!r} and {ros.stop.topic!r}", "a service or a topic")
     if ros.gripper is not None and (ros.gripper.opened == ros.gripper.closed or not ros.gripper.joints):
         raise SettingsError(f"{place}: gripper", "no way between open and closed", "joints with two positions")
-
-
-def _read_yaml(path: Path) -> Mapping[str, Any]:
-    try:
-        found = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        raise SettingsError(str(path), str(error).replace("\n", " "), "a YAML file") from error
-    if not isinstance(found, dict):
-        raise SettingsError(str(path), f"a {type(found).__name__}", "a mapping")
-    return found
-
-
-def _get(given: Mapping[str, Any], place: str, name: str, kind: type) -> Any:
-    value = given.get(name, {} if kind is dict else None)
-    if not isinstance(value, kind):
-        raise SettingsError(f"{place}: {name}", repr(value), f"a {kind.__name__}")
-    return value
-
-
-def _convert(value: Any, kind: Any, place: str) -> Any:
-    """A value of YAML as a type of this file; every key is known, every number finite."""
-    if dataclasses.is_dataclass(kind):
-        return _convert_fields(value, kind, place)
-    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
-    if type(None) in arguments:
-        return None if value is None else _convert(value, arguments[0], place)
-    if origin is not None and issubclass(origin, Mapping):
-        if not isinstance(value, dict):
-            raise SettingsError(place, repr(value), "a mapping")
-        return {str(key): _convert(each, arguments[1], f"{place}.{key}") for key, each in value.items()}
-    if origin is tuple:
-        n = None if arguments[-1] is Ellipsis else len(arguments)
-        if not isinstance(value, list) or (n is not None and len(value) != n):
-            raise SettingsError(place, repr(value), f"a list of {n or 'any number of'} values")
-        return tuple(_convert(each, arguments[0], f"{place}[{index}]") for index, each in enumerate(value))
-    if kind is float and type(value) in (int, float) and math.isfinite(value):
-        return float(value)
-    if kind is float or type(value) is not kind:
-        raise SettingsError(place, repr(value), {float: "a finite number", str: "a text", bool: "true or false"}[kind])
-    return value
-
-
-def _convert_fields(value: Any, kind: Any, place: str) -> Any:
-    if not isinstance(value, dict):
-        raise SettingsError(place, repr(value), "a mapping")
-    types = typing.get_type_hints(kind)
-    at = f"{place}: " if place.endswith(FILE) else f"{place}."
-    for key in value:
-        if key not in types:
-            near = difflib.get_close_matches(str(key), types, 1)
-            raise SettingsError(at + str(key), "an unknown key", f"one of {', '.join(near or types)}")
-    needed = [
-        each.name for each in dataclasses.fields(kind) if each.default is each.default_factory is dataclasses.MISSING
-    ]
-    if missing := [name for name in needed if name not in value]:
-        raise SettingsError(at + missing[0], "nothing", "a value")
-    return kind(**{key: _convert(each, types[key], at + key) for key, each in value.items()})
 
 
 def list_ros_names(settings: Settings) -> Sequence[str]:

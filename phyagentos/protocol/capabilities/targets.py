@@ -98,7 +98,7 @@ class DriverSettings(Authored):
     """What one driver needs of its target, by names of its own: texts, numbers and lists of numbers."""
 
     model_config = pydantic.ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, str | float | tuple[float, ...]]
+    __pydantic_extra__: dict[str, str | int | float | tuple[int | float, ...]]
 
 
 class Posture(Authored):

@@ -4,10 +4,10 @@ A plug-in is a `DriverSpec` in the entry point group `phyagentos.drivers`; it im
 called. Assembly names the shipped drivers, since drivers import this room and never the reverse.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, format_hint, format_names
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from phyagentos.runtime.targets.driver import TargetPort
 
 ENTRY_POINT_GROUP = "phyagentos.drivers"
+Ask = Callable[[str], None]  # requests something of the person at the robot, and returns when it is done
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,12 +37,13 @@ class DriverSpec:
     """How a driver is opened, and the kinds of targets that it moves: a simulation never replaces a real robot.
 
     `own_process` is whether it runs in a process of its own, which outlives workers and keeps real time, or in the
-    worker.
+    worker. `calibrate` measures, with a person at the robot, the `settings` of its profile that differ by device.
     """
 
     open: "Callable[[DriverSite], TargetPort]"
     kinds: tuple[str, ...]
     own_process: bool = True
+    calibrate: "Callable[[TargetProfile, Path, Clock, Ask], Mapping[str, Any]] | None" = None
 
 
 def find_driver(drivers: Plugins[DriverSpec], profile: TargetProfile, address: str = "TARGETS.md") -> DriverSpec:

@@ -6,6 +6,7 @@ A servo has no emergency stop of its own; its stop is a goal where it stands.
 import math
 import termios
 from collections.abc import Callable, Sequence
+from functools import partial
 from types import ModuleType
 from typing import Literal, TypeVar
 
@@ -14,13 +15,13 @@ import pydantic
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from phyagentos.errors import ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.drivers.devices.device_driver import Array, Bus, DeviceSettings, Reading
 
 ReturnT = TypeVar("ReturnT")
 
-ACCELERATION, PRESENT, STATUS = 41, 56, 65  # registers; 40 is torque
+OFFSET, TORQUE, ACCELERATION, PRESENT, STATUS = 31, 40, 41, 56, 65  # registers
 PRESENT_BYTES = STATUS - PRESENT + 1  # position, speed, load, voltage, temperature, a flag, status
 ANSWER_S = 0.04  # the longest that the package waits for an answer of six servos
 STEP_RAD = 2.0 * math.pi / 4096.0
@@ -39,6 +40,9 @@ class So101Settings(DeviceSettings):
         jaw_closed_steps: Where it stands when the gripper is closed.
         jaw_open_steps: Where it stands at the widest opening.
         baud_rate: Of the bus.
+        calibrated_at: When `paos robot calibrate` measured these numbers; empty where they were written by hand.
+        offsets: What each servo then kept as its own offset, the jaw's last, as its register has it: with another one
+            it counts from elsewhere.
     """
 
     ids: tuple[int, ...]
@@ -48,6 +52,8 @@ class So101Settings(DeviceSettings):
     jaw_closed_steps: int
     jaw_open_steps: int
     baud_rate: int = pydantic.Field(default=1_000_000, gt=0)
+    calibrated_at: str = ""
+    offsets: list[int] = []
 
 
 class So101Bus(Bus):
@@ -66,6 +72,40 @@ class So101Bus(Bus):
         for each in self._ids:
             self._present.addParam(each)
         self._call(self._port.openPort)
+
+    def check_calibration(self) -> None:
+        """Raises DefinitionError `CHANGED` where a servo counts from elsewhere than when it was calibrated."""
+        known = self._settings.offsets
+        if known and (found := self.read_offsets()) != known:
+            raise DefinitionError.of(
+                "CHANGED",
+                f"{self._place}: offsets of the servos",
+                f"{found}",
+                f"{known}, as calibrated at {self._settings.calibrated_at}",
+                hint="Another program has set them, or a servo was replaced: paos robot calibrate.",
+            )
+
+    def read_offsets(self) -> list[int]:
+        """The register of each servo, the jaw's last."""
+        found: list[int] = []
+
+        def read(servo: int) -> int:
+            word, result, _ = self._packets.read2ByteTxRx(self._port, servo, OFFSET)
+            found[:] = [*found, word] if result == self._sdk.COMM_SUCCESS else found
+            return int(result)
+
+        for each in self._ids:
+            self._ask(partial(read, each), f"servo {each}")
+        return found
+
+    def release(self) -> None:
+        """Torque off: the arm sinks, and is moved by hand."""
+        rows = [word for each in self._ids for word in (each, 0)]
+        self._ask(lambda: self._packets.syncWriteTxOnly(self._port, TORQUE, 1, rows, len(rows)), "the bus")
+
+    def read_steps(self) -> list[int]:
+        """Where each servo stands, the jaw's last."""
+        return [int(each) for each in self._read_steps()[0]]
 
     @override
     def read(self) -> Reading:
@@ -141,3 +181,14 @@ class So101Bus(Bus):
             return act()
         except (OSError, TypeError, termios.error) as error:  # TypeError: pyserial, of a port that was closed
             raise ExecutionError("TARGET_LOST", f"{self._place}: {error}; check cable and power") from error
+
+
+def open_so101(sdk: ModuleType, profile: TargetProfile, settings: So101Settings) -> So101Bus:
+    """The bus of servos that count as when they were calibrated; raises DefinitionError `CHANGED`."""
+    bus = So101Bus(sdk, profile, settings)
+    try:
+        bus.check_calibration()
+    except (DefinitionError, ExecutionError):
+        bus.close()
+        raise
+    return bus

@@ -5,9 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ros2_body.settings import Joint, Tool
+from target_server.body import Joint
+from target_server.settings import Tool
 
 Array = NDArray[np.float64]
+BRAKING_SHARE = 0.8  # of the acceleration limit
 
 
 class Chain:
@@ -47,6 +49,12 @@ def to_quaternion(turn: Array) -> tuple[float, float, float, float]:
     found = np.array(((z, w, x, y), (w, z, a, b), (x, a, z, c), (y, b, c, z))[which])
     w, x, y, z = (found / np.linalg.norm(found)).tolist()
     return w, x, y, z
+
+
+def brake(q: Sequence[float], qd: Sequence[float], limits: Sequence[float]) -> tuple[list[float], float]:
+    """Where joints come to rest, slowed in proportion within these limits of acceleration, and after how long [s]."""
+    lasts_s = max(abs(speed) / (BRAKING_SHARE * limit) for speed, limit in zip(qd, limits, strict=True))
+    return [each + 0.5 * lasts_s * speed for each, speed in zip(q, qd, strict=True)], lasts_s
 
 
 def _move(joint: Joint, by: float) -> Array:
