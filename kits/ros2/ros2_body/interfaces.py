@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from target_server.procedures import Procedure
+from target_server.settings import SettingsError
 from target_server.wire import Refusal
 
-from ros2_body.settings import FILE, Offer, SettingsError, read_settings
+from ros2_body.settings import FILE, Offer, read_settings
 
 DEPTH_MAX, FIELDS_MAX, ITEMS_MAX = 8, 500, 1000  # of one message, of all its fields, of one list
 UNIT_TOLERANCE = 0.01
