@@ -43,7 +43,7 @@ def calibrate_robot(robot: str, ask: Callable[[str], None]) -> CalibratedRobot:
     return CalibratedRobot(file=file, settings=found_settings)
 
 
-def write_settings(text: str, settings: Mapping[str, Any]) -> str:
+def write_settings(text: str, settings: Mapping[str, object]) -> str:
     """The text of a profile with these values in its block `settings`, each on its line; comments elsewhere stay."""
     lines = text.splitlines()
     first = next(k for k, line in enumerate(lines) if line.startswith("settings:")) + 1

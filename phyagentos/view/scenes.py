@@ -195,8 +195,8 @@ class Stage:
         self._playback: Any = None
         self._paths: list[Any] = []
         self._told = ""
-        self._shown: tuple[Any, ...] = ()  # joint positions
-        self._believed: tuple[Any, ...] = ()  # revision and age of what is outlined
+        self._shown: tuple[object, ...] = ()  # joint positions
+        self._believed: tuple[object, ...] = ()  # revision and age of what is outlined
         self._outlines: list[Any] = []
         self._cameras = Cameras(self._server)
         self._ended = threading.Event()

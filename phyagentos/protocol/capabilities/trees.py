@@ -348,7 +348,7 @@ def _build_leaf(
     return Node(kind=NodeKind.LEAF, type=leaf, name=name or default_name or leaf, address=place, wiring=wiring)
 
 
-def _flatten(path: str, value: Any) -> Iterator[tuple[str, Any]]:
+def _flatten(path: str, value: object) -> Iterator[tuple[str, object]]:
     """The fields of a mapping, or of a list with mappings or references, by their paths; any other value by its own."""
     if isinstance(value, dict):
         for name, each in value.items():

@@ -106,7 +106,7 @@ def _iter_node_problems(tree: Tree, node: Node, procedures: Sequence[Procedure],
             yield tree.located.problem("INVALID_VALUE", place, _show(value, fitting), f"type {expected}")
 
 
-def _find_fitting(tree: Tree, value: Any) -> set[str]:
+def _find_fitting(tree: Tree, value: object) -> set[str]:
     """Types of fields that a value can fill; every one where that is known only when it runs."""
     if isinstance(value, Reference):
         port = tree.header.inputs.get(value.key)
@@ -118,5 +118,5 @@ def _find_fitting(tree: Tree, value: Any) -> set[str]:
     return _FITTING.get(type(value), set())
 
 
-def _show(value: Any, fitting: set[str]) -> str:
+def _show(value: object, fitting: set[str]) -> str:
     return f"'{value}', which fits {format_names(fitting)}" if isinstance(value, Reference) else format_scalar(value)

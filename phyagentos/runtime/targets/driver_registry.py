@@ -7,7 +7,7 @@ called. Assembly names the shipped drivers, since drivers import this room and n
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, format_hint, format_names
@@ -43,7 +43,7 @@ class DriverSpec:
     open: "Callable[[DriverSite], TargetPort]"
     kinds: tuple[str, ...]
     own_process: bool = True
-    calibrate: "Callable[[TargetProfile, Path, Clock, Ask], Mapping[str, Any]] | None" = None
+    calibrate: "Callable[[TargetProfile, Path, Clock, Ask], Mapping[str, object]] | None" = None
 
 
 def find_driver(drivers: Plugins[DriverSpec], profile: TargetProfile, address: str = "TARGETS.md") -> DriverSpec:

@@ -7,7 +7,6 @@ and the zero is moved to agree with them.
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem
@@ -23,7 +22,7 @@ EYE_RAD = 0.35  # so far may a joint stand from the posture that it was to have
 JAW_STEPS = 300  # the least way of the jaw
 
 
-def calibrate_so101(sdk: ModuleType, profile: TargetProfile, folder: Path, clock: Clock, ask: Ask) -> dict[str, Any]:
+def calibrate_so101(sdk: ModuleType, profile: TargetProfile, folder: Path, clock: Clock, ask: Ask) -> dict[str, object]:
     """The settings that differ by arm, measured.
 
     Raises:
@@ -60,7 +59,7 @@ def calibrate_so101(sdk: ModuleType, profile: TargetProfile, folder: Path, clock
 
 def _measure(
     profile: TargetProfile, home: Sequence[int], ends: Sequence[tuple[int, int]], ranges: Sequence[Sequence[float]]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Zeros, directions and ranges of postures [steps] and ranges of the model [rad]; raises `INVALID_VALUE`."""
     zeros, ways, lows, highs, problems = [], [], [], [], list[Problem]()
     rows = zip(profile.arm.joints, profile.arm.home_rad, home, ends, ranges, strict=True)

@@ -4,7 +4,7 @@ import importlib
 from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, format_install
@@ -37,7 +37,7 @@ def _open_so101(site: DriverSite) -> "TargetDriver":
     return open_device("so101", site, So101Settings, lambda settings: open_so101(sdk, site.profile, settings))
 
 
-def _calibrate_so101(profile: TargetProfile, folder: Path, clock: Clock, ask: Ask) -> Mapping[str, Any]:
+def _calibrate_so101(profile: TargetProfile, folder: Path, clock: Clock, ask: Ask) -> Mapping[str, object]:
     sdk = _import("scservo_sdk", "so101", profile)
     from phyagentos.runtime.drivers.devices.so101_calibration import calibrate_so101
 

@@ -5,7 +5,6 @@ The arm is held still meanwhile. What the procedure says of itself is its succes
 
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any
 
 import msgspec
 
@@ -17,7 +16,7 @@ from phyagentos.runtime.execution.leaf import FailureCode, Leaf, LeafFailure, Po
 from phyagentos.runtime.targets.wire import CallState, Progress
 
 ACCEPT_S, CANCEL_S = 5.0, 2.0
-_CARRIED: dict[str, Any] = {  # type of a field -> of the port that takes it
+_CARRIED: dict[str, object] = {  # type of a field -> of the port that takes it
     "number": float,
     "integer": int,
     "boolean": bool,
@@ -114,7 +113,7 @@ class Call(Leaf):
         self.write_fields("result", self._convert(progress.result, self._procedure.result))
         return self.succeed(says, **numbers)
 
-    def _fill(self, path: str, value: Any) -> Any:
+    def _fill(self, path: str, value: object) -> object:
         """A value as the wire has it; the name of a place becomes a pose or a point where its field is one."""
         kind = find_type(self._procedure.goal, path)
         if isinstance(value, str) and kind in ("pose", "point"):
