@@ -12,6 +12,7 @@ from phyagentos.assembly.project import open_library
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.registries import read_target
+from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.runtime.targets.driver_registry import find_driver
 
 
@@ -39,7 +40,7 @@ def calibrate_robot(robot: str, ask: Callable[[str], None]) -> CalibratedRobot:
         raise DefinitionError.of("NOT_OFFERED", f"{file}: driver", found, names, hint=hint)
     found_settings = dict(calibrate(profile, file.parent, SystemClock(), ask))
     text = write_settings(file.read_text(encoding="utf-8"), found_settings)
-    file.write_text(text, encoding="utf-8")
+    replace_durably(file, text.encode())
     return CalibratedRobot(file=file, settings=found_settings)
 
 
