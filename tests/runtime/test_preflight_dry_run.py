@@ -328,7 +328,9 @@ def examine(now, planner, *sessions):
         skills={"pick_and_place": skill}, profile=read_target(library.get_target("panda")), plan=lambda *_: (plan, ()),
         find_contract_problems=clear, find_target_problems=clear, find_scene_problems=clear, find_world_problems=clear,
     )  # fmt: skip
-    handle = SimpleNamespace(describe=lambda: SimpleNamespace(kinematics=None), load=lambda *_, **__: None)
+    handle = SimpleNamespace(
+        describe=lambda: SimpleNamespace(kinematics=None, procedures=()), load=lambda *_, **__: None
+    )
     examiner = Examiner(
         preflight=preflight, handle=handle, world=SimpleNamespace(enter=lambda _: None, observe=lambda _: now),
         planner=planner, library=library, registry=REGISTRY, clock=ManualClock(),

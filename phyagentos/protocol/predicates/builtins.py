@@ -8,10 +8,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from msgspec.structs import replace
-
 from phyagentos.errors import format_names
 from phyagentos.geometry import UP, Vector, compute_tilt, rotate, to_child, to_parent
+from phyagentos.protocol.predicates.bearing import CONTACT_M, find_between, find_prop, measure_below, measure_sunk
 from phyagentos.protocol.predicates.library import (
     Argument,
     ArgumentKind,
@@ -36,18 +35,15 @@ from phyagentos.protocol.world.entity_geometry import (
     compute_reach,
     find_bridged_top,
     find_tops_below,
-    is_around,
     is_level_on,
     is_within,
     list_points,
-    measure_radius,
 )
 from phyagentos.protocol.world.environment import CLOSED_M, CLOSES_AT, FRESH_S, OPENS_AT, Entity, Status, TargetState
 from phyagentos.wording import compare_angles, compare_lengths, format_angle, format_length, format_share
 
 RIM_M = 0.003  # how far below the rim the lowest point must lie: what rests on the rim is not inside
 FLOOR_SLACK_M = 0.010  # contact penetration and the rounding of floors
-CONTACT_M = 0.002  # how far solids that touch may be apart, or in each other, beside the stated uncertainty
 FOOTPRINT_SLACK_M = 0.005  # how far past the edge the centroid may be where no uncertainty is stated
 LEAN_RAD = 0.05  # 3 degrees: what lies on a surface leans by less, beside the stated uncertainty
 UPRIGHT_RAD = 0.26  # 15 degrees: a bottle leaning on a wall does not stand
@@ -143,19 +139,19 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
         return Reading(-1.0, {"over": False}, f"{a.name} is not above {b}")
     gap_m = top.measure_gap(a)
     measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
-    if (below_m := _measure_below(a, of)) > 0.0:  # b fell over, or a leans on it from beside
+    if (below_m := measure_below(a, of)) > 0.0:  # b fell over, or a leans on it from beside
         because = f"the datum of {a.name} is {format_length(below_m)} below that of {b}"
         return Reading(-below_m / allowed_m, measured, because, doubt_m / allowed_m)
     is_near = abs(gap_m) <= allowed_m + doubt_m
-    between = _find_between(view, a, b, top.point_m[2], gap_m + allowed_m) if is_near else None
+    between = find_between(view, a, b, top.point_m[2], gap_m + allowed_m) if is_near else None
     if between is not None:
         if reason := view.now.explain_unseen(between):
             raise FactUnknown(f"{reason}; it may be between {a.name} and {b}")
         return Reading(-1.0, measured | {"between": between.name}, f"{between.name} is between {a.name} and {b}")
     leans = is_near and not is_level_on(a, top, LEAN_RAD + _find_tilt_doubt(view, a))
-    if leans and (prop := _find_prop(view, a, b, top.point_m[2])) is not None:
+    if leans and (prop := find_prop(view, a, b, top.point_m[2])) is not None:
         raise FactUnknown(f"{a.name} leans, and {prop.name} may bear it as well as {b}")
-    if gap_m > allowed_m and (sunk_m := _measure_sunk(view, a, b)) > allowed_m:
+    if gap_m > allowed_m and (sunk_m := measure_sunk(view, a, b)) > allowed_m:
         because = f"{a.name} rests in the hollow of {b}, {format_length(sunk_m)} below its rim"
         return Reading(sunk_m / allowed_m, measured, because, doubt_m / allowed_m)
     gap, allowed = compare_lengths(gap_m, allowed_m)
@@ -194,60 +190,6 @@ def _find_sure_top(view: View, a: Entity, b: str, doubt_m: float, near_m: float)
     top = _find_top(view, a, b, FOOTPRINT_SLACK_M)
     is_near = top is not None and abs(top.measure_gap(a)) <= CONTACT_M + doubt_m
     return top if is_near else find_bridged_top(view.now.entities.get(b), a, doubt_m) or top
-
-
-def _find_between(view: View, a: Entity, b: str, top_m: float, most_m: float) -> Entity | None:
-    """An object under the middle of a whose top is above that of b, and by no more than `most_m`.
-
-    A container that a is inside of has a floor, however thin: what people put into it they took off the table.
-    """
-    center, highest_m = to_parent(a.pose, compute_centroid(a)), top_m + most_m
-    of = view.now.entities.get(b)
-    for other in view.now.entities.values():
-        is_part = of is not None and (other.part_of == b or of.part_of == other.name)
-        if other.name in {a.name, b} or is_part or other.held_by or not (other.movable or of is not None):
-            continue
-        tops, least_m = find_tops_below(other, center[0], center[1], 0.0), 0.0 if is_around(other, a) else CONTACT_M
-        if other.status is not Status.GONE and any(top_m + least_m < top.point_m[2] <= highest_m for top in tops):
-            return other
-    return None
-
-
-def _find_prop(view: View, a: Entity, b: str, top_m: float) -> Entity | None:
-    """An object near a that is higher than the top of b; b's own walls are of b."""
-    of = view.now.entities.get(b)
-    for other in view.now.entities.values():
-        if other.name in {a.name, b} or other.held_by or other.status is Status.GONE:
-            continue
-        is_part = of is not None and (other.part_of == b or of.part_of == other.name)
-        away_m = math.dist(other.pose.position_m[:2], a.pose.position_m[:2])
-        is_high = other.pose.position_m[2] + compute_reach(other, UP) > top_m + CONTACT_M
-        if is_high and not is_part and away_m < measure_radius(a) + measure_radius(other):
-            return other
-    return None
-
-
-def _measure_below(a: Entity, of: Entity | None) -> float:
-    """How far the datum of a is below that of another object [m]; 0 where it is not, or one of them has none."""
-    datums = [to_parent(each.pose, each.datum_m) for each in (a, of) if each is not None and each.datum_m is not None]
-    return max(0.0, datums[1][2] - datums[0][2]) if len(datums) == 2 else 0.0
-
-
-def _measure_sunk(view: View, a: Entity, b: str) -> float:
-    """How far the lowest point of a is below the rim of b, whose walls are around it [m]; 0 where more may bear it."""
-    of, center, low_m = view.now.entities.get(b), compute_center(a), compute_lowest(a)
-    if of is None:
-        return 0.0
-    solids = [replace(of, shapes=(shape,)) for shape in of.shapes]
-    walls = [compute_center(each) for each in solids if each.pose.position_m[2] + compute_reach(each, UP) > low_m]
-    if not all(any(sign * (wall[i] - center[i]) > 0.0 for wall in walls) for i in (0, 1) for sign in (1.0, -1.0)):
-        return 0.0
-    reach_m = max(compute_reach(of, way) for way in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
-    for other in view.now.entities.values():
-        away_m = math.dist(other.pose.position_m[:2], of.pose.position_m[:2])
-        if other.movable and other.name not in {a.name, b} and away_m < reach_m and compute_lowest(other) < low_m:
-            return 0.0
-    return of.pose.position_m[2] + compute_reach(of, UP) - low_m
 
 
 def _find_low_doubt(a: Entity, up: Vector) -> float:

@@ -9,6 +9,29 @@ OBSERVED = "tests/agent/test_mission.py::test_a_goal_ends_by_what_was_observed_o
 
 MUTANTS = (
     Mutant(
+        name="an_edge_is_a_foot",
+        claim="What leans on a bar, its edge on the tray, is on the tray.",
+        edits=(Edit("phyagentos.protocol.predicates.builtins", "    leans = is_near and ", "    leans = False and "),),
+        tests=(
+            "tests/protocol/test_predicate_doubt.py::"
+            "test_what_leans_on_something_else_may_not_be_on_what_its_edge_touches",
+        ),
+    ),
+    Mutant(
+        name="hung_is_put_down",
+        claim="What hangs on closed fingers is where it was to be set down.",
+        edits=(
+            Edit(
+                "phyagentos.protocol.predicates.builtins",
+                "if between_m is None and is_within",
+                "if False and is_within",
+            ),
+        ),
+        tests=(
+            "tests/protocol/test_predicate_doubt.py::test_what_may_hang_on_the_closed_fingers_within_it_is_nowhere_yet",
+        ),
+    ),
+    Mutant(
         name="verifier_always_success",
         claim="Whatever the criteria say, the verdict is success.",
         edits=(
