@@ -109,7 +109,7 @@ MUTANTS = (
     Mutant(
         name="near_the_top_is_on",
         claim="What hovers a centimetre above a support stands on it.",
-        edits=(Edit("phyagentos.protocol.predicates.builtins", "CONTACT_M = 0.002", "CONTACT_M = 0.010"),),
+        edits=(Edit("phyagentos.protocol.predicates.bearing", "CONTACT_M = 0.002", "CONTACT_M = 0.010"),),
         tests=("tests/protocol/test_predicate_builtins.py::test_the_allowed_gap_is_the_stated_doubt",),
     ),
     Mutant(
