@@ -156,6 +156,7 @@ def get_scene(page, session=""):
     page.locator("#panel-scene iframe").scroll_into_view_if_needed()
 
     def find():
+        page.wait_for_timeout(100)  # news of frames come while Playwright waits
         frames = [frame for frame in page.frames if f"/scene/{session}" in frame.url]
         fed = "document.querySelector('[data-floating-window]')?.textContent.includes('Connected')"
         return next((frame for frame in frames if frame.evaluate(fed)), None)
