@@ -58,7 +58,10 @@ def state(at_s, data=b"\0" * 8):
 
 def test_of_a_long_stream_both_ends_are_kept_and_a_new_beginning_forgets_the_first(tmp_path):
     recent = Recent()
-    keep(recent, [Message("/tf_static", "tf2_msgs/msg/TFMessage", 10**9, b"\0" * 8), *map(state, range(100, 200))])
+    latched = [
+        Message("/tf_static", "tf2_msgs/msg/TFMessage", each * 10**9, b"\0" * 8) for each in (1, 2)
+    ]  # sent again
+    keep(recent, [*latched, *map(state, range(100, 200))])
     recent.write(tmp_path / "both")
     assert [each.received_ns // 10**9 for each in read(tmp_path / "both")] == [
         100,

@@ -50,8 +50,9 @@ def main() -> None:
     is_over.wait()
     node.close(_END_S)
     executor.shutdown()
-    rclpy.shutdown()
     spinning.join(_END_S)
+    node.destroy_node()  # a node whose threads outlive its context crashes
+    rclpy.shutdown()
 
 
 if __name__ == "__main__":

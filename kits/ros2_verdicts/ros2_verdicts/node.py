@@ -42,7 +42,7 @@ class VerdictNode(Node):  # type: ignore[misc,unused-ignore]  # a ROS distributi
         self._question, self._topics, self._evidence = question, tuple(topics), evidence
         self._recent, self._judging = Recent(), threading.Lock()
         self._received: set[str] = set()
-        self._number = len(list(evidence.glob("[0-9]*")))
+        self._number = max((int(each.name) for each in evidence.iterdir() if each.name.isdecimal()), default=0)
         at_once = ReentrantCallbackGroup()
         self._verdict = self.create_publisher(String, "~/verdict", _LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)

@@ -24,14 +24,14 @@ class Message(NamedTuple):
 
 
 class Recent:
-    """Keeps messages, from any thread; a latched topic is kept from before the beginning as well.
+    """Keeps messages, from any thread; of a latched topic the latest of each frame, from before the beginning as well.
 
     A clock that jumps back makes a new beginning.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._latched: list[Message] = []
+        self._latched: dict[tuple[str, ...], Message] = {}
         self._first: list[Message] = []
         self._last: deque[Message] = deque()
         self._heard_s, self._newest_ns = float("-inf"), 0
@@ -40,7 +40,9 @@ class Recent:
         """Add one; what is neither among the first nor among the last seconds any more is dropped."""
         with self._lock:
             if is_latched:
-                self._latched.append(message)
+                transforms = _TYPES.deserialize_cdr(message.data, message.type).transforms
+                key = (message.topic, *(each.child_frame_id for each in transforms))
+                self._latched[key] = message
                 return
             if message.received_ns < self._newest_ns - _STEP_S * 1e9:
                 self._forget()
@@ -71,8 +73,8 @@ class Recent:
         """Write a bag of what is kept; the folder must not exist."""
         with self._lock:
             kept = [*self._first, *self._last]
-            begin_ns = min(each.received_ns for each in kept)
-            kept += [each._replace(received_ns=begin_ns) for each in self._latched]
+            begin_ns = min((each.received_ns for each in kept), default=0)
+            kept += [each._replace(received_ns=begin_ns) for each in self._latched.values()]
         with Writer(bag, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
             types = {each.topic: each.type for each in kept}
             topics = {topic: writer.add_connection(topic, kind, typestore=_TYPES) for topic, kind in types.items()}

@@ -272,7 +272,7 @@ def list_points(a: Entity) -> list[Vector]:
 
 
 def is_within(entity: Entity, point: Vector, deep_m: float) -> bool:
-    """Whether a point of the world is in the box around an entity, so deep below its sides or half as deep as it is."""
+    """Whether a point of the world is in the box around an entity, by `deep_m` [m] or half the way to its middle."""
     spans = [compute_extent(entity, axis) for axis in AXES]
     local = to_child(entity.pose, point)
     return all(
