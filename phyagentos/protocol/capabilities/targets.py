@@ -215,6 +215,18 @@ class Arm(Authored):
     wrist_joints: int = pydantic.Field(default=3, ge=1)
 
 
+NO_ARM = Arm(
+    joints=(),
+    home_rad=(),
+    velocity_rad_s=(),
+    acceleration_rad_s2=(),
+    jerk_rad_s3=(),
+    torque_nm=(),
+    stiffness_nm_rad=(),
+    damping_nms_rad=(),
+)
+
+
 class Gripper(Authored):
     """A gripper: `width_m` is the opening between its two pads, one set-point for all fingers.
 
@@ -301,7 +313,7 @@ class TargetProfile(Authored):
         force_bias_n: Greatest constant error of a contact force that is estimated from joint torques [N].
         force_noise_n: Standard deviation of that estimate [N].
         base: What it drives or walks with; none where it is fixed.
-        arm: Its joints.
+        arm: Its joints; left out for a target that has none and acts by procedures alone.
         postures: Postures that it can be asked for by name, one value for each joint of `arm` [rad], without the pose
             of a base.
         gripper: Its hand; left out where the end effector does not open.
@@ -340,7 +352,7 @@ class TargetProfile(Authored):
     force_bias_n: float = pydantic.Field(default=0.0, ge=0.0)
     force_noise_n: float = pydantic.Field(default=0.0, ge=0.0)
     base: Base | None = None
-    arm: Arm
+    arm: Arm = NO_ARM
     postures: dict[str, tuple[float, ...]] = {}
     gripper: Gripper = NO_GRIPPER
     observations: tuple[str, ...] = ()
