@@ -65,6 +65,11 @@ class ToolCall(Call, Generic[Action]):
         self.action: Action | None = None
         self.go_on()
 
+    @property
+    def is_at_work(self) -> bool:
+        """Whether its action is to be done."""
+        return self._state == "running"
+
     def go_on(self) -> None:
         """Let the tool look at its world, and say what it does next."""
         try:
@@ -80,7 +85,7 @@ class ToolCall(Call, Generic[Action]):
         return Progress(self._state, steps, steps if self._state == "succeeded" else {}, self._message)
 
     def cancel(self) -> None:
-        if self._state == "running":
+        if self.is_at_work:
             self._steps.close()
             self._end("cancelled", "between two steps")
 
@@ -105,7 +110,9 @@ class ToolBody(Body, Generic[Action]):
     def procedures(self) -> Sequence[Procedure]:  # type: ignore[override]
         """The tools, as the wire describes them."""
         steps = {"steps": "integer"}
-        return tuple(Procedure(name, "procedure", "", each.arguments, steps, steps) for name, each in self.toolbox.items())
+        return tuple(
+            Procedure(name, "procedure", "", each.arguments, steps, steps) for name, each in self.toolbox.items()
+        )
 
     @abstractmethod
     def act(self, action: Action | None) -> None:
@@ -114,15 +121,15 @@ class ToolBody(Body, Generic[Action]):
     def call(self, procedure: str, goal: Mapping[str, Any]) -> Call:
         tool = self.toolbox[procedure]
         arguments = tool.check(procedure, goal)
-        if self._call is not None and self._call.action is not None:
+        if self._call is not None and self._call.is_at_work:
             raise Refusal("BUSY", "another tool is at work")
         self._call = ToolCall(tool.run(**arguments))
         return self._call
 
     def step(self, q: Sequence[float], qd: Sequence[float], width_m: float) -> str:
-        call = self._call
+        call = self._call if self._call is not None and self._call.is_at_work else None
         self.act(call.action if call is not None else None)
-        if call is not None and call.action is not None:
+        if call is not None:
             call.go_on()
         return ""
 

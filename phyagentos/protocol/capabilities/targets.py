@@ -289,6 +289,8 @@ class TargetProfile(Authored):
         endpoint: Where the driver finds its target: `ws://127.0.0.1:7000` for `remote`, or a bus (`/dev/ttyACM0`).
         silence_max_s: How long the driver `remote` waits for a sign of its target before it is lost [s].
         settings: What the driver needs besides, by its own names.
+        deterministic: Whether the driver's own snapshot and the same calls give the same bits, so that sessions can be
+            run again; one that leaves its state as NPZ needs no such word.
         world: Name of the simulated world that it shares with the other targets of this name; empty for one of its own.
         end_effector: What its flange carries: a gripper with an `opening`, a `suction` cup, or `none`.
         model: MJCF or URDF file, relative to the profile or `SOURCE:PATH`, see `runtime.models.sources`; none for
@@ -336,6 +338,7 @@ class TargetProfile(Authored):
     endpoint: str = ""
     silence_max_s: float = pydantic.Field(default=10.0, gt=0.0)
     settings: DriverSettings = DriverSettings.model_validate({})
+    deterministic: bool = False
     world: str = pydantic.Field(default="", pattern=r"^([a-z][a-z0-9_]*)?$")
     end_effector: Literal["opening", "suction", "none"] = "opening"
     tcp: str = "tcp"

@@ -116,7 +116,9 @@ class TargetLimits(Authored):
     @pydantic.model_validator(mode="before")
     @classmethod
     def _complete(cls, data: object) -> object:
-        is_of_none = isinstance(data, dict) and data.keys() >= OF_EVERY_TARGET and not data.keys() & WITHOUT_JOINTS.keys()
+        is_of_none = (
+            isinstance(data, dict) and data.keys() >= OF_EVERY_TARGET and not data.keys() & WITHOUT_JOINTS.keys()
+        )
         return {**WITHOUT_JOINTS, **data} if isinstance(data, dict) and is_of_none else data
 
     def iter_limits(self) -> Iterator[tuple[tuple[str, ...], Limit, str]]:

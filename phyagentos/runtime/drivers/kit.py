@@ -56,7 +56,12 @@ def open_kit(profile: TargetProfile, folder: Path) -> ChildDriver:
 
 
 def start_body(
-    name: str, profile: TargetProfile, command: Sequence[str], place: Path, settings: str = "", beside: Path | None = None
+    name: str,
+    profile: TargetProfile,
+    command: Sequence[str],
+    place: Path,
+    settings: str = "",
+    beside: Path | None = None,
 ) -> ChildDriver:
     """Start a process that serves a body, and connect to it.
 

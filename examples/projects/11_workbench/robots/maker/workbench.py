@@ -30,7 +30,6 @@ class Workbench(ToolBody):
     driver = "workbench"
     step_s = 0.1
     has_truth = True
-    is_deterministic = True
 
     def __init__(self):
         self._reset(0)
@@ -80,7 +79,9 @@ class Workbench(ToolBody):
         x, y = self._at
         seen = {name: (u, v) for name, (u, v) in PLACES.items() if abs(u - x) + abs(v - y) <= SIGHT}
         box = {"kind": "box", "size_m": (0.5, 0.5, 0.5), "pose": {}}
-        return [Entity(name, name, (float(u), float(v), 0.0), movable=False, shapes=(box,)) for name, (u, v) in seen.items()]
+        return [
+            Entity(name, name, (float(u), float(v), 0.0), movable=False, shapes=(box,)) for name, (u, v) in seen.items()
+        ]
 
     def act(self, action):
         self._steps += 1
@@ -136,7 +137,7 @@ class Workbench(ToolBody):
         return f"waited {steps} steps"
 
     def _is_near(self, place):
-        return sum(abs(a - b) for a, b in zip(self._at, PLACES[place])) <= 1
+        return sum(abs(a - b) for a, b in zip(self._at, PLACES[place], strict=True)) <= 1
 
     def _move(self, to):
         (x, y), (u, v) = self._at, to
