@@ -96,7 +96,8 @@ def test_a_tool_needs_authority_and_one_is_at_work_at_a_time(bench):
     assert bench.ask(wire.Begin("s", 1)) == wire.Ack()
     assert bench.call("wait", session="other", steps=3).code == "NO_AUTHORITY"
     assert bench.call("wait", steps=3).state is wire.CallState.RUNNING
-    assert bench.call("eat").code == "BUSY"
+    assert bench.call("walk_to", place="tree").state is wire.CallState.RUNNING
+    assert bench.ask(wire.Follow("s", 1, bench.calls - 1)).state is wire.CallState.CANCELLED, "the next one takes over"
 
 
 @pytest.mark.parametrize("how", ["halt", "stop", "cancel"])

@@ -14,6 +14,8 @@ from target_server.procedures import Call, Procedure, Progress
 from target_server.wire import Refusal
 
 Action = TypeVar("Action")
+Steps = Generator[Action, None, str]
+"""What a tool is: an action for each step, and what it says at its end."""
 _TYPES: Mapping[str, Callable[[Any], bool]] = {
     "string": lambda value: isinstance(value, str),
     "integer": lambda value: type(value) is int,
@@ -38,7 +40,7 @@ class Tool(Generic[Action]):
         defaults: Values of arguments that may be left out.
     """
 
-    run: Callable[..., Generator[Action, None, str]]
+    run: Callable[..., Steps[Action]]
     arguments: Mapping[str, str] = field(default_factory=dict)
     choices: Mapping[str, Sequence[str]] = field(default_factory=dict)
     defaults: Mapping[str, Any] = field(default_factory=dict)
@@ -59,7 +61,7 @@ class Tool(Generic[Action]):
 class ToolCall(Call, Generic[Action]):
     """A tool that was called: it has said its next action, or ended."""
 
-    def __init__(self, steps: Generator[Action, None, str]) -> None:
+    def __init__(self, steps: Steps[Action]) -> None:
         self._steps, self._n_steps = steps, 0
         self._state, self._message = "running", ""
         self.action: Action | None = None
@@ -94,7 +96,7 @@ class ToolCall(Call, Generic[Action]):
 
 
 class ToolBody(Body, Generic[Action]):
-    """A body of tools; one is at work at a time.
+    """A body of tools; one is at work at a time, and the next one that is called cancels it.
 
     Attributes:
         toolbox: Its tools by name.
@@ -121,8 +123,8 @@ class ToolBody(Body, Generic[Action]):
     def call(self, procedure: str, goal: Mapping[str, Any]) -> Call:
         tool = self.toolbox[procedure]
         arguments = tool.check(procedure, goal)
-        if self._call is not None and self._call.is_at_work:
-            raise Refusal("BUSY", "another tool is at work")
+        if self._call is not None:
+            self._call.cancel()
         self._call = ToolCall(tool.run(**arguments))
         return self._call
 
