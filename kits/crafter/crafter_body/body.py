@@ -11,7 +11,6 @@ import json
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from crafter import constants
 from target_server.body import Entity, State
@@ -19,7 +18,20 @@ from target_server.tool_body import Steps, Tool, ToolBody, ToolFailed
 from target_server.wire import Refusal
 
 from crafter_body.ordered import make_env
-from crafter_body.sight import DIGGABLE, DIRECTIONS, FOES, OPEN, PLANT, RIPE, WALKABLE, Cell, Sight, list_block, list_neighbours, measure
+from crafter_body.sight import (
+    DIGGABLE,
+    DIRECTIONS,
+    FOES,
+    OPEN,
+    PLANT,
+    RIPE,
+    WALKABLE,
+    Cell,
+    Sight,
+    list_block,
+    list_neighbours,
+    measure,
+)
 
 OUTCOMES = "CRAFTER_OUTCOMES"
 VITALS = ("health", "food", "drink", "energy")

@@ -98,7 +98,7 @@ class Sight:
         return flight[-1] == at and all(self.cells.get(each) in OPEN for each in flight)
 
     def measure_way(self, items: Collection[str]) -> tuple[dict[Cell, float], dict[Cell, Cell]]:
-        """Steps to each cell that can be reached by walking and, with these items, digging and bridging; and the cell before it."""
+        """Steps to each cell in reach by walking and, with these items, digging and bridging; and the cell before it."""
         costs, before, queue = {self.at: 0.0}, dict[Cell, Cell](), [(0.0, self.at)]
         while queue:
             cost, cell = heapq.heappop(queue)
@@ -131,4 +131,5 @@ def list_neighbours(cell: Cell) -> list[Cell]:
 
 
 def measure(a: Cell, b: Cell) -> int:
+    """Steps between two cells without walls."""
     return abs(a[0] - b[0]) + abs(a[1] - b[1])
