@@ -1,4 +1,4 @@
-"""Lives in Crafter: `python -m benchmarks.crafter --seeds 1 2 3 --results FILE`.
+"""Lives in Crafter: `python -m benchmarks.crafter --seeds 1 2 3 --outcomes FILE`.
 
 Each seed is one life: a goal on the target `survivor`, by the ordinary path of `paos run`. What is counted is the
 environment's own `achievements`, which only this script reads. The score is Crafter's: over the percentages p of lives
@@ -58,30 +58,29 @@ def live(seeds: Sequence[int], outcomes: Path) -> None:
                 agent.mission.run(LIBRARY / "goal_graphs" / "live.yaml", seed=seed, goal=f"life-{seed}")
 
 
-def sum_up(lives: Mapping[int, Mapping[str, Any]]) -> dict[str, Any]:
-    """The figures of these lives."""
+def sum_up(lives: Mapping[int, Mapping[str, Any]]) -> dict[str, float]:
+    """The figures of these lives; shares are of lives."""
     unlocked = Counter(name for life in lives.values() for name in life["achievements"])
+    deaths = Counter(life["cause"].replace(" ", "_") for life in lives.values() if life["is_dead"])
     return {
         "lives": len(lives),
         "score": round(compute_score([life["achievements"] for life in lives.values()]), 1),
-        "achievements_mean": sum(unlocked.values()) / len(lives),
-        "success": {name: round(unlocked[name] / len(lives), 3) for name in ACHIEVEMENTS},
-        "days_mean": sum(life["steps"] for life in lives.values()) / len(lives) / DAY_STEPS,
-        "deaths": dict(Counter(life["cause"] for life in lives.values() if life["is_dead"])),
+        "achievements_mean": round(sum(unlocked.values()) / len(lives), 2),
+        "days_mean": round(sum(life["steps"] for life in lives.values()) / len(lives) / DAY_STEPS, 2),
+        **{f"share_{name}": round(unlocked[name] / len(lives), 3) for name in ACHIEVEMENTS},
+        **{f"died_of_{cause}": n for cause, n in sorted(deaths.items())},
     }
 
 
 def main() -> None:
-    """Live, and write what came of it."""
+    """Live, and print what came of it."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else "")
-    parser.add_argument("--seeds", type=int, nargs="+", default=list(range(1, 11)))
-    parser.add_argument("--results", type=Path, required=True, help="JSON; the outcomes stand beside it, as JSON lines")
+    parser.add_argument("--seeds", type=int, nargs="*", default=list(range(1, 11)))
+    parser.add_argument("--outcomes", type=Path, required=True, help="JSON lines, appended to; all lives in it count")
     given = parser.parse_args()
-    outcomes = given.results.with_suffix(".jsonl")
-    live(given.seeds, outcomes)
-    figures = sum_up(read_lives(outcomes))
-    given.results.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
-    print(json.dumps(figures, indent=2))
+    if given.seeds:
+        live(given.seeds, given.outcomes)
+    print(json.dumps({"figures": sum_up(read_lives(given.outcomes))}))
 
 
 if __name__ == "__main__":

@@ -25,8 +25,8 @@ def test_a_life_counts_as_it_stood_at_its_end(tmp_path):
     (tmp_path / "lives.jsonl").write_text("".join(json.dumps(each) + "\n" for each in lines))
     figures = sum_up(read_lives(tmp_path / "lives.jsonl"))
     assert (figures["lives"], figures["achievements_mean"], figures["days_mean"]) == (2, 1.0, 1.5)
-    assert figures["deaths"] == {"zombie": 1}
-    assert figures["success"]["collect_wood"] == 1.0
+    assert figures["died_of_zombie"] == 1
+    assert figures["share_collect_wood"] == 1.0
 
 
 @pytest.mark.slow

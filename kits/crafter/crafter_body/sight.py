@@ -98,7 +98,7 @@ class Sight:
         return flight[-1] == at and all(self.cells.get(each) in OPEN for each in flight)
 
     def measure_way(self, items: Collection[str]) -> tuple[dict[Cell, float], dict[Cell, Cell]]:
-        """Steps to each cell in reach by walking and, with these items, digging and bridging; and the cell before it."""
+        """Steps to each cell in reach by walking and, by these items, digging and bridging; the cell before each."""
         costs, before, queue = {self.at: 0.0}, dict[Cell, Cell](), [(0.0, self.at)]
         while queue:
             cost, cell = heapq.heappop(queue)
