@@ -10,6 +10,7 @@ from typing import Literal
 import pydantic
 
 from phyagentos.errors import DefinitionError, Problem, format_names
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Authored, Located, read_yaml, validate
 
 Provenance = Literal["controller_enforced", "planner_constrained", "site_policy", "measured"]
@@ -70,10 +71,16 @@ WITHOUT_JOINTS = {name: _say_nothing(name) for name in UNITS if name not in OF_E
 """Of a target without joints, whose limits are those of every target; they fit no other one."""
 
 
+def _require_together(schema: Fields) -> None:
+    """For editors: those of joints are given together, or none of them."""
+    schema["required"] = sorted(OF_EVERY_TARGET)
+    schema["dependentRequired"] = {name: [*WITHOUT_JOINTS] for name in WITHOUT_JOINTS}
+
+
 class TargetLimits(Authored):
     """What the guard enforces for one target; a list has one number per joint, and one number stands for all of them.
 
-    A target without joints, tool and gripper has the limits of commands and sessions alone.
+    A target without joints, tool and gripper has the limits of commands and sessions alone, any other one all of them.
 
     Attributes:
         joint_position_min: Lowest joint positions [rad].
@@ -96,6 +103,8 @@ class TargetLimits(Authored):
             `KEEP_OUT` and `COLLISION` by category 2, and everything else is refused. A stop of category 1 also ends the
             session's motion for good, category 2 holds (IEC 60204-1, 9.2.2).
     """
+
+    model_config = pydantic.ConfigDict(json_schema_extra=_require_together)
 
     joint_position_min: Limit
     joint_position_max: Limit
