@@ -46,7 +46,7 @@ class Map:
 
     Attributes:
         path: Points of a polyline.
-        marks: x, y and kind of what was in sight at the end.
+        marks: x, y and kind of what was in view at the end.
         box: Least x and y, width and height.
     """
 

@@ -1,4 +1,4 @@
-"""Crafter as a target, in the environment of `--crafter-python`: order, sight, tools, and a session that is judged."""
+"""Crafter as a target, in the environment of `--crafter-python`: order, view, tools, and a session that is judged."""
 
 import json
 import os
@@ -34,17 +34,27 @@ def live(seed, snapshot=b""):
     body = CrafterBody()
     body.load("wilds", seed, snapshot)
     if not snapshot:
-        first = len(body._sight.cells)
+        first = len(body._map.cells)
         for action in body.collect("wood", 4):
             body.act(action)
         for _ in range(200):
             body.act(None)
-    creatures = sorted(map(str, body._sight.creatures.items()))
-    state = [body.read().vitals, body.read().inventory, creatures, str(sorted(body._sight.cells.items()))]
+    creatures = sorted(map(str, body._map.creatures.items()))
+    state = [body.read().vitals, body.read().inventory, creatures, str(sorted(body._map.cells.items()))]
     return state, body.snapshot()[1], first if not snapshot else 0
 
+def rest():
+    body = CrafterBody()
+    body.load("wilds", 1, b"")
+    for tool, *arguments in (("collect", "wood", 5), ("place", "table"), ("make", "wood_pickaxe"), ("sleep",)):
+        for action in body.toolbox[tool].run(*arguments):
+            if action == "sleep" and not body._env._player.sleeping:
+                walled = body._is_walled_in()
+            body.act(action)
+    return walled, body.read().vitals["awake"], body._env._player.achievements["wake_up"] > 0
+
 (one, snapshot, first), (two, _, _), (other, _, _) = live(3), live(3), live(4)
-print(json.dumps([one == two, one == other, live(3, snapshot)[0] == one, first, one[1]]))
+print(json.dumps([one == two, one == other, live(3, snapshot)[0] == one, first, one[1], rest()]))
 """
 
 pytestmark = pytest.mark.extras
@@ -58,10 +68,11 @@ def python(pytestconfig):
 def test_a_seed_is_one_life_which_its_actions_repeat_and_nothing_is_seen_beyond_the_view(python):
     environment = os.environ | {"PYTHONPATH": f"{KITS / 'crafter'}{os.pathsep}{KITS / 'target_server'}"}
     done = subprocess.run([python, "-c", LIVES], env=environment, capture_output=True, text=True, check=True)
-    is_repeated, is_other, is_resumed, first, inventory = json.loads(done.stdout)
+    is_repeated, is_other, is_resumed, first, inventory, rested = json.loads(done.stdout)
     assert (is_repeated, is_other, is_resumed) == (True, False, True)
     assert first == 9 * 7
     assert inventory["wood"] == 4
+    assert rested == [True, 1.0, True], "it slept behind walls, and is awake"
 
 
 def test_a_session_in_it_is_judged_by_what_is_carried_and_repeated_bit_for_bit(python, tmp_path, monkeypatch):

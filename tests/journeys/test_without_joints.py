@@ -73,9 +73,10 @@ def bench(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def done(bench):
-    """The example's goal, run once."""
+    """The example's goal, run once, and ENVIRONMENT.md after it."""
     workspace, run = bench
-    return workspace, run("stone")
+    report = run("stone")
+    return workspace, report, workspace.environment.read_text()
 
 
 def read_decision(workspace, session):
@@ -90,17 +91,17 @@ def read_first(workspace, report):
 
 
 def test_a_chain_of_tools_is_carried_out_judged_and_documented(done):
-    workspace, report = done
+    _, report, environment = done
     assert report.verdict == "success"
     assert len(report.sessions) == 6
 
-    supplies = read_environment(workspace.environment.read_text()).targets["maker"]
+    supplies = read_environment(environment).targets["maker"]
     assert supplies.inventory == {"pickaxe": 1, "plank": 3, "stick": 2, "stone": 2}
-    assert "| 1 pickaxe, 3 plank, 2 stick, 2 stone | food" in workspace.environment.read_text()
+    assert "| 1 pickaxe, 3 plank, 2 stick, 2 stone | food" in environment
 
 
 def test_what_it_carried_and_how_it_fared_stand_in_the_trajectory(done):
-    workspace, report = done
+    workspace, report, _ = done
     course = read_arrays(workspace.evidence_of(report.sessions[0].id) / "trajectory.npz")
     assert course["item.wood"][-1] == 2.0
     assert course["vital.food"][0] == 9.0
@@ -109,7 +110,7 @@ def test_what_it_carried_and_how_it_fared_stand_in_the_trajectory(done):
 
 
 def test_its_verdict_is_formed_again_and_its_bits_are_repeated(done):
-    workspace, report = done
+    workspace, report, _ = done
     for session in (report.sessions[0].id, report.sessions[-1].id):
         recorded = read_decision(workspace, session)
         again = verify(workspace.root, session)
@@ -119,7 +120,7 @@ def test_its_verdict_is_formed_again_and_its_bits_are_repeated(done):
 
 
 def test_the_page_shows_its_vitals_inventory_and_path(done):
-    workspace, report = done
+    workspace, report, _ = done
     documents = Documents(workspace.root)
     documents.refresh()
     render = PanelRenderer(documents, lambda: {"actions": False, "live": False}).render

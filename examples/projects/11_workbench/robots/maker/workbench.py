@@ -19,7 +19,7 @@ RECIPES = {  # how many come of what, and where
     "pickaxe": (1, {"plank": 3, "stick": 2}, "bench"),
 }
 FOOD_MAX, HEALTH_MAX, DAY = 9, 9, 200
-SIGHT = 6  # cells
+VIEW = 6  # cells
 STEPS_MAX = 1000  # of one tool
 
 
@@ -77,7 +77,7 @@ class Workbench(ToolBody):
 
     def list_entities(self):
         x, y = self._at
-        seen = {name: (u, v) for name, (u, v) in PLACES.items() if abs(u - x) + abs(v - y) <= SIGHT}
+        seen = {name: (u, v) for name, (u, v) in PLACES.items() if abs(u - x) + abs(v - y) <= VIEW}
         box = {"kind": "box", "size_m": (0.5, 0.5, 0.5), "pose": {}}
         return [
             Entity(name, name, (float(u), float(v), 0.0), movable=False, shapes=(box,)) for name, (u, v) in seen.items()
@@ -92,9 +92,9 @@ class Workbench(ToolBody):
             self._health = max(self._health - 1, 0) if not self._food else min(self._health + 1, HEALTH_MAX)
 
     def walk_to(self, place):
-        """Tool: go to a place that is in sight, one cell a step."""
+        """Tool: go to a place that is in view, one cell a step."""
         if place not in [each.name for each in self.list_entities()]:
-            raise ToolFailed(f"{place} is not in sight")
+            raise ToolFailed(f"{place} is not in view")
         while not self._is_near(place):
             yield lambda: self._move(PLACES[place])
         return f"stands beside {place}"

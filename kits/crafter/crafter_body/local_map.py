@@ -1,4 +1,4 @@
-"""What an agent in Crafter has seen: the cells of its local view, remembered, and the ways over them.
+"""What an agent in Crafter has seen: the cells of its local view, remembered, and the routes over them.
 
 The view is the benchmark's own, nine cells wide and seven high. Nothing else of the map is ever read. At night the
 benchmark's picture is noisy; this view is not.
@@ -21,7 +21,7 @@ FOES, RANGE = {"zombie", "skeleton"}, 4
 PLANT, RIPE = "plant", "ripe plant"
 
 
-class Sight:
+class LocalMap:
     """The memory of one life; cells are counted from where it began.
 
     Attributes:
@@ -53,20 +53,20 @@ class Sight:
         self.creatures, self._headings = {}, dict[Cell, Cell]()
         for u in range(int(x) - width // 2, int(x) + width // 2 + 1):
             for v in range(int(y) - height // 2, int(y) + height // 2 + 1):
-                material, thing = self._env._world[(u, v)]
+                material, found = self._env._world[(u, v)]
                 self.cells[self._place((u, v))] = material or EDGE
-                if thing is not None and thing is not self._player:
-                    self._see(thing)
+                if found is not None and found is not self._player:
+                    self._note(found)
 
-    def _see(self, thing: Any) -> None:
-        kind = type(thing).__name__.lower()
-        cell = self._place(thing.pos)
+    def _note(self, found: Any) -> None:
+        kind = type(found).__name__.lower()
+        cell = self._place(found.pos)
         if kind == PLANT:
-            self.cells[cell] = RIPE if thing.ripe else PLANT
+            self.cells[cell] = RIPE if found.ripe else PLANT
         else:
             self.creatures[cell] = kind
             if kind == "arrow":
-                self._headings[cell] = (int(thing.facing[0]), int(thing.facing[1]))
+                self._headings[cell] = (int(found.facing[0]), int(found.facing[1]))
 
     def _place(self, pos: Any) -> Cell:
         return (int(pos[0]) - self._origin[0], int(pos[1]) - self._origin[1])
@@ -97,7 +97,7 @@ class Sight:
         flight = [(cell[0] + n * u, cell[1] + n * v) for n in range(1, steps + 1)]
         return flight[-1] == at and all(self.cells.get(each) in OPEN for each in flight)
 
-    def measure_way(self, items: Collection[str]) -> tuple[dict[Cell, float], dict[Cell, Cell]]:
+    def measure_routes(self, items: Collection[str]) -> tuple[dict[Cell, float], dict[Cell, Cell]]:
         """Steps to each cell in reach by walking and, by these items, digging and bridging; the cell before each."""
         costs, before, queue = {self.at: 0.0}, dict[Cell, Cell](), [(0.0, self.at)]
         while queue:
