@@ -27,7 +27,10 @@ INTERPRETERS = {
     "kit": "`websockets` and `msgpack` alone",
     "ros2": "rclpy and messages of ROS 2 Kilted, MuJoCo and the kit's needs",
     "ros2_jazzy": "the same of ROS 2 Jazzy",
-    **{extra: f"the extra `{extra}`" for extra in ("gymnasium", "openpi", "libero", "lerobot", "lerobot06", "peers")},
+    **{
+        extra: f"the extra `{extra}`"
+        for extra in ("gymnasium", "crafter", "openpi", "libero", "lerobot", "lerobot06", "peers")
+    },
 }
 RARE = {"journey", "alone", "device", "extras"}
 

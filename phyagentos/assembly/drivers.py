@@ -110,6 +110,12 @@ def _open_gymnasium(site: DriverSite) -> "TargetPort":
     return open_gymnasium(site.profile, site.folder, site.workspace.root / OUTCOMES)
 
 
+def _open_kit(site: DriverSite) -> "TargetPort":
+    from phyagentos.runtime.drivers.kit import open_kit
+
+    return open_kit(site.profile, site.folder)
+
+
 def read_secret(path: Path) -> bytes:
     """The key of a remote target, in hexadecimal digits, from a file of its owner alone; raises `NOT_SECURED`."""
     try:
@@ -132,6 +138,7 @@ DRIVERS = Plugins[DriverSpec](
         "mujoco": DriverSpec(open=lambda site: _open_robot(_open_world(site.workspace), site), kinds=("simulation",)),
         "remote": DriverSpec(open=_open_remote, kinds=("simulation", "real_robot", "debug"), own_process=False),
         "gymnasium": DriverSpec(open=_open_gymnasium, kinds=("simulation",), own_process=False),
+        "kit": DriverSpec(open=_open_kit, kinds=("simulation",), own_process=False),
     },
     kind=DriverSpec,
 )

@@ -12,6 +12,7 @@ from phyagentos.assembly.paths import RECORDED_FAULTS, choose_folder
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.operations.workspaces import find_session
 from phyagentos.protocol.capabilities.registries import get_registered_target, read_target_registry
+from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import read_manifest
 from phyagentos.protocol.sessions.looks import LOOKS, PREFIX
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 _ARRAYS = (evidence.INITIAL, evidence.TERMINAL, evidence.TRAJECTORY)
 _TEXTS = (evidence.SCENE_XML, evidence.TRACE, evidence.HOLDS, evidence.EXECUTION)
+_OWN = tuple(name.replace(".npz", ".snapshot") for name in (evidence.INITIAL, evidence.TERMINAL))
+"""Snapshots in a format that only the driver reads."""
 
 
 class Rerun(msgspec.Struct, frozen=True, kw_only=True):
@@ -52,7 +55,7 @@ def rerun(root: Path, name: str) -> Rerun:
     if status.execution is None:
         raise DefinitionError.of("NOT_EXECUTED", str(root), repr(session), "a session with evidence")
     folder = recorded.evidence_of(session)
-    _refuse_without_start(folder)
+    start = _find_start(folder, get_registered_target(recorded.target_registry, status.contract.target))
     _refuse_shared(recorded, status)
     repeated = Workspace.create(choose_folder(recorded.root / "reruns", session), recorded.library())
     for name in SETTINGS_FILES:
@@ -64,21 +67,24 @@ def rerun(root: Path, name: str) -> Rerun:
     from phyagentos.assembly.runtime_plane import open_worker
 
     with open_worker(repeated, status.contract.target) as worker:
-        finished = _order(worker, status, folder)
+        finished = _order(worker, status, start)
     differences = find_differences(folder, repeated.evidence_of(session))
     return Rerun(session=session, workspace=repeated.root, execution=finished, differences=tuple(differences))
 
 
-def _refuse_without_start(folder: Path) -> None:
-    """A driver without snapshots, or with a format of its own, leaves nothing that bits are compared with."""
-    start = folder / evidence.INITIAL
+def _find_start(folder: Path, profile: TargetProfile) -> Path:
+    """The recorded start; a driver without snapshots, or without a promise of the same bits, leaves none to compare."""
+    start, own = folder / evidence.INITIAL, folder / _OWN[0]
     if not start.is_file():
-        manifest, own = read_manifest(folder), start.with_suffix(".snapshot")
+        if own.is_file() and profile.deterministic:
+            return own
+        manifest = read_manifest(folder)
         is_pruned = manifest is not None and start.name in manifest.gone
         found = own.name if own.exists() else "a file that was pruned" if is_pruned else "no such file"
         expected = "the state of the target at the session's start"
         hint = "Run the goal again; `paos verify` judges the evidence that there is."
         raise DefinitionError.of("NOT_EXECUTED", str(start), found, expected, hint)
+    return start
 
 
 def _refuse_shared(workspace: Workspace, status: SessionStatus) -> None:
@@ -94,12 +100,12 @@ def _refuse_shared(workspace: Workspace, status: SessionStatus) -> None:
         )
 
 
-def _order(worker: "Worker", status: SessionStatus, folder: Path) -> Execution:
+def _order(worker: "Worker", status: SessionStatus, start: Path) -> Execution:
     """Have a worker check and run a recorded session from its recorded start."""
     from phyagentos.runtime.worker.orders import Check, Checked, Finished, Renew, Run
 
     session, epoch = status.contract, max(status.epoch, 1)
-    check = Check(session=session, epoch=epoch, restore=str(folder / evidence.INITIAL))
+    check = Check(session=session, epoch=epoch, restore=str(start))
     run = Run(session=session, epoch=epoch, evidence=f"evidence/{session.id}")
     worker.send(check)
     answer = worker.receive()
@@ -120,21 +126,23 @@ def find_differences(recorded: Path, repeated: Path) -> list[str]:
     What depends on the wall clock (timings, pictures, fingerprints) is left out on purpose. A file that a clean-up
     removed from the recorded bundle is compared by its hash.
     """
-    differences = [f"{name}: missing" for name in (*_ARRAYS, *_TEXTS) if not (repeated / name).exists()]
+    is_own = (recorded / _OWN[0]).exists()
+    arrays, texts = ((evidence.TRAJECTORY,), (*_OWN, *_TEXTS[1:])) if is_own else (_ARRAYS, _TEXTS)
+    differences = [f"{name}: missing" for name in (*arrays, *texts) if not (repeated / name).exists()]
     if differences:
         return differences
     manifest = read_manifest(recorded)
     gone = manifest.gone if manifest is not None else {}
     differences += [
         f"{name}: differs from the hash that was kept"
-        for name in (*_ARRAYS, *_TEXTS)
+        for name in (*arrays, *texts)
         if name in gone and hashlib.sha256((repeated / name).read_bytes()).hexdigest() != gone[name].sha256
     ]
-    for name in _ARRAYS:
+    for name in arrays:
         if name not in gone:
             differences += _compare_arrays(name, recorded / name, repeated / name)
     is_seen = (recorded / LOOKS).exists() and not any(name.startswith(PREFIX) for name in gone)  # else no first look
-    for name in (*_TEXTS, *((LOOKS,) if is_seen else ())):
+    for name in (*texts, *((LOOKS,) if is_seen else ())):
         if name not in gone and _read(recorded / name) != _read(repeated / name):
             differences.append(f"{name}: differs")
     return differences

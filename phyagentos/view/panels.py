@@ -32,7 +32,7 @@ from phyagentos.store.views.tasks import describe_fault
 from phyagentos.view.comparison import list_moved
 from phyagentos.view.documents import BUNDLES_KEPT, Documents
 from phyagentos.view.frames import read_frames
-from phyagentos.view.plots import draw_plots
+from phyagentos.view.plots import draw_map, draw_plots
 from phyagentos.view.story import Picture, find_decisive, find_pictures, list_phases
 from phyagentos.view.timeline import measure_length, read_timeline
 
@@ -225,6 +225,13 @@ def _read_motion(documents: Documents, _: Query, status: Session) -> Fields:
     return {"plots": draw_plots(read_arrays(path), limits), "status": status}
 
 
+def _read_map(documents: Documents, _: Query, status: Session) -> Fields:
+    path = documents.workspace.evidence_of(status.contract.id) / TRAJECTORY if status is not None else None
+    if path is None or not path.is_file() or (world := documents.read_world(status)) is None:
+        return {"map": None}
+    return {"map": draw_map(read_arrays(path), world)}
+
+
 def _read_world(documents: Documents, _: Query, status: Session) -> Fields:
     try:
         world = documents.read_world(status) or documents.read_world(None)
@@ -334,6 +341,8 @@ PANELS = (
           command="paos why {id} -w {w}", read=_read_distance, empty="distance"),
     Panel(name="motion", title="Motion", file="evidence/{id}/trajectory.npz", command="paos render {id} -w {w}",
           read=_read_motion, empty="plots"),
+    Panel(name="map", title="Map", file="evidence/{id}/trajectory.npz", command="paos why {id} -w {w}", read=_read_map,
+          empty="map"),
     Panel(name="frames", title="Camera frames", file="evidence/{id}/looks.json",
           command="paos verify {id} -w {w} --from-frames", read=_read_frames, empty="frames"),
     Panel(name="world", title="Objects", file="evidence/{id}/environment_after.json",

@@ -7,7 +7,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.protocol.sessions import supplies
 from phyagentos.protocol.settings.safety import TargetLimits, as_numbers
+from phyagentos.protocol.world.environment import Environment
 
 POINTS = 240  # of a curve, at most
 _HEIGHT, _WIDTH = 100.0, 1000.0
@@ -38,14 +40,56 @@ class Plot:
     time_s: tuple[float, float]
 
 
+@dataclass(frozen=True, slots=True)
+class Map:
+    """A path and what stood around it, seen from above, in cells of one metre; y points down as on a screen.
+
+    Attributes:
+        path: Points of a polyline.
+        marks: x, y and kind of what was in view at the end.
+        box: Least x and y, width and height.
+    """
+
+    path: str
+    marks: tuple[tuple[float, float, str], ...]
+    box: tuple[float, float, float, float]
+
+
+def draw_map(course: Mapping[str, Array], world: Environment) -> Map | None:
+    """Where a target without joints went; None where it has not said."""
+    if (base := course.get(supplies.BASE)) is None or not np.isfinite(base).all():
+        return None
+    x, y = base[:, 0], base[:, 1]
+    marks = [(*each.pose.position_m[:2], each.kind) for each in world.entities.values()]
+    seen = np.array([*zip(x, y, strict=True), *(each[:2] for each in marks)])
+    low, high = seen.min(axis=0) - 1.0, seen.max(axis=0) + 1.0
+    return Map(join_points(x, y, np.arange(len(x))), tuple(marks), (*low.tolist(), *(high - low).tolist()))
+
+
 def draw_plots(course: Mapping[str, Array], limits: TargetLimits) -> list[Plot]:
     """Of a trajectory: joint positions, their speed, what the drive lags behind, the gripper, the force if it is felt.
+
+    Of a target that reports such: vitals, what it carried, daylight.
 
     Raises ValueError where arrays of the trajectory do not fit together.
     """
     time, q = course["time_s"], course["q_measured"]
     if len(time) < 2:
         return []
+    plots = _draw_joints(course, limits) if q.shape[1] else []
+    for title, prefix in (("Vitals", supplies.VITAL), ("Inventory", supplies.ITEM)):
+        if named := supplies.list_named(course, prefix):
+            plots.append(_draw(title, tuple(named), time, list(named.values()), (None, None), "{:g}".format))
+    if supplies.DAYLIGHT in course:
+        light = [100 * course[supplies.DAYLIGHT]]
+        plots.append(_draw("Daylight", ("daylight",), time, light, (None, None), "{:.0f} %".format))
+    if "force_n" in course and np.any(course["force_n"]):
+        plots.append(_draw("Contact force", ("force",), time, [course["force_n"]], (None, None), "{:.1f} N".format))
+    return plots
+
+
+def _draw_joints(course: Mapping[str, Array], limits: TargetLimits) -> list[Plot]:
+    time, q = course["time_s"], course["q_measured"]
     low, high, fastest = (
         np.asarray(as_numbers(each))
         for each in (limits.joint_position_min, limits.joint_position_max, limits.joint_velocity_max)
@@ -67,8 +111,6 @@ def draw_plots(course: Mapping[str, Array], limits: TargetLimits) -> list[Plot]:
     if width_max > 0:
         width = [1e3 * course[f"gripper_{name}_m"] for name in ("measured", "commanded")]
         plots.append(_draw("Gripper", ("measured", "commanded"), time, width, (0, 1e3 * width_max), "{:.0f} mm".format))
-    if "force_n" in course and np.any(course["force_n"]):
-        plots.append(_draw("Contact force", ("force",), time, [course["force_n"]], (None, None), "{:.1f} N".format))
     return plots
 
 

@@ -169,7 +169,7 @@ MAY_START = {  # outside of the command line, which starts the editor of a perso
     "phyagentos/bench/availability.py": "environments of others, made and looked at",
     "phyagentos/bench/sweep.py": "policies of a suite",
     "phyagentos/assembly/graphics.py": "a picture: a graphics driver that crashes must not take the report with it",
-    "phyagentos/runtime/drivers/gymnasium.py": "environments of others",
+    "phyagentos/runtime/drivers/kit.py": "bodies of the kit, and environments of others",
 }
 
 

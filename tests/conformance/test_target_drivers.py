@@ -3,6 +3,7 @@
 import contextlib
 import importlib.util
 import re
+import shutil
 import sys
 import threading
 from pathlib import Path
@@ -18,6 +19,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.drivers.debug import DebugDriver
 from phyagentos.runtime.drivers.gymnasium import open_gymnasium
+from phyagentos.runtime.drivers.kit import open_kit
 from phyagentos.runtime.drivers.remote import RemoteDriver
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver_registry import DriverSite, find_driver
@@ -28,7 +30,9 @@ from phyagentos.runtime.targets.server import serve
 from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocket
 from phyagentos.testing import DRIVER_CHECKS, DriverSubject
 
-BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks" / "library"
+ROOT = Path(__file__).resolve().parents[2]
+BENCHMARKS = ROOT / "benchmarks" / "library"
+SLIDE = ROOT / "examples" / "projects" / "05_any_body" / "slide.py"
 SUBJECTS = {"debug": ("counter", "counter"), "mujoco": ("panda", "tabletop/cubes_and_trays")}
 REAL = {"go2", "piper", "so101"}  # tests/drivers: on emulated buses
 
@@ -49,6 +53,16 @@ def write_environment(folder, python, id="Pendulum-v1", low=-2.0, high=2.0):
     changed = told.replace(gripper, "end_effector: none\n").replace("kind: debug", "kind: simulation")
     (folder / "target.yaml").write_text(changed + "driver: gymnasium\n")
     (folder / "gymnasium.yaml").write_text(ENVIRONMENT.format(python=python, id=id, low=low, high=high))
+    return folder
+
+
+def write_slide(folder):
+    """The slide of an example, beside its profile."""
+    folder = folder / "counter"
+    folder.mkdir()
+    shutil.copy(SLIDE, folder)
+    told = Library.open(BENCHMARKS).get_target("counter").read_text().replace("kind: debug", "kind: simulation")
+    (folder / "target.yaml").write_text(told + "driver: kit\nsettings: {module: slide}\n")
     return folder
 
 
@@ -95,6 +109,9 @@ def subject(request, open_driver, served, tmp_path, pytestconfig):
     elif name == "gymnasium":
         folder = write_environment(tmp_path, pytestconfig.option.gymnasium_python)
         subject = DriverSubject(open=lambda: open_gymnasium(read_target(folder / "target.yaml"), folder), scene="any")
+    elif name == "kit":
+        folder = write_slide(tmp_path)
+        subject = DriverSubject(open=lambda: open_kit(read_target(folder / "target.yaml"), folder), scene="counter")
     else:
         subject = DriverSubject(open=open_driver(name), scene=SUBJECTS[name][1])
     yield subject
@@ -113,7 +130,7 @@ def test_a_driver_does_what_the_port_promises(subject, check):
 
 
 def test_every_driver_of_the_registry_has_a_subject():
-    assert {*SUBJECTS, "remote", "gymnasium"} == set(DRIVERS.names()) - REAL
+    assert {*SUBJECTS, "remote", "gymnasium", "kit"} == set(DRIVERS.names()) - REAL
 
 
 @pytest.mark.parametrize("check", DRIVER_CHECKS, ids=lambda check: check.__name__)

@@ -9,7 +9,9 @@ PROJECTS = find_shipped_root() / "examples" / "projects"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["01_yaml_skill", "03_policy_server", "04_two_arms", "07_fetch_and_sort"])
+@pytest.mark.parametrize(
+    "name", ["01_yaml_skill", "03_policy_server", "04_two_arms", "07_fetch_and_sort", "11_workbench"]
+)
 def test_an_example_lints_clean(name):
     found = lint_paths([PROJECTS / name])
 

@@ -45,16 +45,26 @@ class State:
         holding: Names of the things that its gripper holds, where it can tell.
         fingers_touching: How many of its fingers touch something that is none of them, where it has sensors of touch.
         grip_force_n: Force that presses its fingers together, by their motor [N]; None where it is not measured.
+        base: Where it stands, x and y [m], and its heading [rad]; None where it is fixed.
+        inventory: What it carries, by kind of item, each at least 1; None where it reports none of these four.
+        vitals: How well it is, by name (`health`, `food`).
+        nearby: Kinds of the places in its reach at which something is made.
+        daylight: How light it is where it is, 0..1.
     """
 
-    q: Sequence[float]
-    qd: Sequence[float]
-    tcp_m: Triple
+    q: Sequence[float] = ()
+    qd: Sequence[float] = ()
+    tcp_m: Triple = (0.0, 0.0, 0.0)
     tcp_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     width_m: float = 0.0
     holding: Sequence[str] = ()
     fingers_touching: int = 0
     grip_force_n: float | None = None
+    base: Triple | None = None
+    inventory: Mapping[str, int] | None = None
+    vitals: Mapping[str, float] | None = None
+    nearby: Sequence[str] | None = None
+    daylight: float | None = None
 
 
 @dataclass(frozen=True)

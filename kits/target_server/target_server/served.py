@@ -422,7 +422,8 @@ class Served:
 
 
 def _encode(state: State) -> dict[str, Any]:
-    return {
+    symbols = {name: getattr(state, name) for name in ("base", "inventory", "vitals", "nearby", "daylight")}
+    return {name: each for name, each in symbols.items() if each is not None} | {
         "q_rad": list(map(float, state.q)), "qd_rad_s": list(map(float, state.qd)), "gripper_width_m": state.width_m,
         "tcp": {"position_m": list(map(float, state.tcp_m)), "quaternion_wxyz": list(state.tcp_wxyz)},
         "holding": list(state.holding), "fingers_touching": state.fingers_touching, "grip_force_n": state.grip_force_n,

@@ -102,8 +102,9 @@ def unify(wanted: syntax.Formula, offered: syntax.Formula) -> Fields | None:
         case syntax.Not(inner), syntax.Not(pattern_inner):
             return unify(inner, pattern_inner)
         case syntax.Compare(left, relation, limit), syntax.Compare(pattern_left, other_relation, other_limit):
-            same = relation == other_relation and limit == other_limit
-            return unify(left, pattern_left) if same else None
+            found = unify(left, pattern_left) if relation == other_relation else None
+            terms = syntax.make_term(limit), syntax.make_term(other_limit)
+            return found if found is not None and _unify_term(*terms, found) else None
     return {} if wanted == offered else None
 
 

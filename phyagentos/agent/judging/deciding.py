@@ -70,7 +70,7 @@ def _find(call: syntax.Call) -> PredicateDefinition:
 
 def _scale(formula: syntax.Formula, factor: float) -> syntax.Formula:
     """The number of a comparison, else those of all arguments."""
-    if isinstance(formula, syntax.Compare):
+    if isinstance(formula, syntax.Compare) and not isinstance(formula.bound, syntax.Variable):
         return replace(formula, bound=float(f"{factor * formula.bound:.2g}"))
     return syntax.map_calls(formula, partial(_scale_call, factor))
 

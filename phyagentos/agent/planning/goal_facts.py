@@ -96,7 +96,7 @@ def _bind(formula: Formula, things: Sequence[str]) -> Iterator[Formula]:
 
 def _convert(formula: Formula, value: bool, things: Sequence[str], text: str, address: str) -> Iterator[Condition]:
     match formula:
-        case Compare(Count(Call() as body), relation, number) if value and relation != "!=":
+        case Compare(Count(Call() as body), relation, float() as number) if value and relation != "!=":
             facts = tuple((make_fact(call), True) for call in _bind(body, things) if isinstance(call, Call))
             bound = int(number)
             least = {">=": bound, ">": bound + 1, "==": bound}.get(relation, 0)

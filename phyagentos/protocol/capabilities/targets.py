@@ -215,6 +215,18 @@ class Arm(Authored):
     wrist_joints: int = pydantic.Field(default=3, ge=1)
 
 
+NO_ARM = Arm(
+    joints=(),
+    home_rad=(),
+    velocity_rad_s=(),
+    acceleration_rad_s2=(),
+    jerk_rad_s3=(),
+    torque_nm=(),
+    stiffness_nm_rad=(),
+    damping_nms_rad=(),
+)
+
+
 class Gripper(Authored):
     """A gripper: `width_m` is the opening between its two pads, one set-point for all fingers.
 
@@ -277,6 +289,8 @@ class TargetProfile(Authored):
         endpoint: Where the driver finds its target: `ws://127.0.0.1:7000` for `remote`, or a bus (`/dev/ttyACM0`).
         silence_max_s: How long the driver `remote` waits for a sign of its target before it is lost [s].
         settings: What the driver needs besides, by its own names.
+        deterministic: Whether the driver's own snapshot and the same calls give the same bits, so that sessions can be
+            run again; one that leaves its state as NPZ needs no such word.
         world: Name of the simulated world that it shares with the other targets of this name; empty for one of its own.
         end_effector: What its flange carries: a gripper with an `opening`, a `suction` cup, or `none`.
         model: MJCF or URDF file, relative to the profile or `SOURCE:PATH`, see `runtime.models.sources`; none for
@@ -301,7 +315,7 @@ class TargetProfile(Authored):
         force_bias_n: Greatest constant error of a contact force that is estimated from joint torques [N].
         force_noise_n: Standard deviation of that estimate [N].
         base: What it drives or walks with; none where it is fixed.
-        arm: Its joints.
+        arm: Its joints; left out for a target that has none and acts by procedures alone.
         postures: Postures that it can be asked for by name, one value for each joint of `arm` [rad], without the pose
             of a base.
         gripper: Its hand; left out where the end effector does not open.
@@ -324,6 +338,7 @@ class TargetProfile(Authored):
     endpoint: str = ""
     silence_max_s: float = pydantic.Field(default=10.0, gt=0.0)
     settings: DriverSettings = DriverSettings.model_validate({})
+    deterministic: bool = False
     world: str = pydantic.Field(default="", pattern=r"^([a-z][a-z0-9_]*)?$")
     end_effector: Literal["opening", "suction", "none"] = "opening"
     tcp: str = "tcp"
@@ -340,7 +355,7 @@ class TargetProfile(Authored):
     force_bias_n: float = pydantic.Field(default=0.0, ge=0.0)
     force_noise_n: float = pydantic.Field(default=0.0, ge=0.0)
     base: Base | None = None
-    arm: Arm
+    arm: Arm = NO_ARM
     postures: dict[str, tuple[float, ...]] = {}
     gripper: Gripper = NO_GRIPPER
     observations: tuple[str, ...] = ()

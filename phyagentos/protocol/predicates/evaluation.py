@@ -121,11 +121,16 @@ def _evaluate(formula: syntax.Formula, view: View) -> Evaluation:
 
 def _evaluate_known(formula: syntax.Formula, view: View) -> Evaluation:
     match formula:
-        case syntax.Call():
+        case syntax.Call(name):
+            definition = get_predicate_library().find(name)
+            if definition is not None and definition.least is not None:
+                return _evaluate_number(formula, ">=", definition.least, view)
             return _evaluate_statement(formula, view)
-        case syntax.Compare(syntax.Count() as count, relation, bound):
+        case syntax.Compare(_, _, syntax.Variable(path)):
+            raise FactUnknown(f"${{{path}}} was never substituted")
+        case syntax.Compare(syntax.Count() as count, relation, float() as bound):
             return _evaluate_count(count, relation, bound, view)
-        case syntax.Compare(syntax.Call() as call, relation, bound):
+        case syntax.Compare(syntax.Call() as call, relation, float() as bound):
             return _evaluate_number(call, relation, bound, view)
         case syntax.Not(body):
             inner = _evaluate(body, view)

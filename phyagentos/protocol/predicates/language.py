@@ -4,7 +4,7 @@
     predicate := all ("or" all)*
     all       := unary ("and" unary)*
     unary     := "not" unary | "(" predicate ")" | atom
-    atom      := call [relation number]          relation is one of >= <= > < == !=
+    atom      := call [relation (number | "${" path "}")]   relation is one of >= <= > < == !=
     call      := "count" "(" predicate ")" | name "(" [term ("," term)*] ")"
     term      := name | "*" | "${" path "}" | number | "(" number "," number "," number ")"
 
@@ -169,6 +169,8 @@ class _Parser:
         relation = self._take(*RELATIONS)
         if relation is None:
             return left
+        if variable := self._take("variable"):
+            return syntax.Compare(left, relation.kind, syntax.Variable(variable.text, variable.column))
         return syntax.Compare(left, relation.kind, self._parse_number("a number"))
 
     def _parse_terms(self) -> tuple[syntax.Term, ...]:

@@ -42,6 +42,12 @@ class ArgumentKind(StrEnum):
     """The name of a number that was measured during the session."""
     POSTURE = "posture"
     """The name of a posture of the target that is named before it."""
+    ITEM = "item"
+    """A kind of item, of which a target carries so many."""
+    VITAL = "vital"
+    """The name of a vital that a target reports, as `food`."""
+    STATION = "station"
+    """A kind of place that a target stands at, as `table`."""
     NUMBER = "number"
     """A number in the unit that the argument's name carries."""
 
@@ -75,6 +81,12 @@ class Meaning(StrEnum):
     """The object stands."""
     FALLEN = "fallen"
     """The object lies on its side."""
+    HOLDS = "holds"
+    """So many of an item are carried."""
+    VITAL = "vital"
+    """How well a target is, by one vital."""
+    NEARBY = "nearby"
+    """A place of this kind is in reach."""
 
     @property
     def names_place(self) -> bool:
@@ -170,6 +182,7 @@ class PredicateDefinition:
         arguments: In order; those with a default come last.
         measure: Called with the view and the resolved arguments; raises `FactUnknown`.
         is_number: True when it measures a number that must be compared, False when it is a statement.
+        least: Of a number what it means without a comparison: at least so much; None where it must be compared.
         max_age_s: How old [s] an observation of a movable object may be, where `FRESH_S` is too long.
         lasting: Whether it describes a lasting state (`inside`) rather than a passing fact (`holding`, `moved`).
         at_rest: Whether it is unknown while an object that it names moves.
@@ -183,6 +196,7 @@ class PredicateDefinition:
     arguments: tuple[Argument, ...]
     measure: Callable[..., Reading]
     is_number: bool = False
+    least: float | None = None
     max_age_s: float = FRESH_S
     lasting: bool = True
     at_rest: bool = False
@@ -208,7 +222,11 @@ class PredicateDefinition:
 
 
 PREDICATES = Plugins[PredicateDefinition | Iterable[PredicateDefinition]](
-    "phyagentos.predicates", {"builtins": "phyagentos.protocol.predicates.builtins:BUILTINS"}
+    "phyagentos.predicates",
+    {
+        "builtins": "phyagentos.protocol.predicates.builtins:BUILTINS",
+        "supplies": "phyagentos.protocol.predicates.supplies:SUPPLIES",
+    },
 )
 
 

@@ -51,7 +51,13 @@ _TAKES = {
     syntax.Number: (ArgumentKind.NUMBER,),
     syntax.Point: (ArgumentKind.PLACE,),
 }
-_OF_NO_WORLD = (ArgumentKind.METRIC, ArgumentKind.POSTURE)
+_OF_NO_WORLD = (
+    ArgumentKind.METRIC,
+    ArgumentKind.POSTURE,
+    ArgumentKind.ITEM,
+    ArgumentKind.VITAL,
+    ArgumentKind.STATION,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +85,7 @@ class Predicate:
     @property
     def variables(self) -> tuple[str, ...]:
         """Paths of the `${...}` that are not substituted yet, in order."""
-        terms = (term for call in syntax.iter_calls(self.formula) for term in call.terms)
-        return tuple(dict.fromkeys(term.path for term in terms if isinstance(term, syntax.Variable)))
+        return tuple(dict.fromkeys(each.path for each in syntax.iter_variables(self.formula)))
 
     @property
     def is_lasting(self) -> bool:
@@ -90,7 +95,7 @@ class Predicate:
         return not is_question and all(definition is not None and definition.lasting for definition in found)
 
     def iter_references(self) -> Iterator[Reference]:
-        """Every name it mentions, left to right; names of metrics and postures are none of the world's."""
+        """Every name it mentions, left to right; names of metrics, postures and items are none of the world's."""
         return (each for each in _iter_names(self.formula) if each.kind not in _OF_NO_WORLD)
 
     def rename_targets(self, targets: Mapping[str, str]) -> "Predicate":
@@ -203,15 +208,16 @@ def read_formula(text: str, template: bool) -> tuple[Predicate | None, tuple[_Fi
         formula = parse(text)
     except PredicateSyntaxError as error:
         return None, ((error.column, Problem("SYNTAX", "", error.found, error.expected, error.hint)),)
-    findings = [finding for call in syntax.iter_calls(formula) for finding in _iter_call_findings(call, template)]
+    findings = [finding for call in syntax.iter_calls(formula) for finding in _iter_call_findings(call)]
     findings += _iter_use_findings(formula)
+    findings += () if template else map(_report_variable, syntax.iter_variables(formula))
     if isinstance(formula, syntax.Question) and not template and (reference := _REFERENCE.search(text)):
         problem = Problem("UNKNOWN_NAME", "", reference[0], "a parameter that is known here", kind="reference")
         findings.append((reference.start() + 1, problem))
     return Predicate(formula), tuple(sorted(findings, key=lambda finding: finding[0]))
 
 
-def _iter_call_findings(call: syntax.Call, template: bool) -> Iterator[_Finding]:
+def _iter_call_findings(call: syntax.Call) -> Iterator[_Finding]:
     library = get_predicate_library()
     definition = library.find(call.name)
     if definition is None:
@@ -226,12 +232,11 @@ def _iter_call_findings(call: syntax.Call, template: bool) -> Iterator[_Finding]
         elif isinstance(term, syntax.Number) and term.value < argument.least:
             expected = f"a number of at least {argument.least:g} for {argument.name!r}"
             yield term.column, Problem("INVALID_VALUE", "", format_term(term), expected, f"Write {-term.value:g}.")
-        elif isinstance(term, syntax.Variable) and not template:
-            expected, hint = (
-                "a parameter that is known here",
-                "Write the value, or check the spelling of the reference.",
-            )
-            yield term.column, Problem("UNKNOWN_NAME", "", format_term(term), expected, hint, kind="reference")
+
+
+def _report_variable(term: syntax.Variable) -> _Finding:
+    expected, hint = "a parameter that is known here", "Write the value, or check the spelling of the reference."
+    return term.column, Problem("UNKNOWN_NAME", "", format_term(term), expected, hint, kind="reference")
 
 
 def format_term(term: syntax.Term) -> str:
@@ -252,7 +257,7 @@ def _iter_use_findings(formula: syntax.Formula) -> Iterator[_Finding]:
         case syntax.Count(_, column):
             yield column, Problem("INVALID_VALUE", "", "'count'", "a comparison such as '>= 1'")
         case syntax.Call(name, _, column):
-            if (definition := _find(formula)) and definition.is_number:
+            if (definition := _find(formula)) and definition.is_number and definition.least is None:
                 yield column, Problem("INVALID_VALUE", "", repr(name), "a comparison such as '< 0.2'")
         case syntax.Not(body):
             yield from _iter_use_findings(body)

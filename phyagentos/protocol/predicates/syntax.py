@@ -72,7 +72,7 @@ class Compare:
 
     left: Call | Count
     relation: str
-    bound: float
+    bound: float | Variable
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ def render(formula: Formula) -> str:
         case Count(body):
             return f"count({render(body)})"
         case Compare(left, relation, bound):
-            return f"{render(left)} {relation} {format_number(bound)}"
+            return f"{render(left)} {relation} {_render_term(make_term(bound))}"
         case Not(body):
             return f"not {_enclose(body, (And, Or))}"
         case And(parts):
@@ -124,6 +124,11 @@ def render(formula: Formula) -> str:
             return " or ".join(_enclose(part, (Or,)) for part in parts)
         case Question(text):
             return f"{HUMAN} {text}"
+
+
+def make_term(bound: float | Variable) -> Number | Variable:
+    """What a comparison is with, as a term."""
+    return bound if isinstance(bound, Variable) else Number(bound)
 
 
 def iter_calls(formula: Formula) -> Iterator[Call]:
@@ -138,6 +143,22 @@ def iter_calls(formula: Formula) -> Iterator[Call]:
         case And(parts) | Or(parts):
             for part in parts:
                 yield from iter_calls(part)
+
+
+def iter_variables(formula: Formula) -> Iterator[Variable]:
+    """Every `${path}`, left to right."""
+    match formula:
+        case Call(_, terms):
+            yield from (term for term in terms if isinstance(term, Variable))
+        case Compare(left, _, bound):
+            yield from iter_variables(left)
+            if isinstance(bound, Variable):
+                yield bound
+        case Count(body) | Not(body):
+            yield from iter_variables(body)
+        case And(parts) | Or(parts):
+            for part in parts:
+                yield from iter_variables(part)
 
 
 def iter_free_stars(formula: Formula) -> Iterator[Star]:

@@ -7,7 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
+import pydantic
+
 from phyagentos.errors import DefinitionError, Problem, format_names
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Authored, Located, read_yaml, validate
 
 Provenance = Literal["controller_enforced", "planner_constrained", "site_policy", "measured"]
@@ -55,8 +58,29 @@ class Limit(Authored):
     provenance: Provenance
 
 
+def _say_nothing(name: str) -> Limit:
+    value: object = () if name in PER_JOINT else ((-1.0,) * 3, (1.0,) * 3) if name in BOXES else 0.0
+    value = 1.0 if name == "tracking_error_max" else value
+    return Limit.model_validate(
+        {"value": value, "unit": UNITS[name], "source": "the target has no joints", "provenance": "site_policy"}
+    )
+
+
+OF_EVERY_TARGET = frozenset({"command_rate_max", "command_validity_max", "session_duration_max"})
+WITHOUT_JOINTS = {name: _say_nothing(name) for name in UNITS if name not in OF_EVERY_TARGET}
+"""Of a target without joints, whose limits are those of every target; they fit no other one."""
+
+
+def _require_together(schema: Fields) -> None:
+    """For editors: those of joints are given together, or none of them."""
+    schema["required"] = sorted(OF_EVERY_TARGET)
+    schema["dependentRequired"] = {name: [*WITHOUT_JOINTS] for name in WITHOUT_JOINTS}
+
+
 class TargetLimits(Authored):
     """What the guard enforces for one target; a list has one number per joint, and one number stands for all of them.
+
+    A target without joints, tool and gripper has the limits of commands and sessions alone, any other one all of them.
 
     Attributes:
         joint_position_min: Lowest joint positions [rad].
@@ -80,6 +104,8 @@ class TargetLimits(Authored):
             session's motion for good, category 2 holds (IEC 60204-1, 9.2.2).
     """
 
+    model_config = pydantic.ConfigDict(json_schema_extra=_require_together)
+
     joint_position_min: Limit
     joint_position_max: Limit
     joint_velocity_max: Limit
@@ -96,10 +122,19 @@ class TargetLimits(Authored):
     collision_depth_max: Limit | None = None
     reactions: dict[str, Reaction] = {}
 
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _complete(cls, data: object) -> object:
+        is_of_none = (
+            isinstance(data, dict) and data.keys() >= OF_EVERY_TARGET and not data.keys() & WITHOUT_JOINTS.keys()
+        )
+        return {**WITHOUT_JOINTS, **data} if isinstance(data, dict) and is_of_none else data
+
     def iter_limits(self) -> Iterator[tuple[tuple[str, ...], Limit, str]]:
-        """Every limit with its path in the file and the unit it must have."""
+        """Every limit with its path in the file and the unit it must have; none that only fills a gap."""
         for name, unit in UNITS.items():
-            yield (name,), getattr(self, name), unit
+            if (limit := getattr(self, name)) != WITHOUT_JOINTS.get(name):
+                yield (name,), limit, unit
         for name, limit in self.keep_out.items():
             yield ("keep_out", name), limit, "m"
         if self.collision_depth_max is not None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from enum import StrEnum
 
 import msgspec
+from msgspec import UNSET, UnsetType
 
 from phyagentos.errors import DefinitionError
 from phyagentos.geometry import Pose as Pose  # noqa: PLC0414 - part of this vocabulary
@@ -237,6 +238,10 @@ class TargetState(msgspec.Struct, frozen=True, kw_only=True):
         q_std_rad: Standard deviation of each of `q_rad` as its profile states [rad]; 0 when not stated.
         base: Measured x, y [m] and heading [rad] of its base in the world; None where it is fixed.
         trunk: `world_T_body` of that base, by its own tilt and height as measured; None where it is fixed.
+        inventory: What it carries, by kind of item, each at least 1; left out where it reports none of that.
+        vitals: How well it is, by name (`health`, `food`), in its own scale; left out as the inventory.
+        nearby: Kinds of the places in its reach at which something is made (`table`); left out as the inventory.
+        daylight: How light it is where it is, 0..1; left out as the inventory.
     """
 
     q_rad: tuple[float, ...]
@@ -250,6 +255,10 @@ class TargetState(msgspec.Struct, frozen=True, kw_only=True):
     q_std_rad: float = 0.0
     base: tuple[float, float, float] | None = None
     trunk: Pose | None = None
+    inventory: dict[str, int] | UnsetType = UNSET
+    vitals: dict[str, float] | UnsetType = UNSET
+    nearby: tuple[str, ...] | UnsetType = UNSET
+    daylight: float | UnsetType = UNSET
 
     @property
     def is_gripping(self) -> bool:

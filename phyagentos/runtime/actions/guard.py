@@ -82,7 +82,7 @@ class SafetyGuard:
 
     def begin_again(self, q_rad: Array) -> None:
         """As `begin`, where the target has moved since; what its encoders alone may explain is no motion."""
-        if np.abs(np.asarray(q_rad) - self._points[0, 0]).max() > ENCODER_RAD:
+        if np.abs(np.asarray(q_rad) - self._points[0, 0]).max(initial=0.0) > ENCODER_RAD:
             self.begin(q_rad)
 
     def judge(self, command: Command, now: Step) -> Ruling:

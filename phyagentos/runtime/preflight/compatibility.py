@@ -176,6 +176,8 @@ class Preflight:
 
     def _compile_bridges(self, skill: SkillRuntime) -> BridgeChain | tuple[Problem, ...]:
         """From the skill's action space to the target's; or why there is no way."""
+        if skill.action_space is None and not self.profile.arm.joints:
+            return ()  # it acts by procedures alone
         target = describe_target_space(self.profile)
         return compile_chain(skill.action_space or target, target, describe_frames(self.profile))
 

@@ -158,7 +158,7 @@ def iter_handshake_problems(profile: TargetProfile, contract: RuntimeContract, l
         "end_effector": (live.end_effector, profile.end_effector),
     }
     if live.n_joints == len(profile.arm.joints):
-        pairs["joints"] = (", ".join(live.joints) or "(none)", ", ".join(profile.arm.joints))
+        pairs["joints"] = (", ".join(live.joints) or "(none)", ", ".join(profile.arm.joints) or "(none)")
     driver = find_driver_name(profile)
     if not driver:
         fix = "Name a driver in the target's profile; a simulation never stands in for a real robot."

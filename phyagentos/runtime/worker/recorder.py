@@ -16,9 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import UNSET
 
 from phyagentos.protocol.documents.body_codec import render_yaml
-from phyagentos.protocol.sessions import evidence
+from phyagentos.protocol.sessions import evidence, supplies
 from phyagentos.protocol.sessions.evidence import Event, encode_json, encode_lines
 from phyagentos.protocol.sessions.evidence_manifest import unseal_bundle
 from phyagentos.protocol.sessions.looks import LOOKS, PREFIX, LookEntry, LookRole, read_looks
@@ -27,7 +28,7 @@ from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.settings.settings_files import compute_file_hash
 from phyagentos.protocol.workspace.array_files import encode_arrays
-from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.environment import Environment, TargetState
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.execution.holds import HoldSample, SampleKey
 from phyagentos.runtime.perception.look import Look
@@ -56,6 +57,7 @@ class Recorder:
         self._rows: list[tuple[float, ...]] = []
         self._forces_n: list[float] = []  # of each row; NaN where the target has no such sense
         self._force_error_n = 0.0
+        self._supplies: list[TargetState] = []  # of each row, where the target reports such
         self._touches: list[Event] = []
         self._looks: list[LookEntry] = []
         self._turns = self._traced = 0
@@ -148,6 +150,8 @@ class Recorder:
             )
         )
         self._note_touches(step)
+        if target.inventory is not UNSET:
+            self._supplies.append(target)
         self._forces_n.append(np.nan if step.contact_force_n is None else step.contact_force_n)
         self._force_error_n = max(self._force_error_n, step.contact_force_error_n)
 
@@ -185,7 +189,7 @@ class Recorder:
         }
         if self._forces_n and not np.isnan(self._forces_n).any():
             arrays |= {"force_n": np.array(self._forces_n), "force_error_n": np.array([self._force_error_n])}
-        self._write(evidence.TRAJECTORY, encode_arrays(arrays))
+        self._write(evidence.TRAJECTORY, encode_arrays(arrays | supplies.tabulate(self._supplies)))
         self._write(evidence.TRACE, encode_lines(list(trace)))
         self._write(evidence.EVENTS, encode_lines([*events, *self._touches]))
         for name, values in ((evidence.HOLDS, holds), (evidence.FAULTS, faults)):

@@ -1,13 +1,23 @@
 """ENVIRONMENT.md: the world as last observed, as tables for people and one block of data for programs."""
 
 import msgspec
+from msgspec import UNSET
 
 from phyagentos.geometry import compute_tilt
 from phyagentos.protocol.documents.body_codec import render_flow
 from phyagentos.protocol.documents.document import Front
 from phyagentos.protocol.documents.markdown import flatten, render_front, render_table
 from phyagentos.protocol.predicates.relations import compute_relations, find_places
-from phyagentos.protocol.world.environment import ENVIRONMENT, Change, Entity, Environment, Relation, Snapshot, Status
+from phyagentos.protocol.world.environment import (
+    ENVIRONMENT,
+    Change,
+    Entity,
+    Environment,
+    Relation,
+    Snapshot,
+    Status,
+    TargetState,
+)
 
 _HEAD = """# The world as last observed
 
@@ -53,6 +63,10 @@ def render_environment(environment: Environment | None) -> str:
     ]
     if targets:
         text += "\n## Targets\n\n" + render_table(("name", "tcp x y z [m]", "gripper [m]", "holds"), targets)
+    reports = [(name, *_list_supplies(t)) for name, t in environment.targets.items() if t.inventory is not UNSET]
+    if reports:
+        columns = ("name", "at x y [m], heading [rad]", "carries", "vitals", "in reach", "daylight")
+        text += "\n## Supplies\n\n" + render_table(columns, reports)
     cameras = [
         (name, health.status, f"{health.time_s:.3f}", health.detail or "nothing")
         for name, health in environment.sensors.items()
@@ -60,6 +74,17 @@ def render_environment(environment: Environment | None) -> str:
     if cameras:
         text += "\n## Cameras\n\n" + render_table(("name", "status", "latest frame [s]", "to say"), cameras)
     return f"{text}\n## Snapshot\n\n```yaml\n{_render_snapshot(environment, compute_relations(environment))}```\n"
+
+
+def _list_supplies(target: TargetState) -> tuple[str, ...]:
+    inventory, vitals = target.inventory or {}, target.vitals or {}
+    return (
+        _format_numbers(target.base) if target.base is not None else "",
+        ", ".join(f"{amount} {flatten(item)}" for item, amount in inventory.items()) or "nothing",
+        ", ".join(f"{flatten(name)} {level:g}" for name, level in vitals.items()),
+        ", ".join(map(flatten, target.nearby or ())) or "nothing",
+        "" if target.daylight is UNSET else f"{target.daylight:.2f}",
+    )
 
 
 def _format_changes(changes: tuple[Change, ...]) -> str:

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from phyagentos.errors import DefinitionError
-from phyagentos.protocol.settings.safety import GUARDED, Limit, read_safety
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.registries import read_target
+from phyagentos.protocol.settings.safety import GUARDED, OF_EVERY_TARGET, UNITS, Limit, read_safety
 from phyagentos.runtime.actions.guard import SafetyGuard
 from phyagentos.runtime.actions.handle import CommandRefused, TargetSessionHandle
 from phyagentos.runtime.actions.set_points import SetPoints
@@ -15,6 +17,7 @@ from phyagentos.runtime.actions.tool_point import ToolPoint
 from phyagentos.runtime.actions.violations import Intervention, ViolationCode
 from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 from phyagentos.runtime.models.robot import build_robot
+from phyagentos.runtime.preflight.safety_limits import iter_safety_problems
 from phyagentos.runtime.targets.wire import Description, Halt, Kinematics
 
 from .test_guard import DT, HOME, N, build_command, build_step
@@ -379,3 +382,30 @@ def test_what_cannot_be_clamped_is_refused_at_load(write_safety):
     path.write_text(path.read_text() + "    reactions: {JOINT_VELOCITY: clamp}\n")
     with pytest.raises(DefinitionError, match=r"Only GRIPPER_WIDTH, JOINT_POSITION can be clamped"):
         read_safety(path)
+
+
+def write_some(path, names):
+    body = "".join(
+        f"    {name}: {{value: {value}, unit: {unit}, source: a data sheet, provenance: measured}}\n"
+        for name, (value, unit) in FIELDS.items()
+        if name in names
+    )
+    path.write_text(SOURCED + body)
+    return path
+
+
+def test_a_target_without_joints_has_limits_of_commands_and_sessions_alone(tmp_path):
+    limits = read_safety(write_some(tmp_path / "safety.yaml", sorted(OF_EVERY_TARGET))).targets["panda"]
+    assert [name for (name,), *_ in limits.iter_limits()] == [name for name in UNITS if name in OF_EVERY_TARGET]
+
+    found = [each.address for each in iter_safety_problems(limits, read_target(Library.open().get_target("panda")))]
+    per_joint = [name for name in UNITS if name.startswith("joint_")]
+    assert {f"safety.yaml: targets.panda.{name}" for name in per_joint} <= set(found), "they fit no target with joints"
+
+
+@pytest.mark.parametrize("given", [*sorted(OF_EVERY_TARGET), *sorted(set(FIELDS) - OF_EVERY_TARGET)])
+def test_half_of_the_limits_of_a_target_with_joints_are_refused(tmp_path, given):
+    names = OF_EVERY_TARGET ^ {given}
+    with pytest.raises(DefinitionError, match="MISSING_VALUE") as caught:
+        read_safety(write_some(tmp_path / "safety.yaml", sorted(names)))
+    assert len(caught.value.problems) == len(FIELDS) - len(names)

@@ -1,4 +1,4 @@
-"""Call an action, a service or a topic of ROS 2, or another procedure of the target, and follow it to its end.
+"""Call an action, a service or a topic of ROS 2, or a tool or other procedure of the target; follow it to its end.
 
 The arm is held still meanwhile. What the procedure says of itself is its success; what is true the verdict says.
 """

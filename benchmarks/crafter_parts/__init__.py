@@ -1,0 +1,1 @@
+"""Lives in Crafter: the library of the benchmark."""

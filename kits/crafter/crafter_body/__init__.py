@@ -1,0 +1,1 @@
+"""A life in Crafter as a target of phyagentos."""

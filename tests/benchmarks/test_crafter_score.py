@@ -1,0 +1,36 @@
+"""The score of lives in Crafter, and that its goal is sound without the game."""
+
+import json
+
+import pytest
+
+from benchmarks.crafter import ACHIEVEMENTS, LIBRARY, compute_score, read_lives, sum_up
+from phyagentos.operations.lint import lint_paths
+
+
+def test_the_score_is_a_geometric_mean_that_rare_achievements_raise_most():
+    assert compute_score([ACHIEVEMENTS, ACHIEVEMENTS]) == pytest.approx(100.0)
+    assert compute_score([()]) == 0.0
+    half = [ACHIEVEMENTS, ()]
+    assert compute_score(half) == pytest.approx(50.0)
+    assert compute_score([ACHIEVEMENTS[:11], ACHIEVEMENTS[:11]]) == pytest.approx(101.0**0.5 - 1.0)
+
+
+def test_a_life_counts_as_it_stood_at_its_end(tmp_path):
+    lines = [
+        {"seed": 1, "achievements": [], "steps": 3, "is_dead": False, "cause": ""},
+        {"seed": 1, "achievements": ["collect_wood"], "steps": 600, "is_dead": True, "cause": "zombie"},
+        {"seed": 2, "achievements": ["collect_wood"], "steps": 300, "is_dead": False, "cause": ""},
+    ]
+    (tmp_path / "lives.jsonl").write_text("".join(json.dumps(each) + "\n" for each in lines))
+    figures = sum_up(read_lives(tmp_path / "lives.jsonl"))
+    assert (figures["lives"], figures["achievements_mean"], figures["days_mean"]) == (2, 1.0, 1.5)
+    assert figures["died_of_zombie"] == 1
+    assert figures["share_collect_wood"] == 1.0
+
+
+@pytest.mark.slow
+def test_its_goal_skills_and_trees_lint_clean():
+    found = lint_paths([LIBRARY])
+    assert found.checked
+    assert not found.problems
