@@ -248,6 +248,9 @@ def _read_frames(documents: Documents, _: Query, status: Session) -> Fields:
 
 def _read_scene(documents: Documents, _: Query, status: Session) -> Fields:
     has_scene = status is not None and (documents.workspace.evidence_of(status.contract.id) / BEFORE).is_file()
+    world = documents.read_world(status) if has_scene else None
+    if world is not None and world.targets and not any(each.q_rad for each in world.targets.values()):
+        has_scene = False  # what has no joints has a map
     bundle = documents.read_bundle(status) if status is not None and has_scene else None
     times = {"before": bundle.before, "after": bundle.after} if bundle is not None else {}
     shown = find_pictures(bundle.folder) if bundle is not None else []

@@ -13,6 +13,8 @@ from phyagentos.protocol.world.environment import Environment
 
 POINTS = 240  # of a curve, at most
 _HEIGHT, _WIDTH = 100.0, 1000.0
+_MAP, _MAP_EDGE = np.array((340.0, 260.0)), np.array((40.0, 24.0))  # width and height, and what labels need [pixels]
+_LEAST_SHOWN = 4.0  # cells
 _HEADROOM = 0.06
 _NEAR = 4.0  # a limit so many times above all values would leave no room for them: it is only named
 Array = NDArray[np.float64]
@@ -42,17 +44,19 @@ class Plot:
 
 @dataclass(frozen=True, slots=True)
 class Map:
-    """A path and what stood around it, seen from above, in cells of one metre; y points down as on a screen.
+    """A path and what stood around it, seen from above; y points down as on a screen.
 
     Attributes:
         path: Points of a polyline.
         marks: x, y and kind of what was in view at the end.
         box: Least x and y, width and height.
+        unit: A pixel of the panel, where it is as small as panels are.
     """
 
     path: str
     marks: tuple[tuple[float, float, str], ...]
     box: tuple[float, float, float, float]
+    unit: float
 
 
 def draw_map(course: Mapping[str, Array], world: Environment) -> Map | None:
@@ -62,8 +66,11 @@ def draw_map(course: Mapping[str, Array], world: Environment) -> Map | None:
     x, y = base[:, 0], base[:, 1]
     marks = [(*each.pose.position_m[:2], each.kind) for each in world.entities.values()]
     seen = np.array([*zip(x, y, strict=True), *(each[:2] for each in marks)])
-    low, high = seen.min(axis=0) - 1.0, seen.max(axis=0) + 1.0
-    return Map(join_points(x, y, np.arange(len(x))), tuple(marks), (*low.tolist(), *(high - low).tolist()))
+    low, wide = seen.min(axis=0), np.maximum(np.ptp(seen, axis=0), _LEAST_SHOWN)
+    unit = float((wide / (_MAP - 2 * _MAP_EDGE)).max())
+    size = unit * _MAP
+    corner = (low + seen.max(axis=0) - size) / 2
+    return Map(join_points(x, y, np.arange(len(x))), tuple(marks), (*corner.tolist(), *size.tolist()), unit)
 
 
 def draw_plots(course: Mapping[str, Array], limits: TargetLimits) -> list[Plot]:

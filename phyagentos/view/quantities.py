@@ -22,14 +22,13 @@ def name_quantity(name: str) -> str:
 
 def format_measure(value: object, name: str) -> str:
     """A quantity in the unit in which people read it."""
-    factor, digits, unit = _UNITS.get(find_unit(name), (1.0, 3, ""))
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return (
-        str(value)
-        if not isinstance(value, int | float)
-        else f"{factor * value:.{digits}f} {unit}".strip().replace("-", "−")
-    )
+    if not isinstance(value, int | float):
+        return str(value)
+    factor, digits, unit = _UNITS.get(find_unit(name), (1.0, 3, ""))
+    number = f"{factor * value:.{digits}f} {unit}" if unit else f"{round(value, digits):g}"
+    return number.replace("-", "−")
 
 
 def list_numbers(measured: dict[str, float | str | bool]) -> dict[str, float]:
