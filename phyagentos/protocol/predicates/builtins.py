@@ -10,7 +10,14 @@ from typing import Any
 
 from phyagentos.errors import format_names
 from phyagentos.geometry import UP, Vector, compute_tilt, rotate, to_child, to_parent
-from phyagentos.protocol.predicates.bearing import CONTACT_M, find_between, find_covered, find_prop, measure_below, measure_sunk
+from phyagentos.protocol.predicates.bearing import (
+    CONTACT_M,
+    find_between,
+    find_covered,
+    find_prop,
+    measure_below,
+    measure_sunk,
+)
 from phyagentos.protocol.predicates.library import (
     Argument,
     ArgumentKind,

@@ -136,9 +136,7 @@ class Inventory:
             forms=tuple(self.things | self.articulated),
             colors=len(self.palette) if self.prior is Prior.FULL else 0,
             map=tuple(self.map_parts),
-            sides_m={
-                name: compute_sides(each.template) for name, each in self.things.items() if each.template.movable
-            },
+            sides_m={name: compute_sides(each.template) for name, each in self.things.items() if each.template.movable},
         )
 
     def place_map(self, entities: Mapping[str, Entity]) -> "Inventory":
