@@ -61,7 +61,8 @@ def _draw_constraints(case: Case, rng: Rng) -> tuple[str, ...]:
     if not others or rng.random() > 0.2:
         return ()
     thing = others[int(rng.integers(len(others)))]
-    return (f"upright({thing.name})" if thing.form.stands else f"not moved({thing.name})",)
+    stands = thing.form.stands and not any(thing.euler_rad)  # what begins tilted is not kept upright
+    return (f"upright({thing.name})" if stands else f"not moved({thing.name})",)
 
 
 # -- nodes -------------------------------------------------------------------------------------------------------------

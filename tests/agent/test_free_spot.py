@@ -6,7 +6,13 @@ import pytest
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
-from phyagentos.protocol.world.free_spot import compute_distance, find_filling, find_free_spot, find_support
+from phyagentos.protocol.world.free_spot import (
+    compute_distance,
+    find_filling,
+    find_free_spot,
+    find_support,
+    take_off,
+)
 from tests.agent.test_repair import HEMMED, POST, make_box, make_table_world
 
 
@@ -58,3 +64,15 @@ def test_a_support_whose_solid_lies_in_its_frame_on_another_side_is_as_wide_as_i
     )
     given = ("post", ((0.5, 0.0, 0.02),), panda.mount_position_m, panda.grasp_band_m)
     assert find_free_spot(turned, *given) == pytest.approx(find_free_spot(HEMMED, *given))
+
+
+@pytest.mark.parametrize(("places", "height_m"), [({"block"}, 0.02), ({"tray"}, 0.14)])
+def test_what_fills_a_raised_place_is_put_down_on_what_that_stands_on(shipped, places, height_m):
+    """No spot beside it was found on the place itself, so nothing was moved out: There is no room."""
+    panda, wide = shipped.targets["panda"], (Shape(ShapeKind.BOX, (0.08, 0.08, 0.06)),)
+    block = make_box("block", (0.5, 0.0, 0.06), shapes=wide, movable=False)
+    world = take_off(make_table_world(block, make_box("post", (0.5, 0.0, 0.14))), "post", places)
+    spot = find_free_spot(world, "post", ((0.5, 0.0, 0.12),), panda.mount_position_m, panda.grasp_band_m)
+    assert world.entities["post"].pose.position_m[2] == pytest.approx(height_m)
+    assert (None if spot is None else spot[2]) == (pytest.approx(0.02) if height_m == 0.02 else None)
+    assert find_support(world, "post").name == ("table" if height_m == 0.02 else "block")

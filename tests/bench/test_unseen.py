@@ -17,7 +17,7 @@ from benchmarks.worlds.cases import Case, Node
 from benchmarks.worlds.files import render_scene
 from benchmarks.worlds.forms import Form, Solid, make_box, make_vessel
 from benchmarks.worlds.goals import draw_case
-from benchmarks.worlds.rooms import Room, Thing
+from benchmarks.worlds.rooms import COMPOUND, Room, Thing
 from benchmarks.worlds.trials import draw as draw_trial
 from phyagentos.bench.records import EpisodeRecord
 from phyagentos.operations.lint import lint_paths
@@ -34,6 +34,15 @@ CASES = [draw_case(seed) for seed in range(12)]
 def test_seed_gives_the_same_case_whatever_was_drawn_before():
     assert [draw_case(seed) for seed in (7, 3)] == [CASES[7], CASES[3]]
     assert len({json.dumps(render_scene(case.room, "x"), default=float) for case in CASES}) == len(CASES)
+
+
+def test_what_begins_tilted_is_not_to_be_kept_upright_all_through():
+    """Such a goal is broken before anything moves: it was counted as one that can be met."""
+    cases = [draw_case(seed, COMPOUND) for seed in range(1_005_118, 1_005_122)]
+    kept = [text for case in cases for text in case.constraints if text.startswith("upright(")]
+    tilted = {thing.name for case in cases for thing in case.room.movable if any(thing.euler_rad)}
+    assert "yellow_can" in tilted
+    assert not [text for text in kept if text[len("upright(") : -1] in tilted]
 
 
 @pytest.mark.slow

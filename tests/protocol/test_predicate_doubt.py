@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 
 from phyagentos.protocol.predicates.builtins import DOUBT_STDS, MOVED_M, PERCEIVED_STD_M
 from phyagentos.protocol.predicates.predicate import View, parse_predicate
-from phyagentos.protocol.world.environment import Mechanism, Pose, Shape, ShapeKind, Status, TargetState
+from phyagentos.protocol.world.environment import (
+    Mechanism,
+    Pose,
+    PriorKnowledge,
+    Shape,
+    ShapeKind,
+    Status,
+    TargetState,
+)
 from phyagentos.protocol.world.truth import Truth
 
 from .predicate_worlds import cube, tray, truth, value, world
@@ -371,3 +379,23 @@ def test_what_may_hang_on_the_closed_fingers_within_it_is_nowhere_yet(at_m, expe
     hung = cube("a", 0.5, z=0.03, shapes=STAND)
     now = world(hung, sensing="perceived", targets={"arm": hand})
     assert truth("at(a, (0.5, 0.0, 0.03), 0.1)", now) is expected
+
+
+@pytest.mark.parametrize(
+    ("sides_m", "expected"),
+    [
+        ((0.006, 0.04, 0.04), Truth.UNKNOWN),  # a look at what covers it does not show it
+        ((0.012, 0.04, 0.04), Truth.TRUE),  # a would be seen to stand higher
+        ((0.006, 0.04, 0.06), Truth.TRUE),  # it would reach out from under a
+    ],
+)
+@pytest.mark.parametrize("is_found", [False, True])
+def test_a_board_that_no_look_has_surely_shown_may_be_under_what_covers_it(sides_m, expected, is_found):
+    half_m = tuple(side_m / 2 for side_m in sides_m)
+    board = cube("board", 0.2, shapes=(Shape(ShapeKind.BOX, half_m),), confidence=0.2)
+    now = world(cube("a", 0.5, z=0.034), tray(), *([board] if is_found else []), sensing="perceived")
+    prior = PriorKnowledge(level="full", forms=("a", "board"), sides_m={"board": sides_m})
+    now = msgspec.structs.replace(now, prior=prior, never_seen=() if is_found else ("board",))
+    assert truth("on(a, tray)", now) is expected
+    surely = msgspec.structs.replace(now, entities=now.entities | {"board": cube("board", 0.2)}, never_seen=())
+    assert truth("on(a, tray)", surely) is Truth.TRUE

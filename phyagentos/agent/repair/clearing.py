@@ -17,7 +17,7 @@ from phyagentos.protocol.predicates.predicate import iter_entities, parse_predic
 from phyagentos.protocol.predicates.syntax import Variable
 from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support
+from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support, take_off
 
 PURPOSE = "clear"
 CLEARED_MAX = 3  # objects that are moved for one session
@@ -62,6 +62,7 @@ def propose_moving(
 ) -> Iterator[Alternative]:
     """One alternative for each skill that can move an entity to the nearest free spot; `tried` skills have moved it."""
     needed = (world.entities[name].pose.position_m, *_find_needed(case, world))
+    world = take_off(world, name, [each for each in case.session.parameters.values() if isinstance(each, str)])
     spot = find_free_spot(world, name, needed, target.mount_position_m, target.grasp_band_m)
     if spot is not None:
         yield from _iter_ways(case, world, target, name, spot, tried)

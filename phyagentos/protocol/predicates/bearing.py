@@ -11,6 +11,7 @@ from phyagentos.protocol.world.entity_geometry import (
     compute_centroid,
     compute_lowest,
     compute_reach,
+    compute_sides,
     find_tops_below,
     is_around,
     measure_radius,
@@ -34,6 +35,19 @@ def find_between(view: View, a: Entity, b: str, top_m: float, most_m: float) -> 
         tops, least_m = find_tops_below(other, center[0], center[1], 0.0), 0.0 if is_around(other, a) else CONTACT_M
         if other.status is not Status.GONE and any(top_m + least_m < top.point_m[2] <= highest_m for top in tops):
             return other
+    return None
+
+
+def find_covered(view: View, a: Entity, b: str, most_m: float) -> str | None:
+    """An object that no look has surely shown, and that a may hide: no thicker than `most_m`, and no wider than a."""
+    known = {} if view.now.prior is None else view.now.prior.sides_m
+    sides = {name: known[name] for name in view.now.never_seen if name in known}
+    sides |= {each.name: compute_sides(each) for each in view.now.entities.values() if each.movable and each.is_unsure}
+    _, *own_m = compute_sides(a)
+    for name, (least_m, *wide_m) in sides.items():
+        is_hidden = all(side_m <= most + CONTACT_M for side_m, most in zip(wide_m, own_m, strict=True))
+        if name not in {a.name, b} and least_m <= most_m and is_hidden:
+            return name
     return None
 
 

@@ -10,7 +10,14 @@ from typing import Any
 
 from phyagentos.errors import format_names
 from phyagentos.geometry import UP, Vector, compute_tilt, rotate, to_child, to_parent
-from phyagentos.protocol.predicates.bearing import CONTACT_M, find_between, find_prop, measure_below, measure_sunk
+from phyagentos.protocol.predicates.bearing import (
+    CONTACT_M,
+    find_between,
+    find_covered,
+    find_prop,
+    measure_below,
+    measure_sunk,
+)
 from phyagentos.protocol.predicates.library import (
     Argument,
     ArgumentKind,
@@ -148,6 +155,8 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
         if reason := view.now.explain_unseen(between):
             raise FactUnknown(f"{reason}; it may be between {a.name} and {b}")
         return Reading(-1.0, measured | {"between": between.name}, f"{between.name} is between {a.name} and {b}")
+    if is_near and (covered := find_covered(view, a, b, gap_m + allowed_m)) is not None:
+        raise FactUnknown(f"no look has surely shown {covered}, and it may be between {a.name} and {b}")
     leans = is_near and not is_level_on(a, top, LEAN_RAD + _find_tilt_doubt(view, a))
     if leans and (prop := find_prop(view, a, b, top.point_m[2])) is not None:
         raise FactUnknown(f"{a.name} leans, and {prop.name} may bear it as well as {b}")

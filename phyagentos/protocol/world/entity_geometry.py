@@ -51,6 +51,12 @@ def compute_center(entity: Entity) -> Vector:
     return to_parent(entity.pose, (x, y, z))
 
 
+def compute_sides(entity: Entity) -> tuple[float, float, float]:
+    """Sides of the entity's bounding box (taken in its own frame), the least first [m]."""
+    x, y, z = sorted(high - low for low, high in (compute_extent(entity, axis) for axis in AXES))
+    return (x, y, z)
+
+
 def compute_centroid(entity: Entity) -> Vector:
     """Centre of the volume of the entity's solids, in its own frame [m]."""
     solids = [(compute_volume(shape.kind, shape.size_m), shape.pose.position_m) for shape in entity.shapes]

@@ -327,12 +327,14 @@ class PriorKnowledge(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tr
         forms: Names of the objects whose forms and sizes it knows.
         colors: So many colours of surfaces by which it labels pixels.
         map: Names of the fixed bodies whose places it knows, up to their uncertainty.
+        sides_m: Of the movable objects whose forms it knows: the sides of the box around each, the least first [m].
     """
 
     level: str
     forms: tuple[str, ...] = ()
     colors: int = 0
     map: tuple[str, ...] = ()
+    sides_m: dict[str, tuple[float, float, float]] = {}
 
 
 class Environment(msgspec.Struct, frozen=True, kw_only=True):

@@ -2,11 +2,11 @@
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from msgspec.structs import replace
 
-from phyagentos.geometry import Vector, to_child, to_parent
+from phyagentos.geometry import Pose, Vector, to_child, to_parent
 from phyagentos.protocol.world.entity_geometry import AXES, compute_extent, compute_half_box, compute_lowest
 from phyagentos.protocol.world.environment import Entity, Environment
 
@@ -52,6 +52,16 @@ def find_support(world: Environment, name: str, drop_m: float = TOUCH_M) -> Enti
         if -TOUCH_M <= bottom_m - top_m <= drop_m
     ]
     return max(under, key=lambda each: each[0])[1] if under else None
+
+
+def take_off(world: Environment, name: str, places: Collection[str]) -> Environment:
+    """The world with an entity lowered to the foot of one of some places, where that is what it stands on."""
+    thing, support = world.entities[name], find_support(world, name)
+    if support is None or support.name not in places:
+        return world
+    x, y, z = thing.pose.position_m
+    at_foot = Pose((x, y, z - compute_lowest(thing) + compute_lowest(support)), thing.pose.quaternion_wxyz)
+    return replace(world, entities=world.entities | {name: replace(thing, pose=at_foot)})
 
 
 def find_free_spot(

@@ -14,6 +14,7 @@ from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.requests import Array
 
 SUPPORT_DOUBT_M = 0.015  # between the believed lowest point of an object and what it stands on
+SURE_STDS = 4.0  # stated deviations by which a believed height is off at most
 SETTLED_M = 0.003  # less is what perception says of its own error
 ON_AXIS_M = 1e-4  # a solid whose middle is this near to the axis is round about it
 ROUND_KINDS = (ShapeKind.CYLINDER, ShapeKind.CAPSULE, ShapeKind.SPHERE)
@@ -84,23 +85,32 @@ def compute_entity_box(entity: Entity) -> Box:
 
 
 def settle(entity: Entity, others: Iterable[Entity]) -> Entity:
-    """An entity lowered or raised onto the fixed solid that it is believed to stand nearly on.
+    """An entity lowered or raised onto the solid that it is believed to stand nearly on.
 
-    The believed height of a thin object errs by more than its own; that of a table does not.
+    The believed height of a thin object errs by more than its own; that of a table does not. Where an uncertainty is
+    stated, it is lowered by no more than that leaves open: a body that no camera shows may bear it.
     """
     x, y, z = entity.pose.position_m
     bottom_m = compute_entity_box(entity).bottom_m
+    most_m = min(SUPPORT_DOUBT_M, SURE_STDS * entity.position_std_m or SUPPORT_DOUBT_M)
+    rest = [each for each in others if each.name != entity.name]
     tops_m = [
         box.top_m
-        for other in others
-        if not other.movable and other.name != entity.name
-        for box in compute_shape_boxes(other)
-        if abs(box.top_m - bottom_m) <= SUPPORT_DOUBT_M and box.compute_distance(np.array((x, y, box.top_m))) < 1e-6
+        for other in rest
+        if not other.held_by and any(_is_under(box, (x, y), bottom_m) for box in compute_shape_boxes(other))
+        for box in compute_shape_boxes(settle(other, rest) if other.movable else other)
+        if _is_under(box, (x, y), bottom_m)
     ]
     off_m = max(tops_m, default=bottom_m) - bottom_m
-    if abs(off_m) <= SETTLED_M:
+    if abs(off_m) <= SETTLED_M or off_m < -most_m:
         return entity
     return replace(entity, pose=Pose((x, y, z + off_m), entity.pose.quaternion_wxyz))
+
+
+def _is_under(box: Box, point_m: tuple[float, float], bottom_m: float) -> bool:
+    """Whether a box ends near a height, at a point (2,) as seen from above."""
+    is_near = abs(box.top_m - bottom_m) <= SUPPORT_DOUBT_M
+    return is_near and box.compute_distance(np.array((*point_m, box.pose[2, 3]))) < 1e-6
 
 
 def is_round(entity: Entity) -> bool:

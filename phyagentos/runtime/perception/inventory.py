@@ -16,6 +16,7 @@ from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.world.alike import find_alike, find_turned
 from phyagentos.protocol.world.body_shapes import Number3, Solid
 from phyagentos.protocol.world.descriptions import add_described
+from phyagentos.protocol.world.entity_geometry import compute_sides
 from phyagentos.protocol.world.environment import Entity, Interior, Pose, PriorKnowledge, Shape
 from phyagentos.protocol.world.scenes import Body, Placement, SceneSpec
 from phyagentos.runtime.perception import forms
@@ -135,6 +136,7 @@ class Inventory:
             forms=tuple(self.things | self.articulated),
             colors=len(self.palette) if self.prior is Prior.FULL else 0,
             map=tuple(self.map_parts),
+            sides_m={name: compute_sides(each.template) for name, each in self.things.items() if each.template.movable},
         )
 
     def place_map(self, entities: Mapping[str, Entity]) -> "Inventory":

@@ -102,6 +102,24 @@ def test_a_thin_thing_whose_height_is_believed_wrong_is_met_above_its_support(pl
     assert planner._chain.compute_tcp(push.approaches[0].line_rad[-1])[2, 3] == pytest.approx(0.018, abs=2e-4)
 
 
+@pytest.mark.parametrize("error_m", [0.0, 0.004])
+@pytest.mark.parametrize("is_seen", [True, False])
+def test_what_stands_on_a_thin_board_is_not_taken_together_with_it(build, table, grasp, is_seen, error_m):
+    """It was lowered through the board onto the table: no way to grasp it worked, or both came along."""
+    board = msgspec.structs.replace(
+        build.cube("board", 0.5, 0.0, z=0.004),
+        shapes=(build.box((0, 0, 0), (0.03, 0.02, 0.004)),),
+        pose=Pose((0.5, 0.0, 0.004), (1.0, 0.002, 0.0, 0.0)),
+    )
+    slab = msgspec.structs.replace(
+        build.cube("slab", 0.5, 0.0, z=0.014 + error_m),
+        shapes=(build.box((0, 0, 0), (0.03, 0.02, 0.006)),),
+        position_std_m=0.0012,
+    )
+    tool_m = grasp(World((table, slab, *([board] if is_seen else []))), "slab")[0].tcp_end.position_m[2]
+    assert tool_m == pytest.approx(0.008 + 0.016 + (0.0 if is_seen else error_m), abs=2e-4)
+
+
 def test_a_flat_board_is_closed_on_with_the_fingertips_beside_it_and_off_the_table(planner, build, table, grasp):
     """Of a board of 4.7 mm the fingers closed over its top, three times in a row."""
     board = msgspec.structs.replace(

@@ -27,7 +27,8 @@ def look_with(library, prior):
 @pytest.mark.sim
 def test_without_colours_things_are_told_by_their_forms(twins_library):
     stage, belief = look_with(twins_library, Prior.SHAPES)
-    assert belief.prior == PriorKnowledge(level="shapes", forms=NAMES, map=("table", "floor"))
+    sides_m = {"first": (0.04,) * 3, "second": (0.04,) * 3, "can": (0.052, 0.052, 0.08), "screen": (0.02, 0.16, 0.2)}
+    assert belief.prior == PriorKnowledge(level="shapes", forms=NAMES, map=("table", "floor"), sides_m=sides_m)
     for name in ("can", "screen"):
         entity = belief.entities[name]
         assert entity.status is Status.SEEN

@@ -4,7 +4,7 @@ from phyagentos.geometry import Vector
 from phyagentos.protocol.predicates.meaning import find_relation
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support
+from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support, take_off
 from phyagentos.runtime.execution.leaf import PortInformation, Role, Status
 from phyagentos.runtime.execution.leaves.plan_grasp import PlanGrasp
 from phyagentos.runtime.execution.planning import PlanningLeaf
@@ -44,8 +44,9 @@ class PlanRoom(PlanningLeaf[Approaches]):
         there_m = (now.regions.get(place) or now.entities[place]).pose.position_m
         middle_m = ((here_m[0] + there_m[0]) / 2, (here_m[1] + there_m[1]) / 2, here_m[2])
         for first in answer.gone[:1]:
-            support, needed = find_support(now, first), (here_m, middle_m, there_m)
-            spot = find_free_spot(now, first, needed, profile.mount_position_m, profile.grasp_band_m)
+            beside = take_off(now, first, {place})
+            support, needed = find_support(beside, first), (here_m, middle_m, there_m)
+            spot = find_free_spot(beside, first, needed, profile.mount_position_m, profile.grasp_band_m)
             if spot is not None and support is not None:
                 return self._leave(answer.gone, support.name, spot)
         return self._leave()
