@@ -121,7 +121,7 @@ def test_an_inactive_controller_is_said_before_anything_moves(make_robot):
 
 
 def test_preflight_names_an_inactive_controller(make_robot, tmp_path, paos, monkeypatch):
-    cell = make_robot()
+    cell = make_robot(cameras=SEEN[:1])
     workspace = open_workspace(cell, tmp_path / "w")
     cell.robot.ask("inactive arm_controller")
     CLOCK.sleep(3.0)
