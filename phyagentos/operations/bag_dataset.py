@@ -198,7 +198,8 @@ class _Reader:
 
     def _pick(self, camera: str, stamps_ns: Stamps, grid_ns: Stamps) -> Stamps:
         """The latest picture at each step."""
-        shown_ns, longest_s = stamps_ns[np.searchsorted(stamps_ns, grid_ns, side="right") - 1], self._how.max_age_s
+        shown_ns: Stamps = stamps_ns[np.searchsorted(stamps_ns, grid_ns, side="right") - 1]
+        longest_s = self._how.max_age_s
         if (old_s := (grid_ns - shown_ns).max() / 1e9) > longest_s:
             raise _LeftOut(f"camera {camera} shows nothing new for {old_s:.2f} s; max_age_s is {longest_s:g} s")
         return shown_ns
@@ -206,7 +207,8 @@ class _Reader:
 
 def _hold(course: Course, grid_ns: Stamps) -> Array:
     """The latest value at each step."""
-    return course.values[np.searchsorted(course.stamps_ns, grid_ns, side="right") - 1, 0]
+    values: Array = course.values[np.searchsorted(course.stamps_ns, grid_ns, side="right") - 1, 0]
+    return values
 
 
 def _find_rate(stamps_ns: Stamps) -> int:
