@@ -13,7 +13,7 @@ from phyagentos.protocol.capabilities.trees import Node, NodeKind, Tree
 from phyagentos.protocol.sessions.trace import TraceEvent
 
 STATE = struct.Struct("<HB")  # number of a node, and its state
-IDLE, STATES = 0, {"RUNNING": 1, "SUCCESS": 2, "FAILURE": 3}
+IDLE, STATES = 0, {"running": 1, "success": 2, "failure": 3}
 IDLE_AFTER = 10  # is added to the state that a node had before it was halted
 
 
@@ -37,7 +37,7 @@ class LiveTree:
         for each in events:
             before = self._states.get(each.path, IDLE)
             halted = before if before >= IDLE_AFTER or before == IDLE else before + IDLE_AFTER
-            self._states[each.path] = STATES.get(each.status, halted)
+            self._states[each.path] = STATES.get(each.status.lower(), halted)
 
     def encode(self) -> bytes:
         """The state of every node."""

@@ -180,7 +180,8 @@ class _Reader:
         if why := explain_clock(lags_ns, joints.lags_ns, self._how):
             raise _LeftOut(f"{topic}: {why}")
         newest_ns = np.maximum.accumulate(stamps_ns)
-        return stamps_ns[np.append(True, stamps_ns[1:] > newest_ns[:-1])]
+        ascending: Stamps = stamps_ns[np.append(True, stamps_ns[1:] > newest_ns[:-1])]
+        return ascending
 
     def _interpolate(self, course: Course, grid_ns: Stamps) -> Array:
         after = np.clip(np.searchsorted(course.stamps_ns, grid_ns), 1, len(course.stamps_ns) - 1)

@@ -203,10 +203,10 @@ def find_joint(bag: Bag, how: BagSettings, name: str) -> Course | None:
 
 def explain_clock(lags_ns: NDArray[np.int64] | int, expected_ns: NDArray[np.int64] | int, how: BagSettings) -> str:
     """How far stamps are off by how much later they were recorded, and joint states; empty where clocks agree."""
-    off_s = float(np.median(lags_ns) - np.median(expected_ns)) / 1e9
+    off_s, allowed_s = float(np.median(lags_ns) - np.median(expected_ns)) / 1e9, how.clock_s
     way = "behind" if off_s > 0 else "ahead of"
-    says = f"stamps {abs(off_s):.2f} s {way} the joint states' clock; clock_s allows {how.clock_s:g} s"
-    return says if abs(off_s) > how.clock_s else ""
+    says = f"stamps {abs(off_s):.2f} s {way} the joint states' clock; clock_s allows {allowed_s:g} s"
+    return says if abs(off_s) > allowed_s else ""
 
 
 def _blend(course: Course, stamp_ns: int, gap_ns: int) -> float:
