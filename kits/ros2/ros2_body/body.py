@@ -325,5 +325,5 @@ class Ros2Body(Body):
         self._width_m += min(max(self._wanted_m - before_m, -way_m), way_m)
         per_m = (gripper.opened - gripper.closed) / self.width_max_m
         n, speed = len(gripper.joints), (self._width_m - before_m) * per_m / self.step_s
-        width_m = self._wanted_m if gripper.action else self._width_m  # an action is on the way by itself
+        width_m = self._wanted_m if gripper.action else self._width_m  # an action moves by itself
         return (gripper.closed + width_m * per_m,) * n, (speed,) * n

@@ -68,5 +68,5 @@ def _interpolate(course: "list[tuple[float, Values]]", moment_s: float) -> "Valu
     if end_s - begin_s > GAP_S:
         return None
     share = (moment_s - begin_s) / (end_s - begin_s) if end_s > begin_s else 1.0
-    turn = end * np.where(np.arange(7) >= 3, np.sign(begin[3:] @ end[3:]) or 1.0, 1.0)  # the shorter way
+    turn = end * np.where(np.arange(7) >= 3, np.sign(begin[3:] @ end[3:]) or 1.0, 1.0)  # the shorter turn
     return np.asarray(begin + share * (turn - begin))

@@ -1,4 +1,4 @@
-"""A robot of ros2_control: its controllers are asked for, its gripper has an action, TF places its cameras."""
+"""A robot of ros2_control: its controllers are watched, its gripper has an action, TF places its cameras."""
 
 import numpy as np
 import pytest
