@@ -108,8 +108,9 @@ test-extras: setup $(OTHERS:%=build/%/.installed) $(ROS2:%=build/%/.installed) b
 	--lerobot-python=build/$(LEROBOT06)/bin/python tests/extras/test_lerobot.py tests/extras/test_lerobot_bridge.py
 	@$(DRIVERS)/bin/pytest -q -m device
 	@$(DRIVERS)/bin/pytest -q tests/runtime/policies/test_onnx.py tests/runtime/models/test_xacro.py tests/runtime/models/test_collada.py tests/examples/test_trained_policy.py
-	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py tests/extras/test_mcp.py tests/extras/test_bt_cpp.py tests/extras/test_rerun.py tests/extras/test_site.py
-	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python --ros2-python=build/ros2/bin/python tests/extras/test_ros2_goals.py
+	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py tests/extras/test_mcp.py tests/extras/test_bt_cpp.py tests/extras/test_groot2.py tests/extras/test_rerun.py tests/extras/test_site.py
+	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python --ros2-python=build/ros2/bin/python --ros2_jazzy-python=build/ros2_jazzy/bin/python \
+	tests/extras/test_ros2_goals.py tests/extras/ros2/test_cyclone.py
 	@$(VIEW)/bin/pytest -q -m extras --peers-python=build/peers/bin/python --axe $(VIEW)/$(AXE).tgz $(wildcard tests/extras/test_view*.py)
 
 $(MODEL)/.installed:
@@ -145,7 +146,7 @@ $(ROS2:%=build/%/.installed): build/%/.installed: pyproject.toml | $(STAMP)
 $(DRIVERS)/.installed: pyproject.toml
 	@test -x $(DRIVERS)/bin/python || $(PYTHON) -m venv $(DRIVERS)
 	@echo "test-extras: installing phyagentos, the drivers of real robots, ONNX, Ray, MCP, Rerun, BehaviorTree.CPP and the site into $(DRIVERS) (a few minutes)"
-	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(DRIVERS)/bin/python -m pip --quiet --quiet install --editable '.[dev,so101,piper,go2,onnx,ray,mcp,rerun,site,xacro,collada]' onnx behaviortreepy
+	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(DRIVERS)/bin/python -m pip --quiet --quiet install --editable '.[dev,so101,piper,go2,onnx,ray,mcp,rerun,groot2,site,xacro,collada]' onnx behaviortreepy btview
 	@touch $@
 
 build/%/.installed: pyproject.toml | $(STAMP)
@@ -154,12 +155,13 @@ build/%/.installed: pyproject.toml | $(STAMP)
 	@PIP_DISABLE_PIP_VERSION_CHECK=1 build/$*/bin/python -m pip --quiet --quiet install $$($(BIN)/python -c '$(OTHERS_OF)' $*)
 	@touch $@
 
-build/ros2/.messages: build/ros2/.installed $(wildcard kits/phyagentos_msgs/* kits/phyagentos_msgs/*/*)
+build/ros2/.messages: build/ros2/.installed tests/extras/ros2/interfaces.py $(wildcard kits/phyagentos_msgs/* kits/phyagentos_msgs/*/*)
 	@for each in build/ros2/bin/python cmake ninja c++; do command -v $$each > /dev/null || { \
 	echo "test-extras: $$each is not installed here: goals over ROS 2 are not tested"; exit 0; }; done; \
-	echo "test-extras: building the messages of kits/phyagentos_msgs into build/ros2 (a minute)" \
+	echo "test-extras: building the messages of kits/phyagentos_msgs, and some that no wheel has, into build/ros2 (three minutes)" \
 	&& $(PIPIN) build/ros2/bin/python -m pip --quiet --quiet install $$($(BIN)/python -c '$(OTHERS_OF)' ros2_messages) \
-	&& tools/build_ros2_messages build/ros2 kits/phyagentos_msgs build/ros2/messages && touch $@
+	&& tools/build_ros2_messages build/ros2 kits/phyagentos_msgs build/ros2/messages \
+	&& $(BIN)/python tests/extras/ros2/interfaces.py build/ros2 build/ros2/messages && touch $@
 
 check: static  ## formatting, lint, types, import contracts, fast tests
 	@$(BIN)/pytest -q $(BOTH) -m "$(FAST)"

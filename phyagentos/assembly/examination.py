@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 
+from phyagentos.assembly.paths import TOKENS
 from phyagentos.assembly.runtime_plane import open_worker
 from phyagentos.errors import ExecutionError, Problem, relocate
 from phyagentos.protocol.capabilities.library import Library
@@ -23,7 +24,7 @@ LOG_TAIL = 400  # characters of a worker's log that go into a message
 def examine(library: Library, source: Workspace | None, sessions: Sequence[Session]) -> dict[str, Checked]:
     """Check sessions with a dry run, each in the world as its scene begins, commanding nothing; findings by session.
 
-    Documents and settings are those of `source`, which is only read, else those that ship. Raises ExecutionError
+    Documents, settings and keys are those of `source`, which is only read, else those that ship. Raises ExecutionError
     `RUNNER_LOST` when a worker ends instead of answering.
     """
     found: dict[str, Checked] = {}
@@ -32,6 +33,8 @@ def examine(library: Library, source: Workspace | None, sessions: Sequence[Sessi
         if source is not None:
             for name in DOCUMENTS:
                 shutil.copyfile(source.root / name, workspace.root / name)
+            if (keys := source.root / TOKENS).is_dir():  # of targets that are served elsewhere
+                shutil.copytree(keys, workspace.root / TOKENS, dirs_exist_ok=True)
         known = read_target_registry(workspace.target_registry)
         for target in dict.fromkeys(session.target for session in sessions):
             wanted = [session for session in sessions if session.target == target]

@@ -26,7 +26,7 @@ PLAIN: Fields = {"no_args_is_help": True, "rich_markup_mode": None, "pretty_exce
 EXPORTS = ("bt_xml", "html", "lerobot", "mcap", "mermaid", "rrd", "video")
 GROUPS = {  # name -> help, module and functions
     "memory": ("What verdicts taught.", "memory", ("show", "why", "forget", "promote", "revoke")),
-    "tree": ("Behaviour trees.", "showing", ("show",)),
+    "tree": ("Behaviour trees.", "showing", ("show", "serve")),
     "scene": ("Scenes: how they look and begin.", "scene_files", ("render", "check", "save")),
     "robot": (
         "Profiles of robots.",
@@ -111,7 +111,7 @@ MEMBERS = {  # of groups, as they are typed -> module and function
     for group, (_, module, functions) in GROUPS.items()
 }
 PLACES = COMMANDS | {f"{group} {name}": at for group, each in MEMBERS.items() for name, at in each.items()}
-SERVERS = ("watch", "view", "mcp", "policy serve")  # until Ctrl-C: without a result
+SERVERS = ("watch", "view", "mcp", "policy serve", "tree serve")  # until Ctrl-C: without a result
 HELP = """Robots run on sessions that are verified, not merely finished.
 
 \b

@@ -8,11 +8,13 @@ import typer
 from phyagentos.cli.arguments import RunPython
 from phyagentos.cli.explaining import Id, Space
 from phyagentos.cli.reply import Reply
+from phyagentos.errors import DefinitionError
 from phyagentos.operations import behaviour_trees, export
 from phyagentos.operations.behaviour_trees import ExportedTree, ImportedTrees
 from phyagentos.operations.export import MermaidText, Written, WrittenDataset
 
 _SPACES = typer.Argument(metavar="WORKSPACE…", help="Workspaces whose sessions succeeded.")
+_FROM_BAG = "A recorded bag of ROS 2 as an episode, of any robot; repeatable."
 _LIST = "Names with commas between."
 _IDS = typer.Argument(metavar="SESSION…", help="Session ids, the part after the goal is enough; a film shows all.")
 _TO = typer.Option("--to", metavar="FILE", help="The file that is written.")
@@ -21,23 +23,37 @@ _DRAWN = typer.Option("--to", metavar="FILE", help="What is written: .png is a p
 
 
 def lerobot(
-    workspaces: Annotated[list[Path], _SPACES],
     to: Annotated[Path, typer.Option("--to", metavar="DIR", help="A folder that is missing or empty.")],
+    workspaces: Annotated[list[Path] | None, _SPACES] = None,
     fps: Annotated[int, typer.Option(min=0, help="Frames a second; the control rate without.")] = 0,
     cameras: Annotated[str, typer.Option(help=f"Cameras that were recorded. {_LIST}")] = "",
     entities: Annotated[str, typer.Option(help=f"Objects whose pose, as believed before, is data. {_LIST}")] = "",
     skill: Annotated[str, typer.Option(help=f"Only sessions of these skills. {_LIST}")] = "",
-    target: Annotated[str, typer.Option(help="Only sessions of this target.")] = "",
+    target: Annotated[str, typer.Option(help="Only sessions of this target; the robot of bags.")] = "",
     contested: Annotated[bool, typer.Option("--contested", help="Also verdicts that a person contests.")] = False,
     failures: Annotated[
         bool, typer.Option("--failures", help="Also sessions that missed; verdict and cause say so.")
     ] = False,
+    from_bag: Annotated[list[Path] | None, typer.Option("--from-bag", metavar="BAG", help=_FROM_BAG)] = None,
+    task: Annotated[str, typer.Option(help="Of bags: what they show, in words.")] = "",
+    settings: Annotated[Path | None, typer.Option(help="YAML: topics, frames and clocks of bags.")] = None,
 ) -> Reply[WrittenDataset]:
-    """Write sessions whose verdict is success as a LeRobotDataset, format v3.0."""
+    """Write sessions whose verdict is success, or bags of ROS 2, as a LeRobotDataset, format v3.0."""
     lists = {"cameras": _split(cameras), "entities": _split(entities), "skills": _split(skill)}
-    found = export.export_dataset(
-        workspaces, to, fps=fps, target=target, contested=contested, failures=failures, **lists
-    )
+    if bool(from_bag) == bool(workspaces) or bool(from_bag) != bool(task):
+        expected = "workspaces, or --from-bag with --task"
+        raise DefinitionError.of("INVALID_VALUE", "paos export lerobot", "both, none, or a part", expected)
+    if from_bag:
+        if skill or entities or contested:
+            of_bags = "--target, --cameras, --fps, --failures, --task, --settings"
+            raise DefinitionError.of("INVALID_VALUE", "--from-bag", "options of sessions besides", of_bags)
+        found = export.export_bag_dataset(
+            from_bag, to, task, fps=fps, cameras=lists["cameras"], robot=target, settings=settings, failures=failures
+        )
+    else:
+        found = export.export_dataset(
+            workspaces or (), to, fps=fps, target=target, contested=contested, failures=failures, **lists
+        )
     left_out = [f"left out: {count} ({reason})" for reason, count in found.left_out.items()]
     return Reply(found, f"{to}: {found.episodes} episodes, {found.frames} frames at {found.fps} Hz", left_out)
 

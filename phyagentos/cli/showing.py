@@ -1,7 +1,9 @@
-"""Commands that show what there is: `list`, `describe`, `schema`, `lifecycle`, `codes`, `tree show`."""
+"""Commands that show what there is: `list`, `describe`, `schema`, `lifecycle`, `codes`, `tree show | serve`."""
 
 from collections.abc import Iterator
 from pathlib import Path
+from signal import SIGINT, SIGTERM, signal
+from threading import Event
 from typing import Annotated
 
 import rich.markup
@@ -11,8 +13,9 @@ from rich.text import Text
 from rich.tree import Tree as Printed
 
 from phyagentos.cli import schemas
-from phyagentos.cli.arguments import RunPython
+from phyagentos.cli.arguments import RunPython, choose_newest
 from phyagentos.cli.console import build_table
+from phyagentos.cli.outcome import print_result
 from phyagentos.cli.reply import Reply
 from phyagentos.cli.schemas import ShownSchema
 from phyagentos.codes import ALIASES, Code
@@ -20,6 +23,7 @@ from phyagentos.operations import behaviour_trees, listing
 from phyagentos.operations import describe as declarations
 from phyagentos.operations.behaviour_trees import DrawnTree
 from phyagentos.operations.describe import KINDS, Described
+from phyagentos.operations.groot2 import PORT, serve_groot2
 from phyagentos.operations.listing import RETRIES, Listing, Names, Statechart
 from phyagentos.pictures.trees import Drawing
 
@@ -91,6 +95,17 @@ def show(
         svg.write_text(found.svg, encoding="utf-8")
         return Reply(found, notes=[f"wrote {svg}"])
     return Reply(found, found.mermaid if mermaid else _grow(found.root))
+
+
+def serve(
+    workspace: Annotated[Path | None, typer.Option("--workspace", "-w", help="Its folder; else the newest.")] = None,
+    port: Annotated[int, typer.Option(help="Of this machine; 0 for a free one.", min=0, max=65535)] = PORT,
+) -> None:
+    """Show the tree of the running session in Groot2, live, until Ctrl-C."""
+    ends = Event()
+    for number in (SIGINT, SIGTERM):
+        signal(number, lambda *_: ends.set())
+    serve_groot2(workspace or choose_newest(), ends, print_result, port=port)
 
 
 def _render_declaration(each: Described) -> Iterator[RenderableType]:

@@ -94,33 +94,63 @@ def describe_tree(header: TreeHeader) -> NodeModel:
     return NodeModel("SubTree", ports, header.description, optional)
 
 
+@dataclass(frozen=True, slots=True)
+class Names:
+    """What a file of trees declares: the IDs of trees by their names, subtrees by ID, and other nodes by tag."""
+
+    ids: Mapping[str, str]
+    subtrees: Mapping[str, NodeModel]
+    models: Mapping[str, NodeModel]
+
+    @classmethod
+    def of(cls, trees: Sequence[Tree], leaves: Mapping[str, NodeModel]) -> "Names":
+        """Those of trees, with the leaves that the model offers."""
+        models = {form.tag: form.model for form in FORMS.values() if form.model is not None} | dict(leaves)
+        ids = {name: name.replace("/", "-") + APART * (name in models) for name in (tree.header.tree for tree in trees)}
+        return cls(ids, {ids[tree.header.tree]: describe_tree(tree.header) for tree in trees}, models)
+
+
 def render_trees(trees: Sequence[Tree], leaves: Mapping[str, NodeModel]) -> str:
     """One file of trees, the first of which is the main one; `leaves` are those that the model offers."""
-    models = {form.tag: form.model for form in FORMS.values() if form.model is not None} | dict(leaves)
-    ids = {name: name.replace("/", "-") + APART * (name in models) for name in (tree.header.tree for tree in trees)}
-    subtrees = {ids[tree.header.tree]: describe_tree(tree.header) for tree in trees}
-    root = ET.Element("root", {"BTCPP_format": VERSION, "main_tree_to_execute": next(iter(ids.values()))})
+    names = Names.of(trees, leaves)
+    root = open_root(names)
     for tree in trees:
-        _write_node(ET.SubElement(root, "BehaviorTree", {"ID": ids[tree.header.tree]}), tree.root, ids, subtrees)
+        _write_node(ET.SubElement(root, "BehaviorTree", {"ID": names.ids[tree.header.tree]}), tree.root, names)
+    return close_root(root, names)
+
+
+def open_root(names: Names) -> ET.Element:
+    """The element of a file, whose main tree is the first."""
+    return ET.Element("root", {"BTCPP_format": VERSION, "main_tree_to_execute": next(iter(names.ids.values()))})
+
+
+def close_root(root: ET.Element, names: Names) -> str:
+    """The file, with its model."""
     model = ET.SubElement(root, "TreeNodesModel")
-    for name, node in (models | subtrees).items():
+    for name, node in (*names.models.items(), *names.subtrees.items()):
         _write_model(model, name, node)
     ET.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
 
 
-def _write_node(parent: ET.Element, node: Node, ids: Mapping[str, str], subtrees: Mapping[str, NodeModel]) -> None:
+def _write_node(parent: ET.Element, node: Node, names: Names) -> None:
+    element = write_element(parent, node, names)
+    for child in node.children:
+        _write_node(element, child, names)
+
+
+def write_element(parent: ET.Element, node: Node, names: Names) -> ET.Element:
+    """One node, without its children."""
     form = FORMS.get(node.kind, Form(node.type))
     element = ET.SubElement(parent, form.tag, {"name": node.name})
     for name, value in _list_values(node, form).items():
         element.set(name, encode(value))
     if node.kind is NodeKind.SUBTREE:
-        element.set("ID", ids[node.type])
-        for name, port in subtrees[ids[node.type]].ports.items():
+        element.set("ID", names.ids[node.type])
+        for name, port in names.subtrees[names.ids[node.type]].ports.items():
             if name not in node.wiring and port.default is None:  # version 4 wants every port wired
                 element.set(name, f"{{{UNWIRED}{re.sub(r'[^a-z0-9]', '_', f'{node.name}_{node.type}_{name}')}}}")
-    for child in node.children:
-        _write_node(element, child, ids, subtrees)
+    return element
 
 
 def _list_values(node: Node, form: Form) -> Mapping[str, Any]:

@@ -5,6 +5,7 @@ are left out, and those that missed unless they are wanted.
 """
 
 import io
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -15,10 +16,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from typing_extensions import override
 
 from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.capabilities.registries import get_registered_target
 from phyagentos.protocol.documents.packed_files import check_picture, open_packed
+from phyagentos.protocol.documents.plain_data import Fields
+from phyagentos.protocol.predicates.predicate import find_question
 from phyagentos.protocol.sessions.evidence import BEFORE, TRAJECTORY
 from phyagentos.protocol.sessions.evidence_manifest import check_bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState
@@ -60,33 +64,70 @@ class Choice:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Demonstration:
+class Episode(ABC):
+    """One motion on a grid of equal steps of time.
+
+    Attributes:
+        state: (n, d) measured joint positions [rad] and, where the target has one, opening of its gripper [m].
+        action: (n, d) set-points in force one step later, alike.
+        world: (k,) poses of the wanted entities before the first command: position [m] and quaternion, world frame.
+    """
+
+    task: str
+    state: Array
+    action: Array
+    world: Array
+
+    @property
+    @abstractmethod
+    def origin(self) -> Fields:
+        """Where it is from, and what says that it shows its task: columns of `meta/episodes`."""
+
+    @abstractmethod
+    def iter_pictures(self, camera: str) -> Iterator[NDArray[np.uint8]]:
+        """The pictures (height, width, 3) of a camera, one for each step."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Demonstration(Episode):
     """One session with its verdict.
 
     Attributes:
         led_by: Who took the arm over in its midst; empty without a take-over.
         contested: Who contests the verdict, when and why; empty where none does.
-        state: (n, d) measured joint positions [rad] and, where the target has one, opening of its gripper [m].
-        action: (n, d) set-points in force one step later, alike.
-        world: (k,) poses of the wanted entities before the first command: position [m] and quaternion, world frame.
         pictures: By camera, n pictures: the latest that it showed at each step.
     """
 
     session: str
     bundle: Path
     skill: str
-    task: str
     seed: int
     verdict: Attempt
-    state: Array
-    action: Array
-    world: Array
     pictures: dict[str, tuple[RecordedPicture, ...]]
     contested: str = ""
     led_by: str = ""
 
+    @property
+    @override
+    def origin(self) -> Fields:
+        people = [f"{one.text} {one.because}" for one in self.verdict.criteria if find_question(one.text)]
+        return {
+            "session_id": self.session,
+            "bundle": str(self.bundle),
+            "skill": self.skill,
+            "seed": self.seed,
+            "verdict": self.verdict.verdict.value,
+            "cause": self.verdict.cause,
+            "verdict_reason": self.verdict.reason,
+            "answers": "; ".join(people),
+            "contested": self.contested,
+            "led_by": self.led_by,
+            "sensing": self.verdict.sensing,
+            "verifier": self.verdict.verifier,
+        }
+
+    @override
     def iter_pictures(self, camera: str) -> Iterator[NDArray[np.uint8]]:
-        """The pictures (height, width, 3) of a camera, one for each step."""
         name, rgb = "", np.zeros(0, np.uint8)
         with open_packed(self.bundle / RECORDING) as file:
             for picture in self.pictures[camera]:
@@ -102,14 +143,16 @@ class Demonstrations:
 
     Attributes:
         names: Of the numbers of a state and of an action.
-        left_out: Why verified sessions are not among them: a reason, and how many.
+        left_out: Why verified sessions, or bags, are not among them: a reason, and how many.
+        about: What the episodes are, in words.
     """
 
     target: str
     names: tuple[str, ...]
     fps: int
-    episodes: tuple[Demonstration, ...]
+    episodes: tuple[Episode, ...]
     left_out: dict[str, int]
+    about: str = "sessions whose verdict is success, on evidence"
 
 
 def read_demonstrations(workspaces: Sequence[Path], choice: Choice) -> Demonstrations:
@@ -154,7 +197,10 @@ def read_demonstrations(workspaces: Sequence[Path], choice: Choice) -> Demonstra
             problems += error.problems
     if problems:
         raise DefinitionError(problems)
-    return Demonstrations(target=form[0], names=form[1:], fps=fps, episodes=tuple(read), left_out=dict(left_out))
+    about = {"about": "sessions with a verdict on evidence"} if choice.failures else {}
+    return Demonstrations(
+        target=form[0], names=form[1:], fps=fps, episodes=tuple(read), left_out=dict(left_out), **about
+    )
 
 
 def _find_reason(bundle: Path, status: SessionStatus, choice: Choice) -> str:

@@ -1,6 +1,6 @@
 """Writes demonstrations as a LeRobotDataset, format v3.0: parquet for numbers, H.264 for pictures, JSON for the form.
 
-Beside what LeRobot asks for, the metadata of each episode names its session, its bundle and its verdict, and
+Beside what LeRobot asks for, the metadata of each episode names where it is from and its verdict, and
 `meta/phyagentos.json` what the whole was made from. https://huggingface.co/docs/lerobot/lerobot-dataset-v3
 """
 
@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.errors import needs_extra
-from phyagentos.export.demonstrations import POSE, Choice, Demonstration, Demonstrations
+from phyagentos.export.demonstrations import POSE, Choice, Demonstrations, Episode
 from phyagentos.export.video import write_mp4
 from phyagentos.protocol.documents.durable_files import require_empty
 from phyagentos.protocol.documents.plain_data import Fields
-from phyagentos.protocol.predicates.predicate import find_question
 from phyagentos.protocol.sessions.evidence import write_json
 
 STATE, ACTION, WORLD, IMAGES = "observation.state", "action", "observation.environment_state", "observation.images."
@@ -62,10 +61,7 @@ def write_dataset(data: Demonstrations, choice: Choice, folder: Path, version: s
     write_json(meta / "stats.json", _measure(table | {name: np.concatenate(v) for name, v in _join(pixels).items()}))
     write_json(meta / "info.json", _describe_form(data, choice, len(tasks), table))
     origin = {"phyagentos": version, "chosen": choice, "left_out": data.left_out}
-    kind = (
-        "sessions with a verdict on evidence" if choice.failures else "sessions whose verdict is success, on evidence"
-    )
-    write_json(meta / "phyagentos.json", origin | {"episodes": kind})
+    write_json(meta / "phyagentos.json", origin | {"episodes": data.about})
 
 
 def _check(folder: Path) -> None:
@@ -98,7 +94,7 @@ def _join(rows: Sequence[Mapping[str, object]]) -> dict[str, list[Any]]:
 
 
 def _describe_episode(
-    each: Demonstration, table: Table, pixels: Table, place: Mapping[str, int], span_s: tuple[float, ...]
+    each: Episode, table: Table, pixels: Table, place: Mapping[str, int], span_s: tuple[float, ...]
 ) -> Fields:
     """A row of `meta/episodes`: where its frames and pictures lie, what it shows, and whose word says that it does."""
     first, length = int(table["index"][0]), len(each.state)
@@ -108,11 +104,7 @@ def _describe_episode(
     for key in pixels:
         timed = dict(zip(("from_timestamp", "to_timestamp"), span_s, strict=True))
         row |= {f"videos/{key}/{name}": value for name, value in {**place, **timed}.items()}
-    row |= {"session_id": each.session, "bundle": str(each.bundle), "skill": each.skill, "seed": each.seed}
-    row |= {"verdict": each.verdict.verdict.value, "cause": each.verdict.cause, "verdict_reason": each.verdict.reason}
-    people = [f"{one.text} {one.because}" for one in each.verdict.criteria if find_question(one.text)]
-    row |= {"answers": "; ".join(people), "contested": each.contested, "led_by": each.led_by}
-    row |= {"sensing": each.verdict.sensing, "verifier": each.verdict.verifier}
+    row |= each.origin
     measured = _measure(table | pixels).items()
     row |= {f"stats/{key}/{name}": value for key, numbers in measured for name, value in numbers.items()}
     return row | {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
@@ -162,7 +154,7 @@ def _describe_form(data: Demonstrations, choice: Choice, n_tasks: int, table: Ta
     }
 
 
-def _write_films(films: Mapping[str, Path], episodes: Sequence[Demonstration], fps: int) -> list[Table]:
+def _write_films(films: Mapping[str, Path], episodes: Sequence[Episode], fps: int) -> list[Table]:
     """One film of all episodes for each camera; returns sampled pixels (n, 3), from 0 to 1, of each episode."""
     sampled: list[Table] = [{} for _ in episodes]
     for key, path in films.items():
@@ -171,7 +163,7 @@ def _write_films(films: Mapping[str, Path], episodes: Sequence[Demonstration], f
     return sampled
 
 
-def _iter_and_sample(key: str, episodes: Sequence[Demonstration], sampled: Sequence[Table]) -> Iterator[NDArray[Any]]:
+def _iter_and_sample(key: str, episodes: Sequence[Episode], sampled: Sequence[Table]) -> Iterator[NDArray[Any]]:
     for each, kept in zip(episodes, sampled, strict=True):
         pixels: list[NDArray[Any]] = []
         every = -(-len(each.state) // _SAMPLED_PICTURES)

@@ -10,13 +10,13 @@ from collections import Counter
 from collections.abc import Iterator
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from phyagentos.errors import needs_extra
+from phyagentos.export.ros2_markers import iter_markers
+from phyagentos.export.ros2_messages import Maker, Message, RosMessage
 from phyagentos.export.session_log import Event, SessionLog, find_frames, find_pictures, read_log
-from phyagentos.geometry import Pose
 from phyagentos.protocol.documents.durable_files import require_empty
 from phyagentos.protocol.documents.packed_files import open_packed
 from phyagentos.protocol.sessions.looks import StoredFrame, read_picture
@@ -25,10 +25,6 @@ from phyagentos.protocol.workspace.array_files import decode_array
 from phyagentos.protocol.workspace.workspace import Workspace
 
 VERSION = 8  # of metadata.yaml: that of Jazzy, which later ones read as well
-WORLD = "world"
-RosMessage = Any  # rosbags makes its types as it runs
-Message = tuple[int, str, RosMessage]
-"""When it is logged [ns], on which topic, and the message."""
 
 
 def write_ros2_bag(workspace: Workspace, status: SessionStatus, to: Path) -> None:
@@ -41,11 +37,12 @@ def write_ros2_bag(workspace: Workspace, status: SessionStatus, to: Path) -> Non
     with needs_extra("export", "paos export mcap --ros2"):
         from rosbags.rosbag2 import StoragePlugin, Writer
     require_empty(to)
-    log, make = read_log(workspace, status), _Maker()
+    log, make = read_log(workspace, status), Maker()
     messages = heapq.merge(
         *(_iter_joints(log, make, *names) for names in (("measured", "states"), ("commanded", "commands"))),
         _iter_pictures(log, make),
         sorted(_iter_frames(log, make), key=itemgetter(0)),
+        iter_markers(log, status, make),
         _iter_texts("/tree", log.iter_trace(), make),
         _iter_texts("/session", log.iter_transitions(), make),
         key=itemgetter(0),
@@ -61,56 +58,7 @@ def write_ros2_bag(workspace: Workspace, status: SessionStatus, to: Path) -> Non
             writer.write(topics[topic], at_ns, make.store.serialize_cdr(message, kind))
 
 
-class _Maker:
-    """Makes messages of ROS 2; their types are those of Jazzy, which Humble and Kilted share."""
-
-    def __init__(self) -> None:
-        from rosbags.interfaces import (
-            Qos,
-            QosDurability,
-            QosHistory,
-            QosLiveliness,
-            QosReliability,
-            QosTime,
-        )
-        from rosbags.typesys import Stores, get_typestore
-
-        self.store, always = get_typestore(Stores.ROS2_JAZZY), QosTime(0, 0)
-        self.latched = Qos(
-            QosHistory.KEEP_LAST,
-            1,
-            QosReliability.RELIABLE,
-            QosDurability.TRANSIENT_LOCAL,
-            always,
-            always,
-            QosLiveliness.AUTOMATIC,
-            always,
-            avoid_ros_namespace_conventions=False,
-        )
-
-    def __call__(self, kind: str, **fields: RosMessage) -> RosMessage:
-        """A message of a type such as `sensor_msgs/Image`."""
-        return self.store.types[kind.replace("/", "/msg/")](**fields)
-
-    def head(self, at_ns: int, frame: str = "") -> RosMessage:
-        """A header."""
-        stamp = self("builtin_interfaces/Time", sec=at_ns // 1_000_000_000, nanosec=at_ns % 1_000_000_000)
-        return self("std_msgs/Header", stamp=stamp, frame_id=frame)
-
-    def transform(self, at_ns: int, child: str, pose: Pose) -> RosMessage:
-        """A frame in the world."""
-        w, x, y, z = pose.quaternion_wxyz
-        place = self("geometry_msgs/Vector3", **dict(zip("xyz", pose.position_m, strict=True)))
-        turned = self(
-            "geometry_msgs/Transform", translation=place, rotation=self("geometry_msgs/Quaternion", x=x, y=y, z=z, w=w)
-        )
-        stamped = self(
-            "geometry_msgs/TransformStamped", header=self.head(at_ns, WORLD), child_frame_id=child, transform=turned
-        )
-        return self("tf2_msgs/TFMessage", transforms=[stamped])
-
-
-def _iter_joints(log: SessionLog, make: _Maker, which: str, topic: str) -> Iterator[Message]:
+def _iter_joints(log: SessionLog, make: Maker, which: str, topic: str) -> Iterator[Message]:
     """Joints as measured or commanded; fingers that slide, each by its share of the opening, are joints as well.
 
     A velocity that was not recorded is NaN, as ros2_control publishes it.
@@ -132,14 +80,14 @@ def _iter_joints(log: SessionLog, make: _Maker, which: str, topic: str) -> Itera
         yield at_ns, f"/joint_{topic}", message
 
 
-def _iter_pictures(log: SessionLog, make: _Maker) -> Iterator[Message]:
+def _iter_pictures(log: SessionLog, make: Maker) -> Iterator[Message]:
     for shown_s, time_s, camera, path, name in find_pictures(log.folder):
         data, head = np.frombuffer(read_picture(path, name), np.uint8), make.head(log.place(time_s), _name(camera))
         message = make("sensor_msgs/CompressedImage", header=head, format="png", data=data)
         yield log.place(shown_s), f"/camera/{camera}/color/image_raw/compressed", message
 
 
-def _iter_frames(log: SessionLog, make: _Maker) -> Iterator[Message]:
+def _iter_frames(log: SessionLog, make: Maker) -> Iterator[Message]:
     """Lens, place and depth of the frames that perception went by; a camera that never moved stands in /tf_static."""
     frames = [each for each in find_frames(log.folder) if each[1].fx > 0.0]  # earlier versions wrote no lens
     places = dict.fromkeys((each.camera, each.world_T_camera) for _, each in frames)
@@ -167,7 +115,7 @@ def _iter_frames(log: SessionLog, make: _Maker) -> Iterator[Message]:
         yield at_ns, f"/camera/{camera}/depth/image_rect", depth
 
 
-def _describe_lens(make: _Maker, frame: StoredFrame, head: RosMessage, size: dict[str, int]) -> RosMessage:
+def _describe_lens(make: Maker, frame: StoredFrame, head: RosMessage, size: dict[str, int]) -> RosMessage:
     """A lens without distortion; ROS counts pixels by their middles, this project by their edges."""
     k = np.array([frame.fx, 0.0, frame.cx - 0.5, 0.0, frame.fy, frame.cy - 0.5, 0.0, 0.0, 1.0])
     whole = make("sensor_msgs/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
@@ -186,7 +134,7 @@ def _describe_lens(make: _Maker, frame: StoredFrame, head: RosMessage, size: dic
     )
 
 
-def _iter_texts(topic: str, events: Iterator[Event], make: _Maker) -> Iterator[Message]:
+def _iter_texts(topic: str, events: Iterator[Event], make: Maker) -> Iterator[Message]:
     for at_ns, value in events:
         yield at_ns, topic, make("std_msgs/String", data=json.dumps(value))
 

@@ -23,6 +23,7 @@ from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.protocol.world.environment import Environment
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import choose_partition
 from phyagentos.store.records import Record
@@ -41,6 +42,7 @@ class SessionLog:
     """One executed session.
 
     Attributes:
+        worlds: As believed before its first motion and after its last one, as far as they are recorded.
         rows: Arrays of the trajectory by name, of equal length; `time_s` is one of them, empty without a trajectory.
         start_s: Where its time begins, in the target's time [s], and `start_ns` in wall time [ns].
         ended_ns: Wall time at which the target was at rest again [ns].
@@ -51,6 +53,7 @@ class SessionLog:
     profile: TargetProfile
     records: Sequence[Record]
     trace: Sequence[TraceEvent]
+    worlds: Sequence[Environment]
     rows: Row
     start_s: float
     start_ns: int
@@ -82,7 +85,8 @@ def read_log(workspace: Workspace, status: SessionStatus) -> SessionLog:
         raise DefinitionError.of("NOT_EXECUTED", contract.id, f"{status.state}, not executed", "one that ran")
     with Histories(workspace.sessions / choose_partition(workspace.sessions)) as histories:
         records = histories.find(contract.id)
-    trace = read_bundle(folder, contract, status.execution).trace
+    bundle = read_bundle(folder, contract, status.execution)
+    trace = bundle.trace
     course = read_arrays(path) if (path := folder / TRAJECTORY).is_file() else {}
     start_ns, ended_ns = _find_motion(records)
     return SessionLog(
@@ -90,6 +94,7 @@ def read_log(workspace: Workspace, status: SessionStatus) -> SessionLog:
         profile=get_registered_target(workspace.target_registry, contract.target),
         records=records,
         trace=trace,
+        worlds=[each for each in (bundle.before, bundle.after) if each is not None],
         rows={name: values for name, values in course.items() if len(values) == len(course["time_s"])},
         start_s=trace[0].time_s if trace else 0.0,
         start_ns=start_ns,

@@ -18,6 +18,7 @@ from phyagentos.protocol.documents.schema import Located
 
 if TYPE_CHECKING:
     from phyagentos.export.bt_xml import NodeModel
+    from phyagentos.export.groot2_tree import LiveTree
     from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 
 
@@ -63,6 +64,15 @@ def export_bt_xml(tree: str, *, runs_python: bool = False) -> ExportedTree:
     registry, name = _open_registry(library, runs_python=runs_python), find_tree(tree, library)
     trees = read_sound_trees(name, library, registry)
     return ExportedTree(tree=name, xml=render_trees(list(trees.values()), dict(iter_leaf_models(registry))))
+
+
+def read_live_tree(tree: str, library: Library) -> "LiveTree":
+    """A tree as Groot2 follows it; the Python of skills is not run. Raises DefinitionError of the trees."""
+    from phyagentos.export.groot2_tree import make_live_tree
+    from phyagentos.runtime.execution.tree_check import read_sound_trees
+
+    registry = _open_registry(library, runs_python=False)
+    return make_live_tree(read_sound_trees(tree, library, registry), dict(iter_leaf_models(registry)))
 
 
 def import_trees(file: Path, to: Path, *, runs_python: bool = False) -> ImportedTrees:

@@ -17,6 +17,7 @@ from phyagentos.store.subjects import get_goal
 from phyagentos.store.views.tasks import render_graph
 
 if TYPE_CHECKING:
+    from phyagentos.export.demonstrations import Choice, Demonstrations
     from phyagentos.pictures.scene import Look
 
 FILMS = (".webp", ".gif")
@@ -67,11 +68,37 @@ def export_dataset(
     Raises DefinitionError `EXTRA_MISSING`, `NOT_EXECUTED`, `INVALID_VALUE`, `WOULD_OVERWRITE`.
     """
     from phyagentos.export.demonstrations import Choice, read_demonstrations
-    from phyagentos.export.lerobot import write_dataset
 
     lists = {"skills": tuple(skills), "cameras": tuple(cameras), "entities": tuple(entities)}
     choice = Choice(target=target, fps=fps, contested=contested, failures=failures, **lists)
-    data = read_demonstrations(workspaces, choice)
+    return _write_dataset(read_demonstrations(workspaces, choice), choice, to)
+
+
+def export_bag_dataset(
+    bags: Sequence[Path],
+    to: Path,
+    task: str,
+    *,
+    fps: int = 0,
+    cameras: Sequence[str] = (),
+    robot: str = "",
+    settings: Path | None = None,
+    failures: bool = False,
+) -> WrittenDataset:
+    """Write bags of ROS 2 that others recorded as a LeRobotDataset, one episode each; raises as `read_bags`.
+
+    With `failures` also those that `paos verify --bag` found to have missed; `WOULD_OVERWRITE`.
+    """
+    from phyagentos.export.demonstrations import Choice
+    from phyagentos.operations.bag_dataset import read_bags
+
+    choice = Choice(target=robot, fps=fps, cameras=tuple(cameras), failures=failures)
+    return _write_dataset(read_bags(bags, choice, task, settings=settings), choice, to)
+
+
+def _write_dataset(data: "Demonstrations", choice: "Choice", to: Path) -> WrittenDataset:
+    from phyagentos.export.lerobot import write_dataset
+
     write_dataset(data, choice, to, version("phyagentos"))
     frames, left_out = sum(len(each.state) for each in data.episodes), dict(data.left_out)
     return WrittenDataset(folder=to, episodes=len(data.episodes), frames=frames, fps=data.fps, left_out=left_out)

@@ -27,6 +27,8 @@ class Extension(StrEnum):
     """A policy server, and the skill that it carries out."""
     DRIVER = "driver"
     """A package with a driver of a body."""
+    ROS2 = "ros2"
+    """A robot of ROS 2: profile, settings of its kit, and notes on its launch."""
 
 
 class NewProject(msgspec.Struct, frozen=True, kw_only=True):

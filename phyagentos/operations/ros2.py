@@ -23,6 +23,7 @@ controller:
   topic: joint_trajectory_controller/joint_trajectory   # check
   lead_s: 0.04                    # set-points are reached so much later than commanded
   stamp: now                      # `zero` where the robot's clock is another one
+controller_manager: controller_manager   # check: whose controllers must be active; "" where ros2_control is not used
 stop: {{service: stop}}             # check: std_srvs/Trigger; or `topic:`, std_msgs/Bool
 """
 

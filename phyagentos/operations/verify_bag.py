@@ -109,7 +109,7 @@ def verify_bag(
     named = {how.joint_states, *chain(*((each.color, each.depth, each.info) for each in how.cameras.values()))} - {""}
     if unknown := sorted(named - recorded.types.keys()):
         raise DefinitionError([Problem.unknown("topic", str(bag), each, recorded.types) for each in unknown])
-    profile, folder = read_profile(library.get_target(robot or _find_robot(library, recorded, how)))
+    profile, folder = read_profile(library.get_target(robot or find_robot(library, recorded, how)))
     if profile.base is not None:
         raise DefinitionError.of("INVALID_VALUE", "--robot", f"{profile.target}, whose base moves", "one that stands")
     place = Scene(name=name_placed(scene, [profile]), seed=0, episode=bag.name)
@@ -142,7 +142,7 @@ def _check_criteria(accept: Sequence[str], known: Sequence[str]) -> None:
         raise DefinitionError(problems)
 
 
-def _find_robot(library: Library, bag: "Bag", how: BagSettings) -> str:
+def find_robot(library: Library, bag: "Bag", how: BagSettings) -> str:
     """The only robot that has all its joints, the gripper's included, in the bag; raises `MISSING_VALUE`."""
     from phyagentos.runtime.models.robot import read_profile
     from phyagentos.runtime.perception.bag_looks import find_joint

@@ -75,6 +75,11 @@ def test_a_drafted_file_has_the_kinematics_of_the_model(robot, kit):
         ({"tool": {"position_m": [0], "quaternion_wxyz": [1, 0, 0, 0]}}, "position_m: found [0]; expected a list of 3"),
         ({"joint_states": {"silence_s": float("nan")}}, "joint_states.silence_s: found nan; expected a finite number"),
         ({"procedures": {"go": {"frame": "map"}}}, "ros2.yaml: procedures.go.type: found nothing; expected a value"),
+        ({"gripper": {"joints": ["a"], "opened": 1.0, "action": "a", "action_type": "a/b"}},
+         "gripper.action_type: found 'a/b'; expected one of control_msgs/action/GripperCommand"),
+        ({"gripper": {"joints": ["a"], "opened": 1.0, "action": "a", "topic": "t"}}, "a topic and an action"),
+        ({"cameras": {"top": {"color": "c", "depth": "d", "info": "i", "position_m": [0, 0, 1]}}},
+         "cameras.top: found one of them; expected position_m and quaternion_wxyz, or neither"),
         ({"joints": {}}, "joints: found 'joint1', a joint of target.yaml without an entry"),
     ],
 )  # fmt: skip

@@ -121,6 +121,27 @@ def test_pictures_depths_lenses_and_places_of_cameras_belong_together(bag):
     assert [each.transform.rotation.x for each in moving] == [1.0, 1.0]
 
 
+def test_objects_and_the_verdict_are_markers(looked, bag):
+    *worlds, (verdict_ns, verdict) = read(bag)["/markers"]
+    bundle = looked / "evidence" / SESSION
+    recorded = [json.loads((bundle / f"environment_{each}.json").read_text()) for each in ("before", "after")]
+    for (_, message), known in zip(worlds, recorded, strict=True):
+        shapes = {(f"objects/{name}", number) for name, each in known["entities"].items()
+                  for number, _ in enumerate(each.get("shapes", ()))}  # fmt: skip
+        assert {(each.ns, each.id) for each in message.markers} == shapes
+        (cube,) = (each for each in message.markers if each.ns == "objects/red_cube")
+        place, size = cube.pose.position, cube.scale
+        assert [place.x, place.y, place.z] == pytest.approx(known["entities"]["red_cube"]["pose"]["position_m"])
+        assert [size.x, size.y, size.z] == pytest.approx([0.04] * 3)
+        assert (cube.type, cube.header.frame_id, cube.color.a) == (1, "world", 1.0)
+    (text,) = verdict.markers
+    first, *criteria = text.text.splitlines()
+    assert first == f"{SESSION}: replan"
+    assert "inside(red_cube, red_tray): false" in criteria
+    assert (text.type, text.color.r) == (9, pytest.approx(0.9))
+    assert verdict_ns >= worlds[-1][0]
+
+
 def test_the_folder_is_a_bag_as_its_metadata_says(bag):
     from rosbags.highlevel import AnyReader
 

@@ -8,6 +8,8 @@ import threading
 import rclpy
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from phyagentos_msgs.action import RunGoal
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
@@ -49,6 +51,15 @@ class Caller(Node):
         done = self.handles[name].cancel_goal_async()
         done.add_done_callback(
             lambda future: say(event="cancelling", name=name, n=len(future.result().goals_canceling))
+        )
+
+    def change(self, transition):
+        client = self.create_client(ChangeState, "/phyagentos/change_state")
+        assert client.wait_for_service(30.0)
+        request = ChangeState.Request(transition=Transition(id=getattr(Transition, f"TRANSITION_{transition}")))
+        answer = client.call_async(request)
+        answer.add_done_callback(
+            lambda future: say(event="changed", transition=transition, success=future.result().success)
         )
 
     def trigger(self, name):

@@ -48,5 +48,6 @@ def test_rclpy_reads_what_rosbags_wrote(bag, pytestconfig):  # noqa: F811
         "sensor_msgs/msg/Image",
         "sensor_msgs/msg/JointState",
         "std_msgs/msg/String",
+        "visualization_msgs/msg/MarkerArray",
     }
     assert found == written

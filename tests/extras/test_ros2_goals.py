@@ -313,6 +313,27 @@ def test_a_server_that_is_ended_cancels_its_goal_and_answers_the_caller(ros, cal
     assert "running" not in session_states(workspace).values()
 
 
+def test_a_managed_server_takes_goals_while_it_is_active_and_cancels_them_when_it_rests(ros, caller, workspace):
+    options = ("--level", "propose", "--permit", "close_door", "--permit", "tidy_table", "--managed")
+    with serving(ros, workspace, *options):
+        caller.wait("diagnostics", message="not active")
+        caller.say(do="send", name="early", graph="close_door", seed=7)
+        caller.wait("rejected", name="early")
+        caller.wait("diagnostics", is_so=partial(names, "ros2 lifecycle set /phyagentos activate"))
+        for transition in ("CONFIGURE", "ACTIVATE"):
+            caller.say(do="change", transition=transition)
+            caller.wait("changed", transition=transition, success=True)
+        caller.say(do="send", name="a", graph="tidy_table", seed=7)
+        caller.wait_for_state("a", "running")
+        caller.say(do="change", transition="DEACTIVATE")
+        caller.wait("changed", transition="DEACTIVATE", success=True)
+        done = caller.wait("result", name="a")
+        assert (done["status"], done["result"]["verdict"]) == ("ABORTED", "cancelled")
+        caller.say(do="send", name="late", graph="close_door", seed=7)
+        caller.wait("rejected", name="late")
+    assert "running" not in session_states(workspace).values()
+
+
 def kill_servants(workspace):
     """The tools and the follower of a node, whose command lines name the workspace."""
     for name in ("mcp", "follow"):

@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from phyagentos.assembly.paths import TOKENS
+from phyagentos.operations.preflight import check
 from phyagentos.operations.rerun import find_differences
 from phyagentos.operations.why import why
 from phyagentos.protocol.capabilities.library import Library
@@ -63,3 +64,10 @@ def test_a_session_over_websocket_has_the_bits_of_one_over_a_socket_whatever_ran
     ]
     commands = [sum('"Command"' in line and session.id in line for line in each) for each in lines]
     assert commands[0] == commands[1] == commands[2] > 100
+
+
+def test_preflight_reaches_a_target_that_is_served_elsewhere_with_the_key_of_its_workspace(tmp_path, served):
+    endpoint, key, _ = served
+    workspace = Workspace.create(tmp_path / "here", Library.open())
+    command_from_here(workspace, endpoint, key)
+    assert check("tidy_table", workspace.root, seed=3).refused == ()

@@ -9,27 +9,26 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from target_server.body import Body, Joint, Picture, State, Window
-from target_server.kinematics import Chain, brake, to_quaternion
+from target_server.kinematics import Array, Chain, brake, to_quaternion
 from target_server.procedures import Call
 from target_server.settings import SettingsError
 from target_server.wire import Refusal
 
-from ros2_body.cameras import RosCamera
+from ros2_body.cameras import Cameras
 from ros2_body.clock import RosClock
-from ros2_body.controllers import ForwardSender, Point, TrajectorySender
-from ros2_body.joint_reader import JointReader
+from ros2_body.controller_manager import ControllerWatch
+from ros2_body.controllers import ForwardSender, GripperSender, Point, Sender, TrajectorySender
+from ros2_body.joint_reader import JointReader, Measured
 from ros2_body.procedures import Procedures
 from ros2_body.settings import FILE, Settings, list_ros_names
 
@@ -58,7 +57,8 @@ class Ros2Body(Body):
         self._reader = JointReader(self._node, ros.joint_states, self._clock)
         self._open_senders()
         self._open_stop()
-        self._cameras = {name: RosCamera(self._node, each, self._clock) for name, each in ros.cameras.items()}
+        self._chain = Chain(self.joints, ros.tool)
+        self._cameras = Cameras(self._node, ros, self._clock, self._locate_tool)
         self._procedures = Procedures(self._node, ros.procedures)
         self.procedures = self._procedures.described
         self._executor = SingleThreadedExecutor()
@@ -89,7 +89,6 @@ class Ros2Body(Body):
             Joint(name, each.low, each.high, velocity, each.axis, each.anchor_m, each.slides)
             for name, each, velocity in zip(settings.joints, given, settings.velocity, strict=True)
         ]
-        self._chain = Chain(self.joints, ros.tool)
         if ros.gripper is not None:
             self.observations = ("joint_state", "gripper_width")
             self.actions = ("joint_position", "gripper_width")
@@ -97,14 +96,25 @@ class Ros2Body(Body):
             self.observations = (*self.observations, "entity_poses", "camera_rgb", "camera_depth")
 
     def _open_senders(self) -> None:
-        controller, gripper = self._settings.ros.controller, self._settings.ros.gripper
-        self._finger_sender = ForwardSender(self._node, gripper.topic) if gripper and gripper.topic else None
-        names = [*self._names, *(self._fingers if self._finger_sender is None else ())]
-        self._sender: TrajectorySender | ForwardSender = (
+        ros, fingers = self._settings.ros, list[Sender]()
+        controller, gripper = ros.controller, ros.gripper
+        if gripper is not None and gripper.topic:
+            fingers.append(ForwardSender(self._node, gripper.topic))
+        elif gripper is not None and gripper.action:
+            effort = self._settings.finger_force_n / (gripper.force_per_effort or 1.0)
+            fingers.append(GripperSender(self._node, gripper, effort))
+        self._finger_sender = fingers[0] if fingers else None
+        names = [*self._names, *([] if fingers else self._fingers)]
+        self._sender: Sender = (
             TrajectorySender(self._node, controller, names, self._clock)
             if controller.kind == "trajectory"
             else ForwardSender(self._node, controller.topic)
         )
+        self._senders = [self._sender, *fingers]
+        self._watch = None
+        if ros.controller_manager:
+            claims = {self._sender.controller: names, **{each.controller: self._fingers for each in fingers}}
+            self._watch = ControllerWatch(self._node, ros.controller_manager, claims)
 
     def _open_stop(self) -> None:
         stop = self._settings.ros.stop
@@ -117,23 +127,22 @@ class Ros2Body(Body):
 
     def _await_robot(self) -> None:
         """Whether all is there that is needed to move and to stop it."""
-        wanted: dict[str, Callable[[], bool]] = {"/clock": lambda: self._clock.is_running}
-        senders = [each.publisher for each in (self._sender, self._finger_sender) if each is not None]
-        for each in [*senders, *([self._stop_publisher] if self._stop_publisher is not None else [])]:
-            wanted[each.topic_name] = partial(_is_heard, each)
+        wanted: dict[str, Callable[[], object]] = {"/clock": lambda: self._clock.is_running}
+        wanted |= {each.name: each.is_heard for each in self._senders}
+        if (stop := self._stop_publisher) is not None:
+            wanted[stop.topic_name] = lambda: bool(stop.get_subscription_count())
         if self._stop_client is not None:
             wanted[self._node.resolve_service_name(self._settings.ros.stop.service)] = (
                 self._stop_client.service_is_ready
             )
-        for name, camera in self._cameras.items():
-            wanted[f"the topics of camera {name!r}"] = camera.has_pictures
+        wanted |= self._cameras.list_needs()
         end_s = time.monotonic() + self._settings.ros.wait_s
         for name, is_there in wanted.items():
             while not is_there():
                 self._sleep_until(end_s, f"nothing at {name}")
         while True:
             try:
-                self._reader.read([*self._names, *self._fingers])
+                self._measure([*self._names, *self._fingers])
                 return
             except Refusal as refusal:
                 self._sleep_until(end_s, str(refusal))
@@ -162,7 +171,7 @@ class Ros2Body(Body):
         self._take()
 
     def read(self) -> State:
-        measured = self._reader.read([*self._names, *self._fingers])
+        measured = self._measure([*self._names, *self._fingers])
         arm, fingers = measured[: len(self._names)], measured[len(self._names) :]
         q, qd = [each.q for each in arm], [each.qd for each in arm]
         pose, gripper, width_m, force_n = self._chain.locate(q), self._settings.ros.gripper, 0.0, None
@@ -179,6 +188,16 @@ class Ros2Body(Body):
         x, y, z = pose[:3, 3].tolist()
         return State(q, qd, (x, y, z), to_quaternion(pose[:3, :3]), width_m=width_m, grip_force_n=force_n)
 
+    def _measure(self, names: Sequence[str]) -> list[Measured]:
+        """Joints by their names in ROS; raises `Refusal` `TARGET_LOST`, also for what takes no set-points any more."""
+        complaints = [*(each.complaint for each in self._senders), self._watch.complaint if self._watch else ""]
+        for complaint in filter(None, complaints):
+            raise Refusal("TARGET_LOST", complaint)
+        return self._reader.read(names)
+
+    def _locate_tool(self, moment_s: float) -> Array:
+        return self._chain.locate(self._reader.read_past(self._names, moment_s))
+
     def measure_error(self, wanted: Sequence[float]) -> float:
         """Against what is to be reached by now, of what was sent."""
         due = [q for moment_s, q in self._sent if moment_s <= self._clock.now_s]
@@ -187,7 +206,7 @@ class Ros2Body(Body):
     def step(self, q: Sequence[float], qd: Sequence[float], width_m: float) -> str:
         self._clock.is_watched = True
         self._await_step()
-        self._reader.read(self._names)  # what is not seen is not moved
+        self._measure(self._names)  # what is not seen is not moved
         self._q, self._qd, self._wanted_m = tuple(q), tuple(qd), width_m
         self._send()
         return ""
@@ -207,6 +226,8 @@ class Ros2Body(Body):
         self._row_s = start_s
 
     def halt(self, category: int) -> None:
+        for each in self._senders:
+            each.hold()
         if any(self._qd) and isinstance(self._sender, ForwardSender):
             self._ramp_down()
         elif any(self._qd):
@@ -226,20 +247,11 @@ class Ros2Body(Body):
 
     def note_end(self, session: str) -> None:
         self._clock.complaint, self._clock.is_watched = "", False
+        for each in self._senders:
+            each.complaint = ""
 
     def capture(self, cameras: Sequence[str], windows: Mapping[str, Window], every: int) -> Sequence[Picture]:
-        unknown = [name for name in (*cameras, *windows) if name not in self._cameras]
-        if unknown:
-            known = ", ".join(self._cameras) or "none"
-            raise Refusal("REQUEST_INVALID", f"no camera {unknown[0]!r}; there are {known}")
-        found = []
-        for name in cameras or self._cameras:
-            shot = self._cameras[name].find_latest()
-            if shot is not None:
-                q = self._reader.read_past(self._names, shot.at_s) if self._settings.ros.cameras[name].on_tool else None
-                tool = self._chain.locate(q) if q is not None else None
-                found.append(shot.develop(name, shot.at_s - self._zero_s, tool, windows.get(name), every))
-        return found
+        return self._cameras.capture(cameras, windows, every, self._zero_s)
 
     def close(self) -> None:
         self._executor.shutdown(timeout_sec=1.0)
@@ -313,8 +325,5 @@ class Ros2Body(Body):
         self._width_m += min(max(self._wanted_m - before_m, -way_m), way_m)
         per_m = (gripper.opened - gripper.closed) / self.width_max_m
         n, speed = len(gripper.joints), (self._width_m - before_m) * per_m / self.step_s
-        return (gripper.closed + self._width_m * per_m,) * n, (speed,) * n
-
-
-def _is_heard(publisher: Publisher) -> bool:
-    return bool(publisher.get_subscription_count())
+        width_m = self._wanted_m if gripper.action else self._width_m  # an action moves by itself
+        return (gripper.closed + width_m * per_m,) * n, (speed,) * n

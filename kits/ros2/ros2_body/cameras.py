@@ -2,8 +2,9 @@
 
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,8 @@ from target_server.kinematics import Array, make_pose
 from target_server.wire import Refusal
 
 from ros2_body.clock import RosClock
-from ros2_body.settings import Camera
+from ros2_body.settings import Camera, Ros
+from ros2_body.transforms import Transforms
 
 KEPT = 8  # pictures of each kind that wait for the other
 TOGETHER_S = 0.005  # between colours and depth of one exposure
@@ -31,33 +33,87 @@ HALF_PX = 0.5  # ROS counts from the middle of the first pixel, phyagentos from 
 class Shot:
     """Messages of one exposure, and its moment on the robot's clock [s]."""
 
-    settings: Camera
     at_s: float
     color: Any
     depth: Any
     info: CameraInfo
 
-    def develop(self, name: str, time_s: float, tool: "Array | None", window: "Window | None", every: int) -> Picture:
-        """The picture, or a part of it; `tool` (4, 4) is where the tool was, for a camera on it."""
+    @property
+    def frame(self) -> str:
+        """Its optical frame in TF."""
+        return str(self.depth.header.frame_id)
+
+    def develop(self, name: str, time_s: float, pose: Array, window: "Window | None", every: int) -> Picture:
+        """The picture, or a part of it, from `world_T_camera` (4, 4)."""
         rgb, raw, unit_m = _read_colors(self.color), *_read_depth(self.depth)
         if rgb.shape[:2] != raw.shape:
             raise Refusal(
                 "OBSERVATION_UNAVAILABLE", f"{name}: colours {rgb.shape[:2]} and depth {raw.shape}: not registered"
             )
-        info, pose = self.info, make_pose(self.settings.position_m, self.settings.quaternion_wxyz)
+        info = self.info
         lens = info.p if info.p[0] else (*info.k[:3], 0.0, *info.k[3:6], 0.0)
         focal_px = (float(lens[0]), float(lens[5]))
         exposure = Exposure(
             name, time_s, rgb, raw, unit_m, focal_px, (float(lens[2]) + HALF_PX, float(lens[6]) + HALF_PX)
         )
-        return exposure.develop(pose if tool is None else tool @ pose, window, every)
+        return exposure.develop(pose, window, every)
+
+
+class Cameras:
+    """All cameras, each in its place: in the world, on the tool, or where TF has its frame.
+
+    Args:
+        locate_tool: `world_T_tool` (4, 4) at a moment of the robot's clock [s].
+    """
+
+    def __init__(self, node: Node, ros: Ros, clock: RosClock, locate_tool: Callable[[float], Array]) -> None:
+        self._settings, self._world, self._locate_tool = ros.cameras, ros.world, locate_tool
+        self._cameras = {name: RosCamera(node, each, clock) for name, each in ros.cameras.items()}
+        by_tf = [name for name, each in ros.cameras.items() if each.position_m is None]
+        self._transforms = Transforms(node, clock) if by_tf else None
+
+    def list_needs(self) -> dict[str, Callable[[], object]]:
+        """What is to be there at the start, and whether it is."""
+        needs: dict[str, Callable[[], object]] = {}
+        for name, camera in self._cameras.items():
+            needs[f"the topics of camera {name!r}"] = camera.list_shots
+            if self._settings[name].position_m is None:
+                says = f"/tf from {self._world!r} to the frame of the pictures of camera {name!r}"
+                needs[says] = partial(self._find_latest, name)
+        return needs
+
+    def capture(
+        self, names: Sequence[str], windows: Mapping[str, Window], every: int, zero_s: float
+    ) -> Sequence[Picture]:
+        """As `Body.capture`; `zero_s` is where the body's time begins on the robot's clock [s]."""
+        unknown = [name for name in (*names, *windows) if name not in self._cameras]
+        if unknown:
+            known = ", ".join(self._cameras) or "none"
+            raise Refusal("REQUEST_INVALID", f"no camera {unknown[0]!r}; there are {known}")
+        found = [(name, each) for name in names or self._cameras if (each := self._find_latest(name)) is not None]
+        return [shot.develop(name, shot.at_s - zero_s, pose, windows.get(name), every) for name, (shot, pose) in found]
+
+    def _find_latest(self, name: str) -> "tuple[Shot, Array] | None":
+        """The latest exposure whose place is known, and `world_T_camera`."""
+        for shot in self._cameras[name].list_shots():
+            if (pose := self._place(name, shot)) is not None:
+                return shot, pose
+        return None
+
+    def _place(self, name: str, shot: Shot) -> "Array | None":
+        camera = self._settings[name]
+        if camera.position_m is None or camera.quaternion_wxyz is None:
+            assert self._transforms is not None
+            return self._transforms.locate(self._world, shot.frame, shot.at_s)
+        pose = make_pose(camera.position_m, camera.quaternion_wxyz)
+        return self._locate_tool(shot.at_s) @ pose if camera.on_tool else pose
 
 
 class RosCamera:
     """The topics of one camera."""
 
     def __init__(self, node: Node, settings: Camera, clock: RosClock) -> None:
-        self._settings, self._clock, self._lock = settings, clock, threading.Lock()
+        self._clock, self._lock = clock, threading.Lock()
         self._colors: deque[tuple[float, Any]] = deque(maxlen=KEPT)
         self._depths: deque[tuple[float, Any]] = deque(maxlen=KEPT)
         self._info: CameraInfo | None = None
@@ -68,18 +124,15 @@ class RosCamera:
         node.create_subscription(Image, settings.depth, lambda each: self._take(self._depths, each), qos)
         node.create_subscription(CameraInfo, settings.info, self._take_info, qos)
 
-    def find_latest(self) -> "Shot | None":
-        """The latest exposure of which both pictures are there; None before the first."""
+    def list_shots(self) -> list[Shot]:
+        """Exposures of which both pictures are there, the latest first."""
         with self._lock:
-            for at_s, depth in reversed(self._depths):
-                for color_s, color in reversed(self._colors):
-                    if abs(color_s - at_s) <= TOGETHER_S and self._info is not None:
-                        return Shot(self._settings, at_s, color, depth, self._info)
-        return None
-
-    def has_pictures(self) -> bool:
-        """Whether an exposure has arrived."""
-        return self.find_latest() is not None
+            return [
+                Shot(at_s, color, depth, self._info)
+                for at_s, depth in reversed(self._depths)
+                for color_s, color in reversed(self._colors)
+                if abs(color_s - at_s) <= TOGETHER_S and self._info is not None
+            ]
 
     def _take(self, kept: "deque[tuple[float, Any]]", message: Any) -> None:
         with self._lock:
@@ -128,6 +181,3 @@ def _decompress(message: CompressedImage) -> NDArray[np.uint8]:
     if found is None:
         raise Refusal("OBSERVATION_UNAVAILABLE", f"{len(message.data)} bytes of {message.format!r} are no picture")
     return np.asarray(found[..., ::-1])
-
-
-__all__: Sequence[str] = ("RosCamera", "Shot")

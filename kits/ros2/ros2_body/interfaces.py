@@ -45,12 +45,17 @@ def load_type(name: str) -> Any:
         raise ValueError(f"{name} is not installed: {error}") from error
 
 
+def load_installed(name: str, key: str) -> Any:
+    """As `load_type`, for a key of `ros2.yaml`; raises `SettingsError`."""
+    try:
+        return load_type(name)
+    except ValueError as error:
+        raise SettingsError(f"{FILE}: {key}", str(error), "an installed type") from error
+
+
 def describe_procedure(name: str, offer: Offer) -> Procedure:
     """What can be called under a name; raises `SettingsError` where its type is not installed."""
-    try:
-        found, what = load_type(offer.type), KINDS[offer.type.split("/")[1]]
-    except ValueError as error:
-        raise SettingsError(f"{FILE}: procedures.{name}.type", str(error), "an installed type") from error
+    found, what = load_installed(offer.type, f"procedures.{name}.type"), KINDS[offer.type.split("/")[1]]
     if what == "action":
         parts = (found.Goal, found.Feedback, found.Result)
     elif what == "service":

@@ -61,7 +61,7 @@ class JointReader:
 
     def read_past(self, names: Sequence[str], moment_s: float) -> list[float]:
         """Positions at a moment of the past, the nearest that were measured."""
-        return [min(self._past[name], key=lambda each: abs(each[0] - moment_s))[1] for name in names]
+        return [min([*self._past[name]], key=lambda each: abs(each[0] - moment_s))[1] for name in names]
 
     def _take(self, message: JointState) -> None:
         names, stamp = tuple(message.name), (message.header.stamp.sec, message.header.stamp.nanosec)

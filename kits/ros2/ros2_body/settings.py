@@ -3,9 +3,10 @@
 Upstream: `paos robot ros2`, which drafts `ros2.yaml` from the model. Downstream: `body`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from target_server.settings import (
     Profile,
@@ -77,6 +78,7 @@ class Gripper:
         joints: Names in ROS; all get the same set-point.
         opened: Position at the profile's `max_width_m`; `closed` that at none [rad or m].
         topic: Of a forward_command_controller of their own; empty where the arm's controller has them.
+        action: Of a gripper controller, in place of a topic; each new opening is a goal of `action_type`.
         force_per_effort: Grip force of all fingers by the sum of their efforts [N per unit]; 0 where none is measured.
     """
 
@@ -84,7 +86,23 @@ class Gripper:
     opened: float
     closed: float = 0.0
     topic: str = ""
+    action: str = ""
+    action_type: str = "control_msgs/action/GripperCommand"
     force_per_effort: float = 0.0
+
+
+GRIPPER_ACTIONS: Mapping[str, Callable[[Gripper, float, float], Mapping[str, Any]]] = {
+    "control_msgs/action/GripperCommand": lambda _gripper, position, effort: {
+        "command.position": position,
+        "command.max_effort": effort,
+    },
+    "control_msgs/action/ParallelGripperCommand": lambda gripper, position, effort: {
+        "command.name": [*gripper.joints],
+        "command.position": [position for _ in gripper.joints],
+        "command.effort": [effort for _ in gripper.joints],
+    },
+}
+"""Goal by path, of a position [rad or m] and the greatest effort."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +121,8 @@ class Camera:
         color: Topic of `Image`, or of `CompressedImage` where it ends in `/compressed`.
         depth: Topic of `Image`, 16UC1 [mm] or 32FC1 [m].
         info: Topic of its `CameraInfo`, rectified.
-        position_m: (3,) of its optical frame, z forward, x right, y down [m]; `quaternion_wxyz` turns its axes.
+        position_m: (3,) of its optical frame, z forward, x right, y down [m]; `quaternion_wxyz` turns its axes. Where
+            both are left out, TF places the frame of its depth.
         on_tool: Whether that is in the frame of the tool, else in the world.
         reliable: Whether its topics are subscribed to reliably.
     """
@@ -111,8 +130,8 @@ class Camera:
     color: str
     depth: str
     info: str
-    position_m: Triple
-    quaternion_wxyz: Quadruple
+    position_m: "Triple | None" = None
+    quaternion_wxyz: "Quadruple | None" = None
     on_tool: bool = False
     reliable: bool = False
 
@@ -134,7 +153,12 @@ class Offer:
 
 @dataclass(frozen=True)
 class Ros:
-    """`ros2.yaml`; names of topics and services are relative to `namespace` without a leading slash."""
+    """`ros2.yaml`; names of topics and services are relative to `namespace` without a leading slash.
+
+    Attributes:
+        world: Frame of TF that is the world of the profile, for cameras that TF places.
+        controller_manager: Node of ros2_control whose controllers are watched; empty where there is none.
+    """
 
     joints: Mapping[str, Joint]
     tool: Tool
@@ -142,6 +166,8 @@ class Ros:
     namespace: str = ""
     use_sim_time: bool = False
     wait_s: float = 10.0
+    world: str = "world"
+    controller_manager: str = ""
     joint_states: JointStates = JointStates()
     gripper: "Gripper | None" = None
     stop: Stop = Stop()
@@ -167,10 +193,19 @@ def read_settings(profile: Path) -> Settings:
 
 def _check(ros: Ros, place: str) -> None:
     """What no type says."""
-    controller = ros.controller
-    for name, value, known in (("kind", controller.kind, KINDS), ("stamp", controller.stamp, STAMPS)):
+    controller, gripper = ros.controller, ros.gripper
+    closed: list[tuple[str, str, Iterable[str]]] = [
+        ("controller.kind", controller.kind, KINDS),
+        ("controller.stamp", controller.stamp, STAMPS),
+    ]
+    if gripper is not None:
+        closed.append(("gripper.action_type", gripper.action_type, GRIPPER_ACTIONS))
+    for name, value, known in closed:
         if value not in known:
-            raise SettingsError(f"{place}: controller.{name}", repr(value), f"one of {', '.join(known)}")
+            raise SettingsError(f"{place}: {name}", repr(value), f"one of {', '.join(known)}")
+    for name, camera in ros.cameras.items():
+        if (camera.position_m is None) != (camera.quaternion_wxyz is None):
+            raise SettingsError(f"{place}: cameras.{name}", "one of them", "position_m and quaternion_wxyz, or neither")
     for joint, each in ros.joints.items():
         if not each.low < each.high:
             raise SettingsError(f"{place}: joints.{joint}", f"{each.low} to {each.high}", "low below high")
@@ -178,8 +213,10 @@ def _check(ros: Ros, place: str) -> None:
         raise SettingsError(place, "a time that is not positive", "lead_s, silence_s and wait_s above 0")
     if bool(ros.stop.service) == bool(ros.stop.topic):
         raise SettingsError(f"{place}: stop", f"{ros.stop.service!r} and {ros.stop.topic!r}", "a service or a topic")
-    if ros.gripper is not None and (ros.gripper.opened == ros.gripper.closed or not ros.gripper.joints):
+    if gripper is not None and (gripper.opened == gripper.closed or not gripper.joints):
         raise SettingsError(f"{place}: gripper", "no way between open and closed", "joints with two positions")
+    if gripper is not None and gripper.topic and gripper.action:
+        raise SettingsError(f"{place}: gripper", "a topic and an action", "one of them")
 
 
 def list_ros_names(settings: Settings) -> Sequence[str]:

@@ -27,6 +27,8 @@ def read_arguments() -> tuple[argparse.Namespace, list[str]]:
     parser.add_argument("--permit", metavar="GRAPH", action="append", default=[], help=about)
     parser.add_argument("--policy", type=Path, help="at level submit: the file that decides, as for `paos approve`")
     parser.add_argument("--waiting", type=int, default=4, metavar="N", help="goals that may wait for their turn")
+    managed = "begin unconfigured, for a lifecycle manager; active without"
+    parser.add_argument("--managed", action="store_true", help=managed)
     return parser.parse_known_args()
 
 
@@ -40,6 +42,9 @@ def main() -> None:
         sys.exit(f"ros2_goals: {error}")
     rclpy.init(args=of_ros, signal_handler_options=SignalHandlerOptions.NO)
     node = GoalServer(framework, Rules(frozenset(given.permit), given.policy), given.waiting)
+    if not given.managed:
+        node.trigger_configure()
+        node.trigger_activate()
     executor = MultiThreadedExecutor(num_threads=given.waiting + 8)  # a goal holds one until its end
     executor.add_node(node)
     spinning = threading.Thread(target=executor.spin, daemon=True)

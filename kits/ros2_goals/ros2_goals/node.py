@@ -10,7 +10,7 @@ from phyagentos_msgs.action import RunGoal
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.node import Node
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
 from ros2_goals.framework import Framework, Refused
@@ -20,8 +20,11 @@ _DIAGNOSTICS_S = 1.0
 _CALLER = "a ROS 2 service call"
 
 
-class GoalServer(Node):  # type: ignore[misc,unused-ignore]  # a ROS distribution brings no types
-    """Serves one workspace; `waiting_max` goals wait for their turn, and further ones are rejected."""
+class GoalServer(LifecycleNode):  # type: ignore[misc,unused-ignore]  # a ROS distribution brings no types
+    """Serves one workspace; `waiting_max` goals wait for their turn, and further ones are rejected.
+
+    Goals are taken while it is active. One that is deactivated or shut down cancels those that it has.
+    """
 
     def __init__(self, framework: Framework, rules: Rules, waiting_max: int) -> None:
         super().__init__("phyagentos")
@@ -29,6 +32,7 @@ class GoalServer(Node):  # type: ignore[misc,unused-ignore]  # a ROS distributio
         self._line, self._places = Line(), threading.Semaphore(waiting_max + 1)
         self._pursuits: dict[bytes, Pursuit] = {}
         self._said = {"last rejection": "", "last goal": ""}
+        self._is_active = False
         self._is_over = threading.Event()
         at_once = ReentrantCallbackGroup()
         self._action = ActionServer(
@@ -49,9 +53,25 @@ class GoalServer(Node):  # type: ignore[misc,unused-ignore]  # a ROS distributio
         follow = threading.Thread(target=framework.follow, args=[self._line.put, self._is_over, say], daemon=True)
         follow.start()
 
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._is_active = True
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._rest()
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._rest()
+        return super().on_shutdown(state)
+
+    def _rest(self) -> None:
+        self._is_active = False
+        self._line.put(CANCEL)
+
     def close(self, patience_s: float) -> None:
         """Cancel every goal, and wait for their ends."""
-        self._line.put(CANCEL)
+        self._rest()
         waits = threading.Event()
         for _ in range(int(10 * patience_s)):
             if not len(self._line) or waits.wait(0.1):
@@ -70,6 +90,8 @@ class GoalServer(Node):  # type: ignore[misc,unused-ignore]  # a ROS distributio
         return GoalResponse.ACCEPT
 
     def _find_problem(self, request: Request) -> str:
+        if not self._is_active:
+            return f"{self.get_name()} is not active: `ros2 lifecycle set {self.get_fully_qualified_name()} activate`"
         if self._framework.level == "read":
             return "this server was started with the level `read`: goals need `propose` or `submit`"
         if bool(request.graph) == bool(request.words):
@@ -141,7 +163,8 @@ class GoalServer(Node):  # type: ignore[misc,unused-ignore]  # a ROS distributio
         present, is_stopped = self._line.find_present(), self._framework.is_stopped()
         status = DiagnosticStatus(name=f"{self.get_name()}: goals", hardware_id=str(self._framework.root))
         status.level = DiagnosticStatus.ERROR if is_stopped else DiagnosticStatus.OK
-        running = f"runs {present.name or 'the first goal of its line'}" if present else "no goal"
+        rests = "no goal" if self._is_active else "not active"
+        running = f"runs {present.name or 'the first goal of its line'}" if present else rests
         status.message = "emergency stop is latched" if is_stopped else running
         facts = {"goal": present.name if present else "", "waiting": str(max(0, len(self._line) - 1)), **self._said}
         status.values = [KeyValue(key=key, value=value) for key, value in facts.items()]

@@ -31,11 +31,13 @@ class BagCamera(Authored):
 
 
 class BagSettings(Authored):
-    """Settings of `paos verify --bag`.
+    """Settings of `paos verify --bag`, and of data sets from bags.
 
     Attributes:
         cameras: By name; all that have pictures, where none is named.
         joint_states: Topic of sensor_msgs/JointState; that whose name ends with `joint_states`, where it is left out.
+        joint_commands: Topic of commands as sensor_msgs/JointState, for a data set; that whose name ends with
+            `joint_commands`, where it is left out and there is one.
         joints: Names in the bag by names in the robot's profile, where they differ.
         world: Frame of TF that is the world of the scene, in whose origin the robot stands.
         pair_s: Largest difference of stamps between a picture and its depth [s].
@@ -47,6 +49,7 @@ class BagSettings(Authored):
 
     cameras: dict[str, BagCamera] = {}
     joint_states: str = ""
+    joint_commands: str = ""
     joints: dict[str, str] = {}
     world: str = "world"
     pair_s: float = pydantic.Field(default=0.02, ge=0.0, le=0.5)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from os.path import commonpath
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.looks import FORMAT
@@ -77,16 +78,10 @@ class BagLooks:
     def _drop_transforms(self, lag_ns: int) -> None:
         """Do without frames of /tf that another clock stamped than the joint states."""
         moving = {name: step for name, (_, step) in self._bag.frames.items() if isinstance(step, Course)}
-        why = {name: self._explain_clock(int(np.median(step.lags_ns)), lag_ns) for name, step in moving.items()}
+        why = {name: explain_clock(step.lags_ns, lag_ns, self._how) for name, step in moving.items()}
         self.left_out += [f"transforms of {name}: {each}" for name, each in why.items() if each]
         kept = {name: each for name, each in self._bag.frames.items() if not why.get(name)}
         self._bag = replace(self._bag, frames=kept)
-
-    def _explain_clock(self, lag_ns: int, expected_ns: int) -> str:
-        off_s, allowed_s = (lag_ns - expected_ns) / 1e9, self._how.clock_s
-        way = "behind" if off_s > 0 else "ahead of"
-        says = f"stamps {abs(off_s):.2f} s {way} the joint states' clock; clock_s allows {allowed_s:g} s"
-        return says if abs(off_s) > allowed_s else ""
 
     def _find_cameras(self) -> dict[str, BagCamera]:
         """The cameras of the settings, or one for each frame of pictures in colour; with all their topics."""
@@ -141,7 +136,7 @@ class BagLooks:
     def _find_frame(self, name: str, camera: BagCamera, at_ns: int, lag_ns: int) -> tuple[Frame, TargetState] | str:
         why, pictures = "", self._bag.pictures.get(camera.color, ())
         for taken in sorted(pictures, key=lambda each: -each.stamp_ns):
-            reason = self._explain_clock(taken.logged_ns - taken.stamp_ns, lag_ns)
+            reason = explain_clock(taken.logged_ns - taken.stamp_ns, lag_ns, self._how)
             if reason or at_ns - self._age_ns <= taken.stamp_ns <= at_ns:
                 frame = reason or self._make_frame(name, camera, taken)
                 if not isinstance(frame, str):
@@ -204,6 +199,14 @@ def find_joint(bag: Bag, how: BagSettings, name: str) -> Course | None:
     topics: Iterable[str] = [how.joint_states] if how.joint_states else found
     courses = (bag.joints.get(topic, {}).get(how.joints.get(name, name)) for topic in topics)
     return next((course for course in courses if course is not None and len(course.stamps_ns)), None)
+
+
+def explain_clock(lags_ns: NDArray[np.int64] | int, expected_ns: NDArray[np.int64] | int, how: BagSettings) -> str:
+    """How far stamps are off by how much later they were recorded, and joint states; empty where clocks agree."""
+    off_s, allowed_s = float(np.median(lags_ns) - np.median(expected_ns)) / 1e9, how.clock_s
+    way = "behind" if off_s > 0 else "ahead of"
+    says = f"stamps {abs(off_s):.2f} s {way} the joint states' clock; clock_s allows {allowed_s:g} s"
+    return says if abs(off_s) > allowed_s else ""
 
 
 def _blend(course: Course, stamp_ns: int, gap_ns: int) -> float:

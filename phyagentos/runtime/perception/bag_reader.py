@@ -117,6 +117,14 @@ def read_bag(path: Path) -> Bag:
     return Bag(begin_ns=begin_ns, end_ns=end_ns, types=types, pictures=pictures, joints=courses, frames=frames)
 
 
+def iter_taken(path: Path, topic: str) -> Iterator[Taken]:
+    """All pictures of a topic, in the order of their recording; raises as `read_bag`."""
+    with _reading(path) as reader:
+        for found, logged_ns, message in _iter_messages(reader, PICTURES):
+            if found == topic:
+                yield Taken(_read_stamp(message.header), logged_ns, message)
+
+
 @contextmanager
 def _reading(path: Path) -> Iterator[RosMessage]:
     with needs_extra("export", "paos verify --bag"):

@@ -29,6 +29,7 @@ from phyagentos.testing import ReachedTarget
 
 HERE, ROOT = Path(__file__).parent, Path(__file__).resolve().parents[3]
 KITS = os.pathsep.join(str(ROOT / "kits" / each) for each in ("ros2", "target_server"))
+MESSAGES = ROOT / "build" / "ros2" / "messages" / "lib"
 SCENE = "tabletop/cubes_and_trays"
 CAMERAS = ("overhead", "left", "right", "wrist")
 COMPRESSED, METRES = "left", "right"
@@ -83,6 +84,7 @@ def _edit_ros2(robot, settings, kind, hand, cameras, changes):
     given = yaml.safe_load((robot / "ros2.yaml").read_text())
     topic = {"trajectory": "arm_controller/joint_trajectory", "forward": "arm_controller/commands"}[kind]
     given |= {"namespace": NAMESPACE, "use_sim_time": True, "controller": {"kind": kind, "topic": topic}}
+    given["controller_manager"] = ""
     given["gripper"] |= {"joints": [PREFIX + name for name in given["gripper"]["joints"]], "force_per_effort": 1.0}
     given["gripper"] |= {"topic": "hand_controller/commands"} if hand else {}
     for name, joint in given["joints"].items():
@@ -126,6 +128,7 @@ def write_plant(folder, project, seed, cameras=CAMERAS):
     bodies = [each.name for each in physics.scene.entities]
     about = {
         "joints": profile.arm.joints, "fingers": profile.gripper.joints, "seed": seed, "drive": "act_gripper",
+        "tcp": profile.tcp, "opened_m": profile.gripper.max_width_m / len(profile.gripper.joints),
         "servos": [name_actuator(name) for name in profile.arm.joints], "lead_s": physics.actuation.lead_s.tolist(),
         "noise": [profile.arm.position_noise_rad, profile.arm.velocity_noise_rad_s], "cameras": list(cameras),
         "sensors": str(project / "protocol" / "sensors.yaml"),
@@ -143,6 +146,7 @@ class Process:
     def __init__(self, command, log, **environment):
         held = {name: os.environ[name] for name in HELD if name in os.environ}
         given = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_LOG_DIR": str(log.parent / "roslog"), **environment}
+        given = {name: str(value) for name, value in given.items() if value}
         with log.open("ab") as file:
             pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": file, "text": True}
             self.process = subprocess.Popen(list(map(str, command)), env=held | given, **pipes)
@@ -184,12 +188,19 @@ class Cell:
         given = {
             "namespace": NAMESPACE, "prefix": PREFIX, "seed": seed, "pace": pace, "cameras": views,
             "camera_hz": camera_hz, "kind": "trajectory", "hand": True,
-            "controller": {"begins_at_desired": True}, "eyes": self._find_eyes(), **options,
+            "controller": {"begins_at_desired": True}, "ros2_control": None, "eyes": self._find_eyes(), **options,
         }  # fmt: skip
         command = [python, HERE / "emulator.py", plant, json.dumps(given)]
-        self.robot = Process(command, folder / "robot.log", ROS_DOMAIN_ID=self.domain)
+        is_built = given["ros2_control"] is not None  # its messages are
+        self._libraries = MESSAGES if is_built else ""
+        self._packages = [str(MESSAGES / "python3.11" / "site-packages")] if is_built else []
+        self.robot = self._start(command, "robot.log", self._packages)
         self.robot.ask("truth")
         self.bodies = []
+
+    def _start(self, command, log, packages):
+        paths = {"PYTHONPATH": os.pathsep.join(packages), "LD_LIBRARY_PATH": self._libraries}
+        return Process(command, self.folder / log, ROS_DOMAIN_ID=self.domain, **paths)
 
     @staticmethod
     def _find_eyes():
@@ -200,7 +211,7 @@ class Cell:
         """Start the kit; its endpoint, or what it says in its place."""
         command = [self.python, "-m", "ros2_body", self.project / "robots" / "panda" / "target.yaml"]
         command += ["--log", self.log, "--stop-file", self.stop_file]
-        body = Process(command, self.folder / "body.log", ROS_DOMAIN_ID=self.domain, PYTHONPATH=KITS)
+        body = self._start(command, "body.log", [KITS, *self._packages])
         self.bodies.append(body)
         body.tell(self.key.hex())
         return body.process.stdout.readline().strip()

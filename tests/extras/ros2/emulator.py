@@ -32,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from trajectory_controller import TrajectoryController
 
 BEGIN_S = 1000.0  # of the robot's clock
-CONTROL_STEPS, REPORT_STEPS = 2, 4  # physics steps of 2 ms: 250 Hz and 125 Hz
+CONTROL_STEPS, REPORT_STEPS, TF_STEPS = 2, 4, 20  # physics steps of 2 ms: 250 Hz, 125 Hz, 25 Hz
 CAMERAS_BEHIND_S = 0.06
 
 
@@ -94,7 +94,10 @@ class Robot(Node):
             self.create_subscription(JointTrajectory, "arm_controller/joint_trajectory", self.take, 10)
         else:
             self.create_subscription(Float64MultiArray, "arm_controller/commands", self.forward, 10)
-        if options["hand"]:
+        self.manager = self.gripper = self.frames = None
+        if options["ros2_control"] is not None:
+            self.add_ros2_control(**options["ros2_control"])
+        elif options["hand"]:
             self.create_subscription(Float64MultiArray, "hand_controller/commands", self.move_hand, 10)
         self.create_service(Trigger, "stop", self.stop)
         self.create_subscription(Bool, "stop", self.stop, 1)
@@ -109,6 +112,19 @@ class Robot(Node):
             for name, each in options["cameras"].items()
         }
 
+    def add_ros2_control(self, gripper, frames):
+        import ros2_control
+
+        n = len(self.controller.joints)
+        claims = {"arm_controller": self.names[:n], "hand_controller": self.names[n:]}
+        self.manager = ros2_control.ControllerManager(self, claims)
+        self.gripper = ros2_control.GripperAction(self, gripper, (0.0, self.plant.about["opened_m"]))
+        self.frames = ros2_control.Frames(self, frames, self.stamp)
+
+    @property
+    def is_idle(self):
+        return self.is_stopped or (self.manager is not None and self.manager.states["arm_controller"] != "active")
+
     @staticmethod
     def color(camera):
         return "color/compressed" if camera["compressed"] else "color"
@@ -118,7 +134,7 @@ class Robot(Node):
         return BEGIN_S + self.plant.data.time + self.shift_s
 
     def take(self, message):
-        if self.is_stopped:
+        if self.is_idle:
             return
         at_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         if at_s:
@@ -138,6 +154,9 @@ class Robot(Node):
 
     def drive(self):
         q, qd = self.controller.update(self.now_s, self.measure())
+        if self.gripper is not None:
+            n, dt = len(q), self.plant.model.opt.timestep * CONTROL_STEPS
+            self.gripper.update(*(each[n:] for each in self.plant.measure()), dt)
         self.plant.servo(np.append(q, self.fingers), np.append(qd, np.zeros(len(self.fingers))))
 
     def forward(self, message):
@@ -175,6 +194,11 @@ class Robot(Node):
         message.position, message.velocity, message.effort = q[order], qd[order], effort[order]
         self._states.publish(message)
 
+    def tell_frames(self):
+        quaternion, tool = np.zeros(4), self.plant.data.site(self.plant.about["tcp"])
+        mujoco.mju_mat2Quat(quaternion, tool.xmat)
+        self.frames.tell(self.now_s, tool.xpos, quaternion)
+
     def show(self, name, moment_s, rgb, depth_m, lens):
         color_topic, depth_topic, info_topic = self.views[name]
         head = self.stamp(BEGIN_S + moment_s + self.shift_s)
@@ -192,7 +216,7 @@ class Robot(Node):
         depth = Image(height=height, width=width, encoding=kind, step=size * width, data=as_bytes(raw))
         info = CameraInfo(height=height, width=width, k=lens)
         for topic, message in ((info_topic, info), (color_topic, color), (depth_topic, depth)):
-            message.header.stamp = head
+            message.header.stamp, message.header.frame_id = head, f"{name}_optical_frame"
             topic.publish(message)
 
 
@@ -243,6 +267,9 @@ class World:
             robot.shift_s += float(rest[0])
         elif word == "reset":
             robot.is_stopped = False
+        elif word in {"active", "inactive"}:
+            robot.manager.states[rest[0]] = word
+            robot.controller.hold()
         late = sorted(robot.late_s) or [0.0]
         n = len(self.plant.joints)
         return {
@@ -250,6 +277,8 @@ class World:
             "bodies": self.plant.find_bodies(), "counts": dict(robot.controller.counts), "stops": robot.stops,
             "stopped_at_s": robot.stopped_at_s, "speed": float(np.abs(self.plant.data.qvel[self.plant.v_at[:n]]).max()),
             "late_ms": [1e3 * late[int(share * (len(late) - 1))] for share in (0.5, 0.95, 1.0)], "messages": len(late),
+            "goals": robot.gripper and [robot.gripper.goals, robot.gripper.rejected],
+            "fingers_m": self.plant.measure()[0][n:].tolist(),
             "finite": bool(np.isfinite(self.plant.data.qpos).all()),
         }  # fmt: skip
 
@@ -265,6 +294,8 @@ class World:
             robot.tick()
             if count % (REPORT_STEPS // CONTROL_STEPS) == 0:
                 robot.report()
+            if robot.frames is not None and count % (TF_STEPS // CONTROL_STEPS) == 0:
+                robot.tell_frames()
             if self.eyes is not None:
                 if count % rate == 0:
                     self.eyes.ask(plant.data.time, plant.data.qpos)
