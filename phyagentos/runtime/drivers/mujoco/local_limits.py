@@ -68,9 +68,9 @@ class LocalLimits:
         own = self._servoed = profile.servoed
         self._top, braking = SPEED_SHARE * self._velocity[own], self._brake[own]
         low, high = self.low[own], self.high[own]
-        self._middle = 0.5 * (low + high)
+        self.middle = 0.5 * (low + high)
         room = 0.5 * (high - low) - self._top**2 / (2.0 * braking)
-        self._free_step, self._free_room = self._lead_s * self._top, room
+        self.free = self._lead_s * self._top, room  # of an input from its joint, and of that from its middle [rad]
         self._box = np.array(profile.workspace_m) if profile.workspace_m is not None else None
         top, a_dt, none = SET_POINT_SHARE * self._velocity, self._brake * dt, np.zeros(len(arm.joints))
         change = (1.0 + CHANGE_TOLERANCE) * a_dt
@@ -151,7 +151,8 @@ class LocalLimits:
         """
         data, servos = self._physics.data, self._physics.actuation.servos
         q, wanted = data.qpos[self._physics.state.q_address], data.ctrl[servos]
-        if (np.abs(wanted - q) <= self._free_step).all() and (np.abs(q - self._middle) <= self._free_room).all():
+        step, room = self.free
+        if (np.abs(wanted - q) <= step).all() and (np.abs(q - self.middle) <= room).all():
             return
         low, high, braking = self.low[self._servoed], self.high[self._servoed], self._brake[self._servoed]
         up = np.minimum(self._top, np.sqrt(2.0 * braking * np.maximum(high - q, 0.0)))
