@@ -45,6 +45,7 @@ class Strider:
             places[actuation.inputs], places[actuation.servos], places[state.q_address], places[state.v_address]
         )  # fmt: skip
         self._bounds = limits.middle, *limits.free
+        self.take(np.empty((0, len(self._places[0]))))  # loads what is compiled, which in real time would take too long
 
     def take(self, controls: Array) -> Stride:
         """The steps of as many rows (n, n_inputs) of servo inputs as need nothing else; possibly none."""
