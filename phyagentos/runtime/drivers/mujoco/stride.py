@@ -4,13 +4,13 @@ Between two steps Python costs as much as a step. Of each step the same is judge
 a bound ends a stride before its step, a torque that a joint sensor feels ends it after its step.
 """
 
+import ctypes
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from llvmlite.binding import load_library_permanently
 from numba import njit
 from numba.core.types import ExternalFunction, intp, void
 
@@ -75,4 +75,4 @@ def _take(model, data, state, places, controls, bounds):  # type: ignore[no-unty
 @cache
 def _load_mujoco() -> None:
     """Let compiled code find the library that is loaded already."""
-    load_library_permanently(str(next(Path(mujoco.__file__).parent.glob("libmujoco.*"))))
+    ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco.*"))), ctypes.RTLD_GLOBAL)
