@@ -138,7 +138,7 @@ def _bound(request: wire.Request, period_s: float, *, is_stopped: bool) -> tuple
 
 
 def _is_plainly_sound(value: object) -> bool:
-    """Whether a small value has no fault, in a tenth of the time that `_find_unsound` takes to find its place."""
+    """Whether a small value has no fault; quicker than `_find_unsound`, which also finds the place of one."""
     match value:
         case float():
             return math.isfinite(value)

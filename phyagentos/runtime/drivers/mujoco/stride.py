@@ -1,7 +1,8 @@
 """Physics steps of one robot alone, one after another in compiled code, up to the first that asks for more.
 
 Between two steps Python costs as much as a step. Of each step the same is judged as outside: a servo input that needs
-a bound ends a stride before its step, a torque that a joint sensor feels ends it after its step.
+a bound ends a stride before its step, a torque that a joint sensor feels ends it after its step. A fatal error of
+MuJoCo ends the process here, as the loss of a target, where its Python binding raises.
 """
 
 import ctypes
