@@ -47,12 +47,14 @@ def compile_kernels(library: Library, tell: Callable[[str], None]) -> str:
 
 
 def _use_kernels(library: Library) -> str:
-    """One plan, one look through every camera, one belief."""
+    """One plan, no step, one look through every camera, one belief."""
     from phyagentos.protocol.settings.sensors import read_sensors
     from phyagentos.protocol.world.scenes import read_scene
+    from phyagentos.runtime.drivers.mujoco.local_limits import LocalLimits
     from phyagentos.runtime.drivers.mujoco.physics import Physics
     from phyagentos.runtime.drivers.mujoco.simulated_camera import open_cameras, pose_state
-    from phyagentos.runtime.models.robot import read_profile
+    from phyagentos.runtime.drivers.mujoco.stride import Strider
+    from phyagentos.runtime.models.robot import count_steps, read_profile
     from phyagentos.runtime.motion.chain import compute_links
     from phyagentos.runtime.motion.planner import MotionPlanner
     from phyagentos.runtime.perception.inventory import build_inventory
@@ -65,6 +67,7 @@ def _use_kernels(library: Library) -> str:
     sensors = read_sensors(find_shipped_root() / "protocol" / "sensors.yaml")
     spec = read_scene(library.get_scene(SCENE))
     physics = Physics.alone(profile, folder, spec, seed=0)
+    Strider(physics, LocalLimits(profile, physics, count_steps(profile)))
     physics.start(spec.settle_s)
     physics.queries.look()
     cameras, data = open_cameras(physics.model, sensors, seed=0), pose_state(physics.model, physics.data.qpos)

@@ -5,7 +5,7 @@ world, away from the robot's mount: towards greater y.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from phyagentos.protocol.predicates.evaluation import evaluate
 from phyagentos.protocol.predicates.library import Meaning, View
@@ -19,9 +19,13 @@ NEIGHBOUR_M = 0.15  # farther apart, left and right mean nothing
 ASIDE_M = 0.02  # less than this to the side is in front or behind
 
 
-def compute_relations(environment: Environment) -> tuple[Relation, ...]:
-    """Every relation that is true in a snapshot, those about places first."""
-    found = [*_iter_places(environment), *_iter_joints(environment), *_iter_neighbours(environment)]
+def compute_relations(
+    environment: Environment, places: Mapping[str, list[Relation]] | None = None
+) -> tuple[Relation, ...]:
+    """Every relation that is true in a snapshot, those about places first: of `find_places` by entity, if found."""
+    if places is None:
+        places = {name: find_places(each, environment) for name, each in environment.entities.items()}
+    found = [*_iter_places(environment, places), *_iter_joints(environment), *_iter_neighbours(environment)]
     return tuple(found[:RELATIONS_MAX])
 
 
@@ -44,15 +48,15 @@ def list_inside(place: str, environment: Environment) -> list[str]:
     return [name for name in loose if _judge(environment, Meaning.INSIDE, name, place)]
 
 
-def _iter_places(environment: Environment) -> Iterator[Relation]:
-    for entity in environment.entities.values():
+def _iter_places(environment: Environment, places: Mapping[str, list[Relation]]) -> Iterator[Relation]:
+    for name, entity in environment.entities.items():
         if entity.held_by:
-            width_m = {name: state.gripper_width_m for name, state in environment.targets.items()}
+            width_m = {each: state.gripper_width_m for each, state in environment.targets.items()}
             measured: dict[str, float | str | bool] = {}
             if entity.held_by in width_m:
                 measured["gripper_width_m"] = round(width_m[entity.held_by], 5)
             yield _relate(find_name(Meaning.HOLDING), (entity.held_by, entity.name), measured, entity)
-        yield from find_places(entity, environment)
+        yield from places[name]
 
 
 def _iter_joints(environment: Environment) -> Iterator[Relation]:

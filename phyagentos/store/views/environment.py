@@ -42,14 +42,14 @@ def render_environment(environment: Environment | None) -> str:
     front = render_front(Front(phy=ENVIRONMENT.phy))
     if environment is None:
         return f"{front}{_HEAD}{_NOTHING}"
-    places = {each.name: find_places(each, environment) for each in environment.entities.values()}
+    places = {name: find_places(each, environment) for name, each in environment.entities.items()}
     facts = (
         f"- **Scene:** {flatten(environment.scene)}, episode {flatten(environment.episode)}\n"
         f"- **Time:** {environment.time_s:.3f} s of the target's own clock, snapshot {environment.revision}\n"
         f"- **Sensing:** {flatten(environment.sensing)}\n"
         f"- **Since the snapshot before:** {_format_changes(environment.changes)}\n\n"
     )
-    things = [(name, *_describe(entity, places[entity.name])) for name, entity in environment.entities.items()]
+    things = [(name, *_describe(entity, places[name])) for name, entity in environment.entities.items()]
     text = f"{front}{_HEAD}{facts}## Things\n\n" + render_table(_COLUMNS, things)
     regions = [
         (name, _format_numbers(region.pose.position_m), _format_numbers(region.half_m))
@@ -73,7 +73,8 @@ def render_environment(environment: Environment | None) -> str:
     ]
     if cameras:
         text += "\n## Cameras\n\n" + render_table(("name", "status", "latest frame [s]", "to say"), cameras)
-    return f"{text}\n## Snapshot\n\n```yaml\n{_render_snapshot(environment, compute_relations(environment))}```\n"
+    snapshot = _render_snapshot(environment, compute_relations(environment, places))
+    return f"{text}\n## Snapshot\n\n```yaml\n{snapshot}```\n"
 
 
 def _list_supplies(target: TargetState) -> tuple[str, ...]:

@@ -185,6 +185,21 @@ MUTANTS = (
         ),
     ),
     Mutant(
+        name="stride_feels_nothing",
+        claim="A contact in the middle of a command is felt at its end, if at all.",
+        edits=(
+            Edit(
+                "phyagentos.runtime.drivers.mujoco.stride",
+                "if abs(torques[place]) > FELT_NM:",
+                "if abs(torques[place]) > 1e9:",
+            ),
+        ),
+        tests=(
+            "tests/runtime/targets/test_strides.py::"
+            "test_a_grasp_and_a_collision_are_the_same_in_strides_and_step_by_step",
+        ),
+    ),
+    Mutant(
         name="announced_way_is_free",
         claim="A motion is admitted although it crosses what another robot has announced.",
         edits=(

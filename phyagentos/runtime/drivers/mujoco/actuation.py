@@ -37,9 +37,9 @@ class Actuation:
         self._drive = np.array(drives, dtype=np.intp)  # empty without a gripper
         self.lead_s = np.array(profile.arm.damping_nms_rad[own]) / np.array(profile.arm.stiffness_nm_rad[own])
         self.pads = [model.geom(prefix + name).id for name in profile.gripper.pads]
-        pads = np.array(self.pads, dtype=np.intp)
-        decisive = model.geom_priority > model.geom_priority[pads].max(initial=0)  # whose own friction decides a grip
-        self._gripping = np.union1d(pads, np.flatnonzero(decisive))
+        gripping = model.geom_priority > model.geom_priority[self.pads].max(initial=0)  # whose own friction decides
+        gripping[self.pads] = True
+        self._gripping = np.flatnonzero(gripping)
         self._grip_friction = np.array(model.geom_friction[self._gripping])
         self._pad_pairs = np.flatnonzero(np.isin(model.pair_geom1, self.pads) | np.isin(model.pair_geom2, self.pads))
         self._pair_friction = np.array(model.pair_friction[self._pad_pairs])

@@ -126,9 +126,14 @@ class FaultInjector:
         self._session, self._heights_m = session, {}
         return tuple(_report(activation) for activation in self._active)
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether there is no fault, now or later."""
+        return not (self._waiting or self._recorded or self._active)
+
     def act(self, physics: Physics) -> list[RecordedFault]:
         """Before every physics step: activate due faults, and apply active ones."""
-        if not (self._waiting or self._recorded or self._active):
+        if self.is_idle:
             return []
         due = self._steps % LOOK_EVERY == 0
         self._steps += 1

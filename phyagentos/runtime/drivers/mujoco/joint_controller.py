@@ -15,6 +15,7 @@ from phyagentos.runtime.drivers.mujoco.joint_sensors import ForceEstimate
 from phyagentos.runtime.drivers.mujoco.local_limits import LocalLimits, SetPoint
 from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.drivers.mujoco.robot_state import Array
+from phyagentos.runtime.drivers.mujoco.stride import NO_STRIDE, Stride, Strider
 from phyagentos.runtime.targets.wire import Command, RecordedFault, Refused
 
 if TYPE_CHECKING:
@@ -87,6 +88,7 @@ class JointController:
         self.activations: list[RecordedFault] = []
         self.history = StateHistory()
         self._n_steps, self._steps = n_steps, 0
+        self._strider = Strider(physics, self._limits) if physics.state.base is None else None
         self._begin_history()
 
     @property
@@ -129,18 +131,22 @@ class JointController:
         """Refusal of a command by the target's own limits."""
         return self._limits.check(command, self._held)
 
-    def follow(self, command: Command) -> Motion:
-        """Carry out one command, which `check` did not refuse."""
+    def follow(self, command: Command, *, is_alone: bool = False) -> Motion:
+        """Carry out one command, which `check` did not refuse; without a yield where it `is_alone` in its world."""
         physics = self._physics
         widths = self._limit_fingers(command.gripper_width_m)
         controls = physics.actuation.compute_controls(command.q_rad, command.qd_rad_s, widths)
-        self._width_m = float(widths[-1])
-        for row, q_rad, qd_rad_s in zip(controls, command.q_rad, command.qd_rad_s, strict=True):
-            physics.data.ctrl[physics.actuation.inputs] = row
-            physics.actuation.lead_base(q_rad, qd_rad_s)
-            self._prepare()
-            yield
-            self._sense()
+        self._width_m, row = float(widths[-1]), 0
+        while row < len(controls):
+            stride = self._stride(controls[row:]) if is_alone else NO_STRIDE
+            row += stride.steps
+            if stride.is_felt:
+                self._feel()
+            elif not stride.steps:
+                physics.data.ctrl[physics.actuation.inputs] = controls[row]
+                physics.actuation.lead_base(command.q_rad[row], command.qd_rad_s[row])
+                yield from self._step()
+                row += 1
             if self._force_n > max(self._profile.contact_force_n, STANDING_SHARE * self._standing_n):
                 yield from self.halt()
                 return "COLLISION_STOP"
@@ -212,6 +218,16 @@ class JointController:
         yield
         self._sense()
 
+    def _stride(self, controls: Array) -> Stride:
+        """Physics steps with these servo inputs (n, n_inputs), as `_step` takes them, up to one that is felt."""
+        if self._strider is None or not self._faults.is_idle:
+            return NO_STRIDE
+        stride = self._strider.take(controls[: self._n_steps - self._steps % self._n_steps])
+        if stride.steps > stride.is_felt:
+            self._force_n = self._standing_n = 0.0
+        self._note_steps(stride.steps)
+        return stride
+
     def _prepare(self) -> None:
         """Before a physics step: drive the base, limit the servo inputs and let faults act."""
         self._physics.actuation.drive()
@@ -221,7 +237,10 @@ class JointController:
     def _sense(self) -> None:
         """After it: record force and state."""
         self._feel()
-        self._steps += 1
+        self._note_steps(1)
+
+    def _note_steps(self, count: int) -> None:
+        self._steps += count
         if self._steps % self._n_steps == 0:
             self.history.note(self._physics.time_s, self._physics.data.qpos)
 

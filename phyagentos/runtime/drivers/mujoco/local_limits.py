@@ -60,6 +60,7 @@ class LocalLimits:
         self._physics, self._width_max_m = physics, profile.gripper.max_width_m
         self._shape = (n_steps, len(arm.joints))
         self._dt = dt
+        self._found, self._before = np.zeros((len(BROKEN), *self._shape)), np.zeros((3, *self._shape))
         self._velocity = np.array(arm.velocity_rad_s)
         self._told_rad = TOLD_STDS * arm.position_noise_rad
         self._brake = np.array(arm.acceleration_rad_s2)
@@ -68,9 +69,9 @@ class LocalLimits:
         own = self._servoed = profile.servoed
         self._top, braking = SPEED_SHARE * self._velocity[own], self._brake[own]
         low, high = self.low[own], self.high[own]
-        self._middle = 0.5 * (low + high)
+        self.middle = 0.5 * (low + high)
         room = 0.5 * (high - low) - self._top**2 / (2.0 * braking)
-        self._free_step, self._free_room = self._lead_s * self._top, room
+        self.free = self._lead_s * self._top, room  # of an input from its joint, and of that from its middle [rad]
         self._box = np.array(profile.workspace_m) if profile.workspace_m is not None else None
         top, a_dt, none = SET_POINT_SHARE * self._velocity, self._brake * dt, np.zeros(len(arm.joints))
         change = (1.0 + CHANGE_TOLERANCE) * a_dt
@@ -110,12 +111,17 @@ class LocalLimits:
 
     def _find_broken(self, q: Array, qd: Array, held: SetPoint) -> str:
         """The broken bound, empty for none: one comparison for all bounds, sudden changes of one joint included."""
+        found, (q_before, qd_before, step_before), dt = self._found, self._before, self._dt
         with np.errstate(invalid="ignore", over="ignore"):
-            now = np.diff(np.vstack((held.q_rad, q)), axis=0)
-            slow = np.vstack((held.qd_rad_s, qd[:-1]))
-            bend = np.diff(np.vstack((held.step_rad, now)), axis=0)
-            signed = (qd, now, bend, qd - slow, now - 0.5 * (qd + slow) * self._dt)
-            is_within = np.stack((self.low - q, q - self.high, *np.abs(signed))) <= self._bounds
+            q_before[0], q_before[1:] = held.q_rad, q[:-1]
+            qd_before[0], qd_before[1:] = held.qd_rad_s, qd[:-1]
+            now = q - q_before
+            step_before[0], step_before[1:] = held.step_rad, now[:-1]
+            found[0], found[1], found[2], found[3] = self.low - q, q - self.high, qd, now
+            found[4], found[5] = now - step_before, qd - qd_before
+            found[6] = now - 0.5 * (qd + qd_before) * dt
+            np.abs(found[2:], out=found[2:])
+            is_within = found <= self._bounds
         if np.count_nonzero(is_within) == is_within.size:
             return ""
         return BROKEN[int(np.argmin(is_within.all(axis=(1, 2))))]
@@ -151,7 +157,8 @@ class LocalLimits:
         """
         data, servos = self._physics.data, self._physics.actuation.servos
         q, wanted = data.qpos[self._physics.state.q_address], data.ctrl[servos]
-        if (np.abs(wanted - q) <= self._free_step).all() and (np.abs(q - self._middle) <= self._free_room).all():
+        step, room = self.free
+        if (np.abs(wanted - q) <= step).all() and (np.abs(q - self.middle) <= room).all():
             return
         low, high, braking = self.low[self._servoed], self.high[self._servoed], self._brake[self._servoed]
         up = np.minimum(self._top, np.sqrt(2.0 * braking * np.maximum(high - q, 0.0)))

@@ -35,7 +35,9 @@ class Queries:
         self._of_robot = self._find_robot()
         loose = {body for body, entity in self._bodies.items() if entity.movable} | set(self._balls.tolist())
         is_loose = np.array([int(body) in loose for body in model.geom_bodyid])
-        self._kinds = (_ROBOT * self._of_robot + _LOOSE * is_loose + _FINGER * self._find_fingers()).astype(np.uint8)
+        kinds = (_ROBOT * self._of_robot + _LOOSE * is_loose + _FINGER * self._find_fingers()).astype(np.uint8)
+        of_pair = kinds[:, None] | kinds, kinds[:, None] & kinds
+        self._firm = (of_pair[0] & (_ROBOT | _LOOSE) == _ROBOT) & (of_pair[1] < _FINGER)  # closed fingers touch
 
     def _find_robot(self) -> NDArray[np.bool_]:
         """(n_geoms,) whether a geom belongs to what the robot moves."""
@@ -201,10 +203,8 @@ class Queries:
     def _find_firm_contacts(self, data: mujoco.MjData) -> set[tuple[int, int]]:
         """Pairs of bodies: a moving part of the robot, and the robot itself, another robot or something fixed."""
         geoms = data.contact.geom[: data.ncon]
-        first, second = self._kinds[geoms].T
-        is_ours = (first | second) & (_ROBOT | _LOOSE) == _ROBOT
-        firm = is_ours & (first & second < _FINGER)  # closed fingers touch
-        return set(map(tuple, self._model.geom_bodyid[geoms[firm]].tolist()))
+        firm = geoms[self._firm[geoms[:, 0], geoms[:, 1]]]
+        return set(map(tuple, self._model.geom_bodyid[firm].tolist())) if len(firm) else set()
 
     def find_hardest_contact(self) -> tuple[float, str]:
         """The greatest force [N] between the robot and one other body, or two parts of it, in the latest physics step.

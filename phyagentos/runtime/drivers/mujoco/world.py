@@ -281,7 +281,7 @@ class MujocoDriver(TargetDriver):
     def apply(self, command: wire.Command) -> str:
         if refused := self.controller.check(command):
             raise ExecutionError(refused.code, refused.message)
-        motion = self.controller.follow(command)
+        motion = self.controller.follow(command, is_alone=len(self.world.robots) == 1)
         stopped = self.world.simulation.carry_out(self.profile.target, motion, may_abort=True)
         if stopped in BROKEN_OFF:
             raise ExecutionError(stopped, "the command was broken off; the robot has come to rest")
