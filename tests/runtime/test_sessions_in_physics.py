@@ -16,6 +16,7 @@ from phyagentos.protocol.world.faults import FaultFile
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.drivers.mujoco.faults import FaultInjector, draw_schedule
 from phyagentos.runtime.drivers.mujoco.joint_controller import JointController
+from phyagentos.runtime.drivers.mujoco.stride import NO_STRIDE
 from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.process import LocalPlanner
@@ -134,6 +135,7 @@ def falls(monkeypatch):
             longest[name] = max(longest.get(name, 0.0), began[name] - height)
 
     monkeypatch.setattr(JointController, "_sense", watch)
+    monkeypatch.setattr(JointController, "_stride", lambda _controller, _controls: NO_STRIDE)  # every step is watched
     return longest
 
 
