@@ -11,7 +11,7 @@ from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.reply import Reply
 
 if TYPE_CHECKING:
-    from phyagentos.agent.planning.planned import Step, Unsolvable
+    from phyagentos.agent.planning.answers import Step, Unsolvable
 
 _WORKSPACE = "Plan from what a run last observed, its ENVIRONMENT.md, rather than from the start of the scene."
 

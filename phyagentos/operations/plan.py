@@ -6,15 +6,9 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.planning.answers import PlannedGoal, Step, Unsolvable
 from phyagentos.agent.planning.domain import read_wanted
-from phyagentos.agent.planning.planned import (
-    PlannedGoal,
-    Step,
-    Unsolvable,
-    plan_goal,
-    render_mermaid,
-    write_graph,
-)
+from phyagentos.agent.planning.planned import plan_goal, render_mermaid, write_graph
 from phyagentos.assembly.project import open_library
 from phyagentos.assembly.scene_start import draw_start
 from phyagentos.protocol.capabilities.library import Library
