@@ -81,6 +81,17 @@ class Game:
             self.items[entry["item"]] = self.count(entry["item"]) + entry.get("makes", 1)
         self.time_s += entry.get("time_s", 1.0)
 
+    def play(self, problem, action):
+        """One action of a PDDL domain, which ends with the number of its activity."""
+        activity = problem.activities[int(action.removesuffix("_full").rpartition("_")[2])]
+        given, made = dict(activity.parameters), activity.made.subject
+        fits = [e for skill, e in BOOK if skill == activity.skill and self.makes(e, given) and made in str(e)]
+        self.apply(next(e for e in fits if self.can(e)))
+
+    def meets(self, text):
+        item, relation, bound = (text if " " in text else f"{text} >= 1").replace("holds(", "").replace(")", "").split()
+        return self.count(item) >= int(bound) if relation == ">=" else self.count(item) <= int(bound)
+
     def carry_out(self, step):
         """Apply recipes of the skill until what it guarantees is so."""
         given = dict(step.parameters)
