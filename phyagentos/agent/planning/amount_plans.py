@@ -130,7 +130,7 @@ def _explain(found: Shortage, problem: AmountProblem, wanted: WantedGoal) -> Ite
 
 
 def _explain_resource(resource: Resource, problem: AmountProblem) -> Missing:
-    """Why there can be none of it: the first on every way to it that nothing makes, or that need each other."""
+    """Why there can be none of it: the first on every path to it that nothing makes, or that need each other."""
     reachable, _ = find_reachable(problem)
     seen, left = {resource}, [resource]
     while left:

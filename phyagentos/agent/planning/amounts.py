@@ -74,7 +74,7 @@ class AmountProblem:
         initial: What is there; what is left out is zero.
         stages: Each comes true before the next one does; the last one holds at the end.
         least: No resource ever falls below it, zero where it is left out.
-        most: What lies above is lost.
+        most: What exceeds it is lost.
         units: How many of its uses one item of a resource is, one where it is left out.
         time_s: Of all activities together at most [s]; None without end.
         sessions: At most; None without end.

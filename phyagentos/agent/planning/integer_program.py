@@ -31,6 +31,7 @@ from phyagentos.agent.planning.amounts import (
 
 ROUNDS_MAX = 30
 TIMES_MAX = 256
+PROOF_TIMES_MAX = 1_000_000  # of each activity: a proof says nothing of longer plans
 NODES_MAX = 5_000
 SESSION_S = 10.0  # what a session costs beside its own time [s]
 GAP = 0.1
@@ -78,7 +79,7 @@ class _Program:
     ) -> None:
         self.problem, self.rounds, self.free, self._is_ordered = problem, rounds, free or (), is_ordered
         self._resources = problem.resources
-        self._times_max = TIMES_MAX if is_ordered else TIMES_MAX * ROUNDS_MAX
+        self._times_max = TIMES_MAX if is_ordered else PROOF_TIMES_MAX
         count = len(problem.activities)
         self._used_at = rounds * count
         self._amounts_at = 2 * rounds * count

@@ -100,7 +100,7 @@ def build_recipe_domain(
 def _make_activity(
     skill: SkillRuntime, recipe: Recipe, target: str, units: Mapping[Resource, int], view: View
 ) -> Activity | None:
-    """A recipe by the skill that carries it out; None where that guarantees no such thing, or cannot start here."""
+    """A recipe by the skill that carries it out; None where that does not guarantee it, or cannot start here."""
     raised = next((name for name, change in recipe.vitals.items() if change > 0), "")
     meaning = Meaning.HOLDS if recipe.item else Meaning.NEARBY if recipe.station else Meaning.VITAL
     made = Resource(meaning, recipe.item or recipe.station or raised)

@@ -59,7 +59,7 @@ class RecipeBook(Authored):
     """The content of `recipes.yaml`.
 
     Attributes:
-        recipes: In any order. Of one thing from other items there are several where their arguments (`with`) differ.
+        recipes: In any order. Several that make the same from other items differ in their arguments (`with`).
     """
 
     recipes: tuple[Recipe, ...] = pydantic.Field(min_length=1)

@@ -239,6 +239,12 @@ def test_amounts_that_cannot_suffice_are_proven_with_what_is_short():
     assert "1 log more" in missing.describe()
 
 
+def test_a_goal_beyond_the_limits_is_not_called_impossible():
+    answer = plan("holds(log) >= 9000")
+    assert isinstance(answer, Unsolvable)
+    assert not answer.is_proven
+
+
 def test_time_is_a_resource():
     needed_s = carry_out(plan("holds(planks) >= 8"), Game()).time_s
     assert needed_s == 8.0  # two logs of 3 s, two times 1 s
