@@ -45,7 +45,7 @@ def judge(pytestconfig, tmp_path):
     ("accept", "more"),
     [
         (("holds(clock)",), {}),
-        (("holds(piston) >= 2", "holds(stick) <= 1"), {"steps": [("holds(stick) >= 8",)]}),
+        (("not holds(stick)",), {"steps": [("holds(stick) >= 8",), ("holds(table)",)], "now": look({"log": 3})}),
         (("holds(beef) >= 12",), {"now": look(vitals={"food": 5.0}), "constraints": ("vital(food) >= 3",)}),
     ],
 )
