@@ -44,14 +44,16 @@ def write_pddl(problem: AmountProblem, name: str) -> tuple[str, str]:
 def list_actions(problem: AmountProblem, plan: AmountPlan) -> list[str]:
     """The actions of a plan, by the names that they have in its domain."""
     names: list[str] = []
-    for batch, state in zip(plan.batches, iter_amounts(problem, plan.batches), strict=False):
+    notes = [[f"reach_{k}" for k, at in enumerate(plan.reached[:-1]) if at == i] for i in range(len(plan.batches) + 1)]
+    for batch, state, before in zip(plan.batches, iter_amounts(problem, plan.batches), notes, strict=False):
+        names += before
         activity = batch.activity
         name = _name_action(activity, problem.activities.index(activity))
         rises = {each: activity.makes[each] for each in activity.makes.keys() & problem.most.keys()}
         for time in range(batch.times):
             is_full = any(state.get(r, 0.0) + (time + 1) * rise > problem.most[r] for r, rise in rises.items())
             names.append(f"{name}{_FULL}" if is_full else name)
-    return names
+    return names + notes[-1]
 
 
 def _name_action(activity: Activity, index: int) -> str:
