@@ -33,7 +33,7 @@ from phyagentos.store.ledger import Ledger
 from phyagentos.store.subjects import get_session
 
 if TYPE_CHECKING:
-    from phyagentos.agent.planning.planned import Unsolvable
+    from phyagentos.agent.planning.answers import Unsolvable
     from phyagentos.bench.many import Runs
     from phyagentos.bench.summary import Comparison
     from phyagentos.operations.ask import Answered, Asked, NotUnderstood

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 from msgspec.structs import replace
 
-from phyagentos.agent.planning.planned import Unsolvable
+from phyagentos.agent.planning.answers import Unsolvable
 from phyagentos.agent.understanding.model import ModelUnderstander, replay_answers
 from phyagentos.agent.understanding.understanding import Question
 from phyagentos.cli.arguments import AsJson, TrustPython

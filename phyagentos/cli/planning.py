@@ -11,9 +11,11 @@ from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.reply import Reply
 
 if TYPE_CHECKING:
-    from phyagentos.agent.planning.planned import Step, Unsolvable
+    from phyagentos.agent.planning.answers import Step, Unsolvable
 
 _WORKSPACE = "Plan from what a run last observed, its ENVIRONMENT.md, rather than from the start of the scene."
+
+_PDDL = "Write a goal about amounts as domain.pddl and problem.pddl, for planners of others."
 
 
 def plan(
@@ -22,14 +24,18 @@ def plan(
     seed: Annotated[int, typer.Option(help="Of the scene's start.", min=0)] = 0,
     workspace: Annotated[Path | None, typer.Option("--workspace", "-w", help=_WORKSPACE)] = None,
     mermaid: Annotated[bool, typer.Option("--mermaid", help="The order as a Mermaid flowchart.")] = False,
+    pddl: Annotated[Path | None, typer.Option("--pddl", metavar="DIR", help=_PDDL)] = None,
 ) -> Reply[object]:
     """Plan a goal by the effects of skills: sessions, their order, and why; start nothing."""
     from phyagentos.operations import plan as planning
 
-    found = planning.plan(get_file(goal, "goal_graphs"), seed=seed, workspace=workspace)
+    file = get_file(goal, "goal_graphs")
+    found, notes = planning.plan(file, seed=seed, workspace=workspace), []
+    if pddl is not None:
+        written = planning.write_pddl_files(file, pddl, seed=seed, workspace=workspace)
+        notes.append(f"wrote {' and '.join(map(str, written))}")
     if not isinstance(found, planning.PlannedGraph):
-        return Reply(found, render_missing(found), code=ExitCode.GOAL_NOT_MET)
-    notes = []
+        return Reply(found, render_missing(found), notes, code=ExitCode.GOAL_NOT_MET)
     if output is not None and found.graph:
         output.write_text(found.graph, encoding="utf-8")
         notes.append(f"wrote {output}; next: paos run {output}")

@@ -13,8 +13,9 @@ import yaml
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.spec import WantedGoal
+from phyagentos.agent.planning.answers import Step, Unsolvable
 from phyagentos.agent.planning.domain import read_wanted
-from phyagentos.agent.planning.planned import Step, Unsolvable, plan_goal
+from phyagentos.agent.planning.planned import plan_goal
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
 from phyagentos.agent.understanding.examples import list_examples
 from phyagentos.agent.understanding.inquiries import Answer, answer

@@ -6,21 +6,19 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.spec import WantedGoal
+from phyagentos.agent.planning.answers import PlannedGoal, Step, Unsolvable
 from phyagentos.agent.planning.domain import read_wanted
-from phyagentos.agent.planning.planned import (
-    PlannedGoal,
-    Step,
-    Unsolvable,
-    plan_goal,
-    render_mermaid,
-    write_graph,
-)
+from phyagentos.agent.planning.pddl import write_pddl
+from phyagentos.agent.planning.planned import plan_goal, render_mermaid, write_graph
+from phyagentos.agent.planning.recipe_domain import build_recipe_domain, is_of_amounts
 from phyagentos.assembly.project import open_library
 from phyagentos.assembly.scene_start import draw_start
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.documents.schema import read_text
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.protocol.world.environment import read_environment
+from phyagentos.protocol.world.environment import Environment, read_environment
 
 
 class PlannedGraph(msgspec.Struct, frozen=True, kw_only=True):
@@ -48,16 +46,35 @@ def plan(
 
     Skills and scenes are those of the project of `path`, or of a `library`. Raises DefinitionError with every problem.
     """
+    planned = plan_goal(*_read(path, seed, workspace, library), may_hold=False)
+    return planned if isinstance(planned, Unsolvable) else describe_plan(planned)
+
+
+def write_pddl_files(path: Path, to: Path, *, seed: int = 0, workspace: Path | None = None) -> tuple[Path, Path]:
+    """Write the problem of a goal about amounts as `domain.pddl` and `problem.pddl` into a folder; raises as `plan`."""
+    wanted, catalogue, world = _read(path, seed, workspace, None)
+    if not is_of_amounts(wanted):
+        expected = "a goal about items, vitals or stations"
+        raise DefinitionError.of("NO_CANDIDATE", f"{path}: accept", ", ".join(wanted.accept), expected)
+    to.mkdir(parents=True, exist_ok=True)
+    files = to / "domain.pddl", to / "problem.pddl"
+    texts = write_pddl(build_recipe_domain(wanted, catalogue, world).problem, wanted.goal)
+    for file, text in zip(files, texts, strict=True):
+        file.write_text(text, encoding="utf-8")
+    return files
+
+
+def _read(
+    path: Path, seed: int, workspace: Path | None, library: Library | None
+) -> tuple[WantedGoal, Catalogue, Environment]:
+    """The goal, what there is to reach it with, and the world that it is planned from."""
     library = library or open_library(path)
     catalogue = Catalogue.read(library)
     wanted = read_wanted(path, catalogue)
     if workspace is None:
-        world = draw_start(library, wanted.scene, wanted.targets.values(), seed)
-    else:
-        known = Workspace.open(workspace).environment
-        world = read_environment(read_text(known), str(known))
-    planned = plan_goal(wanted, catalogue, world, may_hold=False)
-    return planned if isinstance(planned, Unsolvable) else describe_plan(planned)
+        return wanted, catalogue, draw_start(library, wanted.scene, wanted.targets.values(), seed)
+    known = Workspace.open(workspace).environment
+    return wanted, catalogue, read_environment(read_text(known), str(known))
 
 
 def describe_plan(planned: PlannedGoal) -> PlannedGraph:

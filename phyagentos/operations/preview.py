@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from phyagentos.agent.goals.spec import WantedGoal
-from phyagentos.agent.planning.planned import Step
+from phyagentos.agent.planning.answers import Step
 from phyagentos.geometry import UP, Pose, Vector, to_parent
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.predicates.library import View, get_place

@@ -20,7 +20,8 @@ from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.judging.diagnosis import diagnose
 from phyagentos.agent.memory.episodes import Surroundings
 from phyagentos.agent.planning import goal_facts
-from phyagentos.agent.planning.planned import PlannedGoal, plan_goal, write_graph
+from phyagentos.agent.planning.answers import PlannedGoal
+from phyagentos.agent.planning.planned import plan_goal, write_graph
 from phyagentos.agent.repair.recovery_policies import GraphRepair
 from phyagentos.agent.repair.regressions import find_regressions
 from phyagentos.agent.understanding.understanding import find_lacks

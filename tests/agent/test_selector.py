@@ -21,6 +21,8 @@ from tests.agent.conftest import add_skills
         ("not fallen(a)", "not fallen(${x})", {"x": "a"}),
         ("tilt(a) < 0.2", "tilt(${x}) < 0.2", {"x": "a"}),
         ("tilt(a) < 0.3", "tilt(${x}) < 0.2", None),
+        ("holds(a) >= 9", "holds(${x}) >= ${n}", {"x": "a", "n": 9}),
+        ("holds(a) > 9", "holds(${x}) >= ${n}", None),
         ("near(a, a)", "near(${x}, ${x})", {"x": "a"}),
         ("near(a, b)", "near(${x}, ${x})", None),
         ("inside(a, b)", "on(${x}, ${y})", None),
@@ -29,7 +31,9 @@ from tests.agent.conftest import add_skills
     ],
 )
 def test_a_wanted_predicate_binds_the_variables_of_a_guarantee_or_does_not_fit(wanted, offered, bound):
-    assert unify(parse(wanted), parse(offered)) == bound
+    found = unify(parse(wanted), parse(offered))
+    assert found == bound
+    assert str(found) == str(bound)  # whole numbers stay whole
 
 
 def test_a_promise_finds_the_skill_and_binds_its_parameters_with_reasons(catalogue):

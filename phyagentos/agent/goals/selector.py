@@ -128,8 +128,10 @@ def _unify_term(term: syntax.Term, pattern: syntax.Term, bound: dict[str, object
         return term == pattern
     value: object
     match term:
-        case syntax.Name(value) | syntax.Number(value):
+        case syntax.Name(value):
             pass
+        case syntax.Number(number):
+            value = int(number) if number.is_integer() else number
         case syntax.Point(position_m):
             value = list(position_m)
         case syntax.Variable(path):

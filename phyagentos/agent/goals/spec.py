@@ -257,6 +257,7 @@ class WantedGoal(Authored):
     Attributes:
         steps: What must come true before what follows it, in this order; each a list of predicates that hold together.
         accept: What must be true at the end.
+        budget: What the whole goal may cost; a plan by amounts keeps it.
     """
 
     version: Literal[1] = 1
@@ -267,6 +268,7 @@ class WantedGoal(Authored):
     constraints: tuple[str, ...] = ()
     steps: tuple[tuple[str, ...], ...] = ()
     accept: tuple[str, ...] = pydantic.Field(min_length=1)
+    budget: Budget = Budget()
 
 
 def is_wanted(data: object) -> bool:

@@ -39,7 +39,7 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.admission import Entry, GoalEvent
 
 if TYPE_CHECKING:
-    from phyagentos.agent.planning.planned import PlannedGoal
+    from phyagentos.agent.planning.answers import PlannedGoal
 
 PLANS_MAX = 2  # of one goal
 _OPEN = frozenset({NodeState.WAITING, NodeState.READY, NodeState.INVALIDATED})
@@ -152,7 +152,8 @@ class Changes:
 
     def plan_anew(self, node: str, world: Environment) -> list[Entry]:
         """The amendment that makes up for a node, and the end of nodes that it replaces; empty without a plan."""
-        from phyagentos.agent.planning.planned import PlannedGoal, plan_goal
+        from phyagentos.agent.planning.answers import PlannedGoal
+        from phyagentos.agent.planning.planned import plan_goal
 
         facts, drafter = self.facts, self.drafter
         waiting = facts.dag.find_after(node)

@@ -104,7 +104,7 @@ def build_domain(
     Raises:
         DefinitionError: A predicate that cannot be planned for, or `UNKNOWN_NAME`.
     """
-    roles = _resolve_targets(wanted, catalogue)
+    roles = resolve_targets(wanted, catalogue)
     stages, invariants = _read_goal(wanted, list_carried(world), roles, lambda path: ".".join(map(str, path)))
     scope = _make_scope(wanted, roles, catalogue, world, everywhere=everywhere)
     cleared = frozenset(fact for each in stages[-1] for fact, value in each.literals if not value)
@@ -153,7 +153,7 @@ def _make_scope(
     )
 
 
-def _resolve_targets(wanted: WantedGoal, catalogue: Catalogue) -> dict[str, str]:
+def resolve_targets(wanted: WantedGoal, catalogue: Catalogue) -> dict[str, str]:
     """Role -> target; for `any`, and without roles, one whose model is sure to be here, then one that can do most."""
 
     def rank(name: str) -> tuple[bool, int, str]:

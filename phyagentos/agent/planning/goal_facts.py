@@ -112,14 +112,15 @@ def _convert(formula: Formula, value: bool, things: Sequence[str], text: str, ad
         case And(parts) | Or(parts):  # one of them: distributed over their own parts
             each = [list(_convert(part, value, things, text, address)) for part in parts]
             if any(condition.least != 1 for conditions in each for condition in conditions):
-                raise _unplannable(text, address)
+                raise refuse_form(text, address)
             for chosen in product(*each):
                 literals = tuple(dict.fromkeys(literal for condition in chosen for literal in condition.literals))
                 yield Condition(literals, 1, len(literals), text)
         case _:
-            raise _unplannable(text, address)
+            raise refuse_form(text, address)
 
 
-def _unplannable(text: str, address: str) -> DefinitionError:
+def refuse_form(text: str, address: str) -> DefinitionError:
+    """The error of a predicate for which no plan is made."""
     expected = "statements, 'not', 'and', 'or', and 'count' of one statement"
     return DefinitionError.of("NO_CANDIDATE", address, repr(text), expected, "Write a goal graph instead.")

@@ -68,7 +68,8 @@ def list_operators(skills: Mapping[str, SkillRuntime], scope: Scope) -> list[Ope
         draft
         for rank, name in enumerate(sorted(skills))
         for target, profile in scope.targets.items()
-        if skills[name].loop is None and not any(find_lacks(skills[name], profile))  # an agent directs it: name it
+        if skills[name].loop is None and not skills[name].recipes  # an agent directs it, or it is planned by amounts
+        if not any(find_lacks(skills[name], profile))
         for draft in _iter_drafts(skills[name], target, rank, scope)
     ]
     declared = (call for draft in drafts for call, _ in (*draft.effects, *draft.requires))

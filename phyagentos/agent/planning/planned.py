@@ -5,17 +5,17 @@ Upstream: an author, or an understander of requests. Downstream: the file that a
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 from itertools import chain
-from typing import Any
 
 import yaml
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.selector import find_lacks, find_predicates
 from phyagentos.agent.goals.spec import WantedGoal
+from phyagentos.agent.planning.amount_plans import plan_amounts
 from phyagentos.agent.planning.answer_sets import solve
+from phyagentos.agent.planning.answers import Missing, PlannedGoal, Step, UnreachableReason, Unsolvable, name_steps
 from phyagentos.agent.planning.domain import Domain, Tried, build_domain
 from phyagentos.agent.planning.problem import (
     Condition,
@@ -27,85 +27,10 @@ from phyagentos.agent.planning.problem import (
     iter_states,
     order_steps,
 )
+from phyagentos.agent.planning.recipe_domain import is_of_amounts
 from phyagentos.protocol.documents.flowchart import Arrow, Box, render_flowchart
 from phyagentos.protocol.predicates.meaning import find_held
 from phyagentos.protocol.world.environment import Environment
-
-
-class UnreachableReason(StrEnum):
-    """Why a goal cannot be reached."""
-
-    PREDICATE = "predicate"
-    """No skill guarantees it."""
-    CAPABILITY = "capability"
-    """A skill guarantees it, and no target of the goal offers what that needs."""
-    ARGUMENT = "argument"
-    """Skills guarantee it of other objects or places: what it names does not fit, or is not here."""
-    PRECONDITION = "precondition"
-    """Skills guarantee it, and what they need first cannot come true."""
-    ROOM = "room"
-    """It needs more free room than there is."""
-    CONSTRAINT = "constraint"
-    """A constraint forbids every plan."""
-    CONTRADICTION = "contradiction"
-    """Its parts and their order exclude each other."""
-    TIME = "time"
-    """No plan was found within the planner's limits; there may be one."""
-
-
-@dataclass(frozen=True, slots=True)
-class Missing:
-    """A lack of a goal, or one predicate of it; `names` are skills, predicates or places, by `lack`."""
-
-    lack: UnreachableReason
-    subject: Fact = ""
-    names: tuple[str, ...] = ()
-
-    def describe(self) -> str:
-        """For people."""
-        return _TEXTS[self.lack].format(self.subject, ", ".join(self.names))
-
-
-_TEXTS = {
-    UnreachableReason.PREDICATE: "{0}: no skill guarantees it",
-    UnreachableReason.CAPABILITY: "{0}: {1}",
-    UnreachableReason.ARGUMENT: "{0}: {1} cannot be used for what it names",
-    UnreachableReason.PRECONDITION: "{0}: it needs {1} first, which cannot come true",
-    UnreachableReason.ROOM: "no free spot in {1}",
-    UnreachableReason.CONSTRAINT: "{1} forbids every plan",
-    UnreachableReason.CONTRADICTION: "these exclude each other, or their order does: {1}",
-    UnreachableReason.TIME: "no plan was found within the planner's limits",
-}
-
-
-@dataclass(frozen=True, slots=True)
-class Unsolvable:
-    """What a goal lacks; `is_proven` is false where there may be a plan nevertheless."""
-
-    missing: tuple[Missing, ...]
-    is_proven: bool = True
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
-    """One session of a plan, `after` those directly before it; it accepts what it brings about of the goal."""
-
-    name: str
-    skill: str
-    target: str
-    parameters: Mapping[str, Any]
-    after: tuple[str, ...]
-    accept: tuple[str, ...]
-    reasons: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlannedGoal:
-    """A goal and its plan, whose order reaches it; without steps where it is met already. `roles`: role -> target."""
-
-    wanted: WantedGoal
-    roles: Mapping[str, str]
-    steps: tuple[Step, ...]
 
 
 def plan_goal(
@@ -122,6 +47,8 @@ def plan_goal(
     Raises:
         DefinitionError: A predicate cannot be parsed or planned for, or a target is unknown.
     """
+    if is_of_amounts(wanted):
+        return plan_amounts(wanted, catalogue, world, without)
     for everywhere in (False, True):  # objects may also go where the goal names no place
         domain = build_domain(wanted, catalogue, world, everywhere=everywhere, without=without)
         answer = solve(domain.problem)
@@ -153,6 +80,7 @@ def write_graph(planned: PlannedGoal) -> str:
     wanted = planned.wanted
     head = wanted.model_dump(include={"goal", "objective", "scene"}) | {"targets": dict(planned.roles)}
     head |= {"constraints": list(wanted.constraints)} if wanted.constraints else {}
+    head |= {"budget": budget} if (budget := wanted.budget.model_dump(exclude_none=True)) else {}
     head |= {"defaults": {"timeout_s": 60, "max_replans": 2}}
     lines = ["# Planned by effects from the world as it stood; `paos plan` shows the reasons again.\n"]
     lines += [_dump(head), "sessions:\n"]
@@ -177,7 +105,7 @@ def render_mermaid(planned: PlannedGoal) -> str:
 
 
 def _iter_steps(plan: Plan, problem: PlanningProblem, roles: Mapping[str, str]) -> Iterator[Step]:
-    names = _name_steps(plan)
+    names = name_steps((each.skill, each.parameters) for each in plan.operators)
     links, dag = find_causal_links(problem, plan), order_steps(problem, plan)
     role_of = {target: role for role, target in reversed(list(roles.items()))}
     conditions = [*chain(*problem.stages)]
@@ -205,15 +133,6 @@ def _iter_steps(plan: Plan, problem: PlanningProblem, roles: Mapping[str, str]) 
 
 def _render(fact: Fact, value: bool) -> str:
     return fact if value else f"not {fact}"
-
-
-def _name_steps(plan: Plan) -> list[str]:
-    names: list[str] = []
-    for operator in plan.operators:
-        thing = next((value for value in operator.parameters.values() if isinstance(value, str)), "")
-        name = "_".join(filter(None, (operator.skill, thing.lower())))[:70]
-        names.append(name if name not in names else f"{name}_{sum(each.startswith(name) for each in names) + 1}")
-    return names
 
 
 def _explain(

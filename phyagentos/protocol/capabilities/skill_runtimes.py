@@ -15,6 +15,7 @@ import pydantic
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
+from phyagentos.protocol.capabilities.recipes import RECIPES, Recipe, read_recipes
 from phyagentos.protocol.documents.document import DocumentFormat, split_front_matter
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Authored, Located, misfit, parse_library_yaml, read_text, validate
@@ -222,6 +223,7 @@ class SkillRuntime(Authored):
         requires: Predicates that must hold before it starts.
         hold: Predicates that must hold all through.
         guarantees: Predicates that hold after success; they are judged, never believed.
+        recipes: What it makes of what, beside those of `recipes.yaml` in its folder; with any it is planned by amounts.
         needs: Of its target.
         action_space: How a policy speaks; a tree of leaves speaks the target's own language.
         policy: The policy server of a `policy`.
@@ -239,6 +241,7 @@ class SkillRuntime(Authored):
     requires: tuple[str, ...] = ()
     hold: tuple[str, ...] = ()
     guarantees: tuple[str, ...] = ()
+    recipes: tuple[Recipe, ...] = ()
     needs: Needs = Needs()
     action_space: ActionSpace | None = None
     policy: PolicyDescriptor | None = None
@@ -287,6 +290,8 @@ def read_skill(path: Path) -> tuple[SkillRuntime, Located]:
         raise DefinitionError(
             located.problem("INVALID_VALUE", ("skill",), repr(skill.skill), f"the folder's name {path.parent.name!r}")
         )
+    if (book := path.with_name(RECIPES)).is_file():
+        skill = skill.model_copy(update={"recipes": (*skill.recipes, *read_recipes(book))})
     return skill, located
 
 

@@ -65,11 +65,11 @@ def describe(definition: Fields, kind: type) -> None:
     summary, attributes = _read_docstring(kind)
     if summary:
         definition["description"] = summary
-    keys = (
-        {each.name: each.encode_name for each in msgspec.structs.fields(kind)}
-        if issubclass(kind, msgspec.Struct)
-        else {}
-    )
+    keys: dict[str, str] = {}
+    if issubclass(kind, msgspec.Struct):
+        keys = {each.name: each.encode_name for each in msgspec.structs.fields(kind)}
+    elif issubclass(kind, Authored):
+        keys = {name: field.alias or name for name, field in kind.model_fields.items()}
     for name, text in attributes.items():
         field = keys.get(name, name)
         if field in definition.get("properties", {}):

@@ -11,7 +11,8 @@ from benchmarks.worlds.puzzles import SOLVABLE, UNSOLVABLE, write_task
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.agent.goals.spec import WantedGoal
-from phyagentos.agent.planning.planned import PlannedGoal, UnreachableReason, Unsolvable, plan_goal, write_graph
+from phyagentos.agent.planning.answers import PlannedGoal, UnreachableReason, Unsolvable
+from phyagentos.agent.planning.planned import plan_goal, write_graph
 from phyagentos.assembly.scene_start import draw_start
 from phyagentos.protocol.capabilities.library import Library
 

@@ -6,7 +6,8 @@ import re
 
 import pytest
 
-from phyagentos.agent.planning.planned import PlannedGoal, plan_goal
+from phyagentos.agent.planning.answers import PlannedGoal
+from phyagentos.agent.planning.planned import plan_goal
 from phyagentos.agent.understanding.examples import list_examples
 from phyagentos.agent.understanding.inquiries import answer
 from phyagentos.agent.understanding.understanding import Ambiguous, Understood
