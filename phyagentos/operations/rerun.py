@@ -55,7 +55,7 @@ def rerun(root: Path, name: str) -> Rerun:
     if status.execution is None:
         raise DefinitionError.of("NOT_EXECUTED", str(root), repr(session), "a session with evidence")
     folder = recorded.evidence_of(session)
-    start = _find_start(folder, get_registered_target(recorded.target_registry, status.contract.target))
+    start = _find_start(folder, read_target_registry(recorded.target_registry).get(status.contract.target))
     _refuse_shared(recorded, status)
     repeated = Workspace.create(choose_folder(recorded.root / "reruns", session), recorded.library())
     for name in SETTINGS_FILES:
@@ -72,11 +72,11 @@ def rerun(root: Path, name: str) -> Rerun:
     return Rerun(session=session, workspace=repeated.root, execution=finished, differences=tuple(differences))
 
 
-def _find_start(folder: Path, profile: TargetProfile) -> Path:
+def _find_start(folder: Path, profile: TargetProfile | None) -> Path:
     """The recorded start; a driver without snapshots, or without a promise of the same bits, leaves none to compare."""
     start, own = folder / evidence.INITIAL, folder / _OWN[0]
     if not start.is_file():
-        if own.is_file() and profile.deterministic:
+        if own.is_file() and profile is not None and profile.deterministic:
             return own
         manifest = read_manifest(folder)
         is_pruned = manifest is not None and start.name in manifest.gone

@@ -20,6 +20,7 @@ from phyagentos.protocol.world.environment import read_environment
 from phyagentos.view.documents import Documents
 from phyagentos.view.pages import PanelRenderer
 from phyagentos.view.panels import PANELS, Query
+from tests.following import wait_until
 
 PROJECT = Path(__file__).resolve().parents[2] / "examples" / "projects" / "11_workbench"
 WOOD = """
@@ -76,6 +77,7 @@ def done(bench):
     """The example's goal, run once, and ENVIRONMENT.md after it."""
     workspace, run = bench
     report = run("stone")
+    wait_until(lambda: "2 stone" in workspace.environment.read_text(), "the world after the last session")
     return workspace, report, workspace.environment.read_text()
 
 

@@ -57,6 +57,11 @@ class ControlRecording(FaultInjector):
         self.rows: list[Array] = []
         self.states: list[Array] = []
 
+    @property
+    def is_idle(self) -> bool:
+        """It is not: it sees every step."""
+        return False
+
     def act(self, physics: Physics) -> list[RecordedFault]:
         """Called before every physics step."""
         if len(self.rows) % STATE_STEPS == 0:

@@ -4,8 +4,9 @@ As in planning by integer programming (Vossen et al. 1999), rounds are added unt
 is there from the next one on. Each activity is one session of a round, up to `TIMES_MAX` times. That there is no plan
 is proven by relaxed reachability, or by the state equation: amounts suffice in no order. A plan costs at most a tenth
 more than the cheapest of its rounds, which need not be the cheapest of all. A plan of more than `ROUNDS_MAX` rounds a
-stage is not found, nor a proof where amounts suffice and only their order is impossible. Limits count nodes of the
-search, not time.
+stage is not found, nor a proof where amounts suffice and only their order is impossible. Limits count nodes of all
+programs together, not time; only a program that takes longer than `LONG_S`, for nodes can be slow, ends the search with
+what it has found by then.
 """
 
 import os
@@ -33,10 +34,11 @@ ROUNDS_MAX = 30
 TIMES_MAX = 256
 PROOF_TIMES_MAX = 1_000_000  # of each activity: a proof says nothing of longer plans
 NODES_MAX = 5_000
+LONG_S = 20.0
 SESSION_S = 10.0  # what a session costs beside its own time [s]
 GAP = 0.1
 _SLACK = 1e-6  # of amounts of vitals, which are no whole numbers
-_INFEASIBLE = 2  # as scipy reports it
+_AT_LIMIT, _INFEASIBLE = 1, 2  # as scipy reports it
 
 
 def solve(problem: AmountProblem) -> AmountPlan | Shortage | None:
@@ -50,8 +52,15 @@ def solve(problem: AmountProblem) -> AmountPlan | Shortage | None:
         return Shortage(unreachable)
     if _Program(problem, 1, is_ordered=False).is_infeasible():
         return _find_short(problem)
-    programs = (_Program(problem, each * len(problem.stages)) for each in range(max(rounds, 1), ROUNDS_MAX + 1))
-    return next((plan for each in programs if (plan := each.find_plan()) is not None), None)
+    nodes_left = NODES_MAX
+    for each in range(max(rounds, 1), ROUNDS_MAX + 1):
+        program = _Program(problem, each * len(problem.stages), nodes_max=nodes_left)
+        if (plan := program.find_plan()) is not None:
+            return plan
+        nodes_left -= program.nodes
+        if program.is_cut_short or nodes_left <= 0:
+            break
+    return None
 
 
 def _find_short(problem: AmountProblem) -> Shortage:
@@ -75,8 +84,16 @@ class _Program:
     """
 
     def __init__(
-        self, problem: AmountProblem, rounds: int, *, is_ordered: bool = True, free: tuple[Resource, ...] | None = None
+        self,
+        problem: AmountProblem,
+        rounds: int,
+        *,
+        is_ordered: bool = True,
+        free: tuple[Resource, ...] | None = None,
+        nodes_max: int = NODES_MAX,
     ) -> None:
+        self.nodes, self._nodes_max = 0, nodes_max
+        self.is_cut_short = False  # by time
         self.problem, self.rounds, self.free, self._is_ordered = problem, rounds, free or (), is_ordered
         self._resources = problem.resources
         self._times_max = TIMES_MAX if is_ordered else PROOF_TIMES_MAX
@@ -177,8 +194,10 @@ class _Program:
                 integrality=whole,
                 bounds=Limits(*self._list_bounds()),
                 constraints=limits,
-                options={"mip_rel_gap": GAP, "node_limit": NODES_MAX},
+                options={"mip_rel_gap": GAP, "node_limit": self._nodes_max, "time_limit": LONG_S},
             )
+        self.nodes = found.mip_node_count or 0
+        self.is_cut_short = found.status == _AT_LIMIT and self.nodes < self._nodes_max
         return found.status, found.x
 
     def solve(self, costs: NDArray[np.float64]) -> NDArray[np.float64] | None:

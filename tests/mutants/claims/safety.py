@@ -189,9 +189,9 @@ MUTANTS = (
         claim="A contact in the middle of a command is felt at its end, if at all.",
         edits=(
             Edit(
-                "phyagentos.runtime.drivers.mujoco.stride",
-                "if abs(torques[place]) > FELT_NM:",
-                "if abs(torques[place]) > 1e9:",
+                "phyagentos.runtime.drivers.mujoco.joint_controller",
+                "            if stride.is_felt:\n                self._feel()",
+                "            if stride.is_felt:\n                pass",
             ),
         ),
         tests=(
