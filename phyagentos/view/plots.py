@@ -48,9 +48,9 @@ class Map:
 
     Attributes:
         path: Points of a polyline.
-        marks: x, y and kind of what was in view at the end.
-        box: Least x and y, width and height.
-        unit: A pixel of the panel, where it is as small as panels are.
+        marks: x, y [m] and kind of what was in view at the end.
+        box: Least x and y, width and height [m].
+        unit: What a pixel of the narrowest panel shows [m]; marks and labels are drawn in it.
     """
 
     path: str

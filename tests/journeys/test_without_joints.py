@@ -18,7 +18,7 @@ from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import read_environment
 from phyagentos.view.documents import Documents
-from phyagentos.view.pages import PanelRenderer
+from phyagentos.view.pages import NOTHING, PanelRenderer
 from phyagentos.view.panels import PANELS, Query
 from tests.following import wait_until
 
@@ -131,6 +131,7 @@ def test_the_page_shows_its_vitals_inventory_and_path(done):
         assert f"<figcaption>{title}" in panels["motion"]
     assert "Joint" not in panels["motion"]
     assert "<title>rock</title>" in panels["map"]
+    assert panels["scene"] == NOTHING
 
 
 def test_a_tool_that_claims_what_it_did_not_do_is_no_success(bench):

@@ -134,6 +134,7 @@ def test_the_number_that_decided_is_the_one_that_the_sentence_says():
     assert find_deciding(Criterion(**known, because=because)) == "side_x_m"
     assert find_deciding(Criterion(**known, because="137 mm")) == "above_floor_m"
     assert format_measure(-0.2276, "side_x_m") == "−228 mm"
+    assert [format_measure(each, "stone") for each in (2.0, 0.12345)] == ["2", "0.123"]
     assert find_deciding(Criterion(text="x", kind="accept", truth=Truth.TRUE, measured={"held": True})) == ""
 
 

@@ -49,7 +49,9 @@ def open_kit(profile: TargetProfile, folder: Path) -> ChildDriver:
     """
     settings, place = dict(profile.settings), folder / "target.yaml"
     if not isinstance(module := settings.get("module"), str):
-        raise _explain(place, "no settings.module")
+        found = f"settings.module: {module!r}" if module is not None else "no settings.module"
+        hint = "Name it: `settings: {module: workbench}`, beside the profile or in kits/; docs/howto/tools.md."
+        raise DefinitionError.of("NO_DRIVER", str(place), found, "the module of a body of kits/target_server", hint)
     made = settings.get("environment")
     python = str(settings.get("python", sys.executable) if made is None else find_python(str(made)))
     return start_body("kit", profile, (python, "-m", module), place, beside=folder)

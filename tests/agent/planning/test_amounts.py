@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.spec import Budget, WantedGoal
+from phyagentos.agent.planning import integer_program
 from phyagentos.agent.planning.answers import Missing, PlannedGoal, UnreachableReason, Unsolvable
 from phyagentos.agent.planning.planned import plan_goal, write_graph
 from phyagentos.errors import DefinitionError
@@ -47,6 +48,14 @@ def find_missing(answer):
     assert isinstance(answer, Unsolvable), answer
     assert answer.is_proven
     return answer.missing
+
+
+def test_a_search_that_takes_long_ends_with_what_it_has_found(monkeypatch):
+    monkeypatch.setattr(integer_program, "LONG_S", 0.2)
+
+    found = plan("holds(piston) >= 2", "holds(stick) <= 1", steps=(("holds(stick) >= 8",),))
+
+    assert isinstance(found, PlannedGoal) or (found.missing[0].lack, found.is_proven) == (UnreachableReason.TIME, False)
 
 
 class Game:
