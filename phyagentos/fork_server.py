@@ -22,7 +22,6 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import threading
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,6 +30,8 @@ from pathlib import Path
 from typing import IO, Protocol
 
 import msgspec
+
+from phyagentos.scratch import open_scratch
 
 ADDRESS = "PHYAGENTOS_FORK_SERVER"
 FORKED_FOR = "PHYAGENTOS_FORKED_FOR"  # in a fork: the process that requested it
@@ -192,8 +193,8 @@ def fork_server(load: Sequence[str]) -> Iterator[None]:
     if ADDRESS in os.environ:
         yield
         return
-    with tempfile.TemporaryDirectory(prefix="paos-fork-") as folder, contextlib.ExitStack() as ends:
-        address = str(Path(folder) / "socket")
+    with open_scratch("paos-fork") as folder, contextlib.ExitStack() as ends:
+        address = str(folder / "socket")
         listener = ends.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET))
         listener.bind(address)
         listener.listen(MANY)

@@ -1,9 +1,7 @@
 """Sessions checked by the real processes of their targets, in a temporary workspace: what `paos preflight` does."""
 
 import shutil
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 
 import msgspec
 
@@ -16,6 +14,7 @@ from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.worker.orders import Check, Checked
+from phyagentos.scratch import open_scratch
 
 DOCUMENTS = ("SKILLRUNTIME.md", "TARGETS.md", *SETTINGS_FILES)
 LOG_TAIL = 400  # characters of a worker's log that go into a message
@@ -28,8 +27,8 @@ def examine(library: Library, source: Workspace | None, sessions: Sequence[Sessi
     `RUNNER_LOST` when a worker ends instead of answering.
     """
     found: dict[str, Checked] = {}
-    with tempfile.TemporaryDirectory(prefix="paos-") as folder:
-        workspace = Workspace.create(Path(folder) / "workspace", library)
+    with open_scratch() as folder:
+        workspace = Workspace.create(folder / "workspace", library)
         if source is not None:
             for name in DOCUMENTS:
                 shutil.copyfile(source.root / name, workspace.root / name)

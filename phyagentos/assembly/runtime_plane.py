@@ -3,7 +3,6 @@
 import contextlib
 import shutil
 import signal
-import tempfile
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -38,6 +37,7 @@ from phyagentos.runtime.supervision.shared_time import SharedTime
 from phyagentos.runtime.supervision.watchdog import Watchdog
 from phyagentos.runtime.supervision.workers import Worker
 from phyagentos.runtime.supervision.world_process import WorldProcess, end_worlds, get_lock
+from phyagentos.scratch import open_scratch
 from phyagentos.store.edits.edit_intake import EditIntake
 from phyagentos.store.journal import Journal, Record
 from phyagentos.store.ledger import Ledger
@@ -274,8 +274,7 @@ def start_world(workspace: Workspace, target: str, sockets: Path, *, outlives: b
 def open_worker(workspace: Workspace, target: str) -> Iterator[Worker]:
     """The worker of one target that is ready for orders, with a world and sockets of its own, while the block runs."""
     require_graphics()
-    with tempfile.TemporaryDirectory(prefix="paos-") as folder:
-        sockets = Path(folder)
+    with open_scratch() as sockets:
         world = start_world(workspace, target, sockets)
         worker = hire_worker(workspace, target, sockets, pictures=False, world=world)
         try:

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -39,6 +38,7 @@ from phyagentos.operations.run import RunRequest, check_request
 from phyagentos.protocol.documents.schema import parse_yaml
 from phyagentos.protocol.predicates.project_predicates import load_predicates
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
+from phyagentos.scratch import open_scratch
 from phyagentos.wording import count
 
 if TYPE_CHECKING:
@@ -204,8 +204,8 @@ def run_many(request: ManyRequest, *, jobs: int = 1, ends: threading.Event | Non
         **({"verification": [run.verify]} if run.verify is not None else {}),
     }
     text = yaml.safe_dump(json.loads(msgspec.json.encode(suite, enc_hook=str)), sort_keys=False)
-    with TemporaryDirectory() as scratch:
-        source = Path(scratch) / SUITE
+    with open_scratch() as scratch:
+        source = scratch / SUITE
         source.write_text(text, encoding="utf-8")
         try:
             plan = compile_suite(source, runs_python=True)

@@ -1,6 +1,5 @@
 """What is wrong in a suite and in what it names, each at its place; nothing has run."""
 
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
@@ -21,6 +20,7 @@ from phyagentos.protocol.documents.schema import Address, Located, read_yaml, va
 from phyagentos.protocol.predicates.project_predicates import load_predicates
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.protocol.world.faults import read_faults
+from phyagentos.scratch import open_scratch
 
 
 class SuiteChecks:
@@ -63,8 +63,8 @@ class SuiteChecks:
         One that is drawn is checked as it is drawn from `seed`.
         """
         key = (graph, repr(sorted(variant.set.items())))
-        with self._noting(), tempfile.TemporaryDirectory() as scratch:
-            path = draw(graph, seed, Path(scratch)) if ":" in graph else Path(graph)
+        with self._noting(), open_scratch() as scratch:
+            path = draw(graph, seed, scratch) if ":" in graph else Path(graph)
             if not path.is_file():
                 return ()
             catalogue, library = self._read_catalogue(path)

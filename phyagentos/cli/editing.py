@@ -3,7 +3,6 @@
 import os
 import shlex
 import subprocess
-import tempfile
 from contextlib import closing
 from pathlib import Path
 from typing import Annotated
@@ -16,6 +15,7 @@ from phyagentos.cli.reply import Reply
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.documents.body_codec import render_flow
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.scratch import open_scratch
 from phyagentos.store.edits.edit_intake import EditIntake, Outcome, edit_by_hand
 from phyagentos.store.journal import choose_partition
 from phyagentos.store.shared_file import decode
@@ -43,8 +43,8 @@ def edit(
     partition.mkdir(parents=True, exist_ok=True)
 
     def change(text: str) -> str:
-        with tempfile.TemporaryDirectory(prefix="paos-edit-") as scratch:
-            return _run_editor(command, Path(scratch) / name, text)
+        with open_scratch("paos-edit") as scratch:
+            return _run_editor(command, scratch / name, text)
 
     def note_wait() -> None:
         print_note(f"{name} is being edited or rendered elsewhere; waiting")

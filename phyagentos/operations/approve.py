@@ -6,7 +6,6 @@ The bytes of a proposal become the goal, on the ordinary path of `paos agent`; n
 import contextlib
 import hashlib
 import signal
-import tempfile
 from collections.abc import Callable, Iterator
 from datetime import datetime, timedelta
 from functools import partial
@@ -29,6 +28,7 @@ from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import iter_nested, read_yaml, validate
 from phyagentos.protocol.workspace.process_lock import RUNTIME_LOCK, is_held
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.scratch import open_scratch
 from phyagentos.store.watch import POLL_S, Watch
 
 _DAY = timedelta(days=1)
@@ -217,8 +217,8 @@ def _carry_out(
 @contextlib.contextmanager
 def as_file(text: str) -> Iterator[Path]:
     """A goal graph as a file that only this user can read; problems in it stand under the file's name alone."""
-    with tempfile.TemporaryDirectory(prefix="paos-") as folder:
-        file = Path(folder) / "goal_graph.yaml"
+    with open_scratch() as folder:
+        file = folder / "goal_graph.yaml"
         file.write_text(text, encoding="utf-8")
         try:
             yield file

@@ -1,6 +1,5 @@
 """Behaviour trees drawn, and exchanged with Groot2 and whatever else reads BehaviorTree.CPP 4."""
 
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.protocol.capabilities.trees import Tree, parse_tree, read_tree
 from phyagentos.protocol.documents.schema import Located
+from phyagentos.scratch import open_scratch
 
 if TYPE_CHECKING:
     from phyagentos.export.bt_xml import NodeModel
@@ -162,9 +162,9 @@ def _check(
     parsed = [parse_tree(located) for located in read]
     problems = [problem for _, found in parsed for problem in found]
     trees = {tree.header.tree: tree for tree, _ in parsed if tree is not None}
-    with tempfile.TemporaryDirectory() as folder:
+    with open_scratch() as folder:
         _write({Path(folder, "trees", f"{name}.yaml"): tree.located.data for name, tree in trees.items()})
-        seen = Library((Path(folder), *library.roots))
+        seen = Library((folder, *library.roots))
         return trees, problems + [each for tree in trees.values() for each in check_loaded_tree(tree, seen, registry)]
 
 

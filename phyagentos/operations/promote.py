@@ -1,7 +1,6 @@
 """Skills that memory has learned: tried on known starts, then written into a project; and taken out again."""
 
 import shutil
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from phyagentos.protocol.capabilities.registries import read_skill_registry
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.scratch import open_scratch
 
 
 class Promoted(msgspec.Struct, frozen=True, kw_only=True):
@@ -61,12 +61,12 @@ def promote(root: Path, entry: str, project: Path, name: str, *, trials: int = 3
     texts[Path("skills", name, "SKILL.md")] = composed.render_skill()
     if there := [project / path for path in texts if (project / path).exists()]:
         raise DefinitionError.of("WOULD_OVERWRITE", str(there[0]), "a file", "a name that is free", "Choose another.")
-    with tempfile.TemporaryDirectory(prefix="paos-") as folder:
-        _write(Path(folder), texts)
-        if problems := [problem for path in texts for problem in lint_file(Path(folder) / path)]:
+    with open_scratch() as folder:
+        _write(folder, texts)
+        if problems := [problem for path in texts for problem in lint_file(folder / path)]:
             raise DefinitionError(problems)
         for start in starts:
-            _try(composed, start, workspace, Path(folder))
+            _try(composed, start, workspace, folder)
     return Promoted(skill=name, entry=entry, trials=trials, files=_write(project, texts))
 
 

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import msgspec
 
@@ -12,6 +11,7 @@ from phyagentos.errors import DefinitionError, Problem, relocate
 from phyagentos.operations.export import Written
 from phyagentos.protocol.capabilities.targets import is_beside
 from phyagentos.protocol.settings.safety import Safety, read_safety
+from phyagentos.scratch import open_scratch
 
 
 class KnownRobot(msgspec.Struct, frozen=True, kw_only=True):
@@ -180,12 +180,12 @@ def draft_robot(
         raise DefinitionError.of("WOULD_OVERWRITE", str(place), "a profile", "a new name", "Choose one with --name.")
     named, models = name_in_models(path) if is_beside(model) else (model, None)
     draft = draft_profile(path, named, target, arguments, joint, find_carried(hand, open_library()) if hand else None)
-    with TemporaryDirectory() as aside, look_in(models):
-        (trial := Path(aside) / "robots" / target / place.name).parent.mkdir(parents=True)
+    with open_scratch() as aside, look_in(models):
+        (trial := aside / "robots" / target / place.name).parent.mkdir(parents=True)
         try:
             draft, limits = settle_draft(draft, trial)
         except DefinitionError as error:
-            raise DefinitionError(relocate(error.problems, Path(aside))) from error
+            raise DefinitionError(relocate(error.problems, aside)) from error
     texts, asks = {place: draft.render(), place.with_name("safety.yaml"): limits}, []
     place.parent.mkdir(parents=True, exist_ok=True)
     for file, text in texts.items():
