@@ -27,13 +27,13 @@ from phyagentos.protocol.predicates.library import (
     PredicateDefinition,
     PredicateLibrary,
     Reading,
-    View,
     get_entity,
     get_place,
     get_predicate_library,
 )
 from phyagentos.protocol.predicates.predicate import Predicate, parse_predicate
 from phyagentos.protocol.predicates.project_predicates import load_predicates
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
 from phyagentos.protocol.world.truth import Truth
 

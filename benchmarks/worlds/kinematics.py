@@ -16,8 +16,8 @@ from msgspec.structs import replace
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.geometry import Pose, Vector, to_child, to_parent
-from phyagentos.protocol.predicates.library import View
 from phyagentos.protocol.predicates.predicate import parse_predicate
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.entity_geometry import AXES, compute_extent
 from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.protocol.world.mechanisms import compute_motion

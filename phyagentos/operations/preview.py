@@ -13,7 +13,8 @@ from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.planning.answers import Step
 from phyagentos.geometry import UP, Pose, Vector, to_parent
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.predicates.library import View, get_place
+from phyagentos.protocol.predicates.library import get_place
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.entity_geometry import AXES, compute_lowest, compute_reach
 from phyagentos.protocol.world.environment import Entity, Environment
 

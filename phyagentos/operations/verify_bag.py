@@ -17,8 +17,9 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.placed_scenes import name_placed, read_placed
 from phyagentos.protocol.documents.durable_files import require_empty
-from phyagentos.protocol.predicates.library import ArgumentKind, View
+from phyagentos.protocol.predicates.library import ArgumentKind
 from phyagentos.protocol.predicates.predicate import has_metric, parse_predicate
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.sessions.evidence import AFTER, BEFORE, write_json
 from phyagentos.protocol.sessions.looks import LOOKS, LookEntry, LookRole
 from phyagentos.protocol.sessions.session import Scene

@@ -1,6 +1,7 @@
 """What every predicate has to satisfy beside its own measure."""
 
-from phyagentos.protocol.predicates.library import ArgumentKind, FactUnknown, PredicateDefinition, View
+from phyagentos.protocol.predicates.library import ArgumentKind, FactUnknown, PredicateDefinition
+from phyagentos.protocol.predicates.view import View
 from phyagentos.testing.worlds import make_world
 
 THINGS = {ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE, ArgumentKind.TARGET}

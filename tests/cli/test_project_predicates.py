@@ -5,9 +5,10 @@ import pytest
 from phyagentos.assembly.project import admit_python, open_library
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
-from phyagentos.protocol.predicates.library import View, get_predicate_library
+from phyagentos.protocol.predicates.library import get_predicate_library
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.predicates.project_predicates import forget_readings, load_predicates
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.testing import make_cube, make_world
 from tests.command_line import assert_refused

@@ -5,11 +5,11 @@ import pytest
 from learned_forecaster.model import fit_model
 
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.capabilities.forecasters import DEFAULT, FORECASTERS
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.sessions.evidence import encode_json
-from phyagentos.protocol.sessions.lookahead import LookaheadRequest, LookaheadResult
+from phyagentos.protocol.sessions.forecasters import FORECASTERS
+from phyagentos.protocol.sessions.lookahead import DEFAULT_FORECASTER, LookaheadRequest, LookaheadResult
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.settings.safety import read_safety
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -26,7 +26,7 @@ from tests.learned_kit import announce, draw_examples
 
 pytestmark = [pytest.mark.sim, pytest.mark.motion]
 
-NAMES = sorted({DEFAULT, "learned", *FORECASTERS.names()})
+NAMES = sorted({DEFAULT_FORECASTER, "learned", *FORECASTERS.names()})
 OPTIONS = {"learned": {"model": "model.json"}}
 SCENE = Scene(name="tabletop/waiter", seed=7, episode="e")
 REQUEST = LookaheadRequest(samples=2, threshold=0.0, seed=5)

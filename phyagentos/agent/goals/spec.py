@@ -6,11 +6,12 @@ from typing import Annotated, Any, Literal
 
 import pydantic
 
-from phyagentos.protocol.capabilities.forecasters import DEFAULT, find_forecaster
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Authored, check_each
 from phyagentos.protocol.predicates.syntax import HUMAN
+from phyagentos.protocol.sessions.forecasters import find_forecaster
+from phyagentos.protocol.sessions.lookahead import DEFAULT_FORECASTER
 from phyagentos.protocol.sessions.session import PRIORITY_MAX, ResetPolicy
 
 NODE_NAME = r"^[a-z][a-z0-9_]*$"
@@ -37,7 +38,7 @@ class LookaheadSpec(Authored):
     samples: int = pydantic.Field(default=16, ge=1, le=1000)
     threshold: float = pydantic.Field(default=0.7, ge=0.0, le=1.0)
     forecasters: Annotated[tuple[str, ...], pydantic.AfterValidator(partial(check_each, check=find_forecaster))] = (
-        pydantic.Field(default=(DEFAULT,), min_length=1, validate_default=True)
+        pydantic.Field(default=(DEFAULT_FORECASTER,), min_length=1, validate_default=True)
     )
 
 

@@ -10,8 +10,9 @@ import msgspec
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.builtins import DOUBT_STDS
 from phyagentos.protocol.predicates.evaluation import evaluate
-from phyagentos.protocol.predicates.library import PredicateDefinition, View, get_predicate_library
+from phyagentos.protocol.predicates.library import PredicateDefinition, get_predicate_library
 from phyagentos.protocol.predicates.predicate import find_formula, find_things
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.wording import compare_lengths

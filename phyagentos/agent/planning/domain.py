@@ -26,11 +26,12 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.geometry import Vector
 from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
 from phyagentos.protocol.documents.schema import Address, Located, read_yaml, salvage
-from phyagentos.protocol.predicates.library import Meaning, View
+from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import Statement, read_statement
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.predicates.relations import find_places
 from phyagentos.protocol.predicates.syntax import Call, Compare, Name, Point, iter_calls
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
 

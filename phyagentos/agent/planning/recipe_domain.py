@@ -17,7 +17,7 @@ from phyagentos.agent.planning.domain import Tried, resolve_targets
 from phyagentos.agent.planning.goal_facts import refuse_form
 from phyagentos.protocol.capabilities.recipes import Recipe
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
-from phyagentos.protocol.predicates.library import Meaning, View
+from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.predicate import Predicate, parse_predicate, substitute
 from phyagentos.protocol.predicates.syntax import (
     And,
@@ -29,6 +29,7 @@ from phyagentos.protocol.predicates.syntax import (
     Variable,
     iter_calls,
 )
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
 

@@ -14,9 +14,9 @@ from phyagentos.agent.understanding.nouns import Node, Slot, list_children
 from phyagentos.agent.understanding.understanding import Inquiry, InquiryKind
 from phyagentos.agent.understanding.vocabulary import read_lexicon
 from phyagentos.protocol.predicates.evaluation import Evaluation
-from phyagentos.protocol.predicates.library import View
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.predicates.relations import find_places
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
 

@@ -5,7 +5,7 @@ import math
 from msgspec.structs import replace
 
 from phyagentos.geometry import UP, to_parent
-from phyagentos.protocol.predicates.library import View
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.entity_geometry import (
     compute_center,
     compute_centroid,

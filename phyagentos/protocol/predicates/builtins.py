@@ -27,10 +27,10 @@ from phyagentos.protocol.predicates.library import (
     Place,
     PredicateDefinition,
     Reading,
-    View,
     get_entity,
     get_place,
 )
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.entity_geometry import (
     Top,
     compute_box_distance,

@@ -20,11 +20,11 @@ from phyagentos.protocol.predicates.library import (
     PredicateDefinition,
     Reading,
     Resolved,
-    View,
     get_entity,
     get_place,
     get_predicate_library,
 )
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.environment import UNNAMED, Pose
 from phyagentos.protocol.world.truth import Truth
 

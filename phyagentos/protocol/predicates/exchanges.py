@@ -12,8 +12,8 @@ from typing import TypeVar
 
 import msgspec
 
-from phyagentos.protocol.predicates.library import View
 from phyagentos.protocol.predicates.syntax import Formula, Name, Star, iter_calls
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.environment import Entity, Environment, Region
 
 EXCHANGES_MAX = 720  # of one predicate: all orders of six alike objects

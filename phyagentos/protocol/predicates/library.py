@@ -7,16 +7,17 @@ Importing this module registers nothing.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 
 from phyagentos.errors import DefinitionError
 from phyagentos.geometry import Vector, to_parent
 from phyagentos.plugins import Plugins
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.entity_geometry import compute_center
-from phyagentos.protocol.world.environment import FRESH_S, Entity, Environment, Pose
+from phyagentos.protocol.world.environment import FRESH_S, Entity, Pose
 
 
 class FactUnknown(Exception):
@@ -109,24 +110,6 @@ class Part(StrEnum):
 
 
 THINGS = (ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class View:
-    """What a predicate is evaluated on.
-
-    Attributes:
-        initial: The snapshot that changes are measured against, None when there is none.
-        target: What the word `target` means, None when nothing.
-        metrics: What was measured on the way, by name; units in the names.
-        interchangeable: Groups of names that the goal lets stand for each other.
-    """
-
-    now: Environment
-    initial: Environment | None = None
-    target: str | None = None
-    metrics: Mapping[str, float] = field(default_factory=dict)
-    interchangeable: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,8 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.evaluation import Evaluation, evaluate, worse
 from phyagentos.protocol.predicates.language import PredicateSyntaxError, parse
-from phyagentos.protocol.predicates.library import ArgumentKind, PredicateDefinition, View, get_predicate_library
+from phyagentos.protocol.predicates.library import ArgumentKind, PredicateDefinition, get_predicate_library
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.wording import count
 

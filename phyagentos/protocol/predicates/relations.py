@@ -8,8 +8,9 @@ import math
 from collections.abc import Iterator, Mapping
 
 from phyagentos.protocol.predicates.evaluation import evaluate
-from phyagentos.protocol.predicates.library import Meaning, View
+from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import find_name, make_call
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.entity_geometry import compute_center
 from phyagentos.protocol.world.environment import Entity, Environment, Relation
 from phyagentos.protocol.world.truth import Truth

@@ -17,8 +17,8 @@ from phyagentos.protocol.predicates.library import (
     Meaning,
     PredicateDefinition,
     Reading,
-    View,
 )
+from phyagentos.protocol.predicates.view import View
 
 _ReportT = TypeVar("_ReportT")
 

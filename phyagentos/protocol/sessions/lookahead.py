@@ -7,13 +7,13 @@ from pathlib import Path
 
 import msgspec
 
-from phyagentos.protocol.capabilities.forecasters import DEFAULT
 from phyagentos.protocol.sessions.calibration import TrackRecord, compute_interval
 from phyagentos.protocol.sessions.evidence_manifest import read_part
 from phyagentos.protocol.sessions.strategy import Strategy
 
 LOOKAHEAD = "lookahead.json"  # LookaheadResult; absent when none was requested
-ROLLOUTS = f"{DEFAULT}/1"  # name and version; before there were others, results did not say it
+DEFAULT_FORECASTER = "rollouts"  # of a goal that requests look-ahead and names no forecaster
+ROLLOUTS = f"{DEFAULT_FORECASTER}/1"  # name and version; before there were others, results did not say it
 
 
 class LookaheadRequest(msgspec.Struct, frozen=True, kw_only=True):
@@ -30,7 +30,7 @@ class LookaheadRequest(msgspec.Struct, frozen=True, kw_only=True):
     samples: int = 16
     threshold: float = 0.7
     seed: int = 0
-    forecasters: tuple[str, ...] = (DEFAULT,)
+    forecasters: tuple[str, ...] = (DEFAULT_FORECASTER,)
     distrusted: dict[str, TrackRecord] = {}
 
 

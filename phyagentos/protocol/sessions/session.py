@@ -14,7 +14,7 @@ import msgspec
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.documents.document import DocumentFormat, FrontMatter
 from phyagentos.protocol.documents.plain_data import Fields
-from phyagentos.protocol.predicates.library import View
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.sessions.lookahead import LookaheadRequest
 from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 from phyagentos.protocol.sessions.verdicts import Attempt

@@ -7,7 +7,7 @@ from typing import Protocol
 import msgspec
 
 from phyagentos.errors import DefinitionError, PhyAgentOSError
-from phyagentos.protocol.capabilities.forecasters import find_forecaster
+from phyagentos.protocol.sessions.forecasters import find_forecaster
 from phyagentos.protocol.sessions.lookahead import Forecast, LookaheadRequest
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.workspace.workspace import Workspace

@@ -7,8 +7,8 @@ import pytest
 from phyagentos.agent.goals.spec import LookaheadSpec
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.protocol.capabilities.forecasters import find_forecaster
 from phyagentos.protocol.sessions.calibration import TrackRecord
+from phyagentos.protocol.sessions.forecasters import find_forecaster
 from phyagentos.protocol.sessions.lookahead import Forecast, LookaheadRequest
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.lookahead.forecaster import Case
@@ -117,7 +117,7 @@ def test_a_forecaster_that_is_not_installed_is_named_with_those_that_are():
 def test_the_kit_of_rollouts_is_found_on_the_path_and_its_absence_names_the_command(monkeypatch):
     assert find_forecaster("rollouts").module == "rollout_forecaster.forecaster"
 
-    monkeypatch.setattr("phyagentos.protocol.capabilities.forecasters.find_spec", lambda _: None)
+    monkeypatch.setattr("phyagentos.protocol.sessions.forecasters.find_spec", lambda _: None)
     with pytest.raises(
         DefinitionError, match=r"UNKNOWN_NAME \(forecaster\): found 'rollouts'.* pip install .*/kits/rollouts"
     ):
