@@ -13,7 +13,7 @@ from phyagentos.agent.memory.experience import Experience
 from phyagentos.agent.memory.experience_log import LogPosition
 from phyagentos.protocol.documents.markdown import publish
 
-VERSION = 4  # of what stands in it: another one is thrown away
+VERSION = 5  # of what stands in it: another one is thrown away
 
 
 class _Saved(msgspec.Struct, frozen=True):

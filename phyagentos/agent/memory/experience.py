@@ -1,9 +1,14 @@
 """Experience: what follows from the records of memory, computed record by record.
 
-It is a function of the records alone and of bounded size: the entry whose last confirmation is oldest is dropped first.
+It is a function of the records alone and of bounded size. Of each kind of entry the newest are kept for being new; of
+the others those go first that are not in force, then those with the fewest successes, then the oldest. So a flood of
+what was tried once drives out nothing that was confirmed (the admission window and frequency of W-TinyLFU, Einziger et
+al. 2017, doi:10.1145/3149371).
 """
 
+import heapq
 from collections.abc import Iterable, Iterator
+from itertools import islice
 
 import msgspec
 
@@ -29,6 +34,7 @@ CAUTIONS_KEPT = 200
 CLEARS = "clear"  # purpose of what changes the world for an attempt; a look changes nothing
 FAILURES_KEPT = 2_000  # that a child may still follow
 SESSIONS_KEPT = 10_000  # that are known to be in
+NEWEST_SHARE, FORGOTTEN_SHARE = 0.2, 0.05  # of those kept: kept for being new alone; forgotten in one go
 _OF_THINGS = Strategy(speed=0.5)  # these two stand for the two ways to widen a scope
 _OF_PLACES = Strategy(avoid_sites=("any",))
 
@@ -104,7 +110,7 @@ class Experience(msgspec.Struct, kw_only=True):
         """Its safety events, and one more session for the cautions in whose scope it was."""
         for begun in cautions.begin(episode):
             self.cautions.setdefault(begun.id, begun)
-            _shrink(self.cautions, CAUTIONS_KEPT)
+            _shrink(self.cautions, CAUTIONS_KEPT, self.seq)
         case = compute_scope(episode)
         for caution in [*self.cautions.values()]:
             if not find_mismatch(caution.where, case, DEFAULT_STRATEGY):
@@ -116,7 +122,7 @@ class Experience(msgspec.Struct, kw_only=True):
             known = self.patterns.pop(id, None)
             pattern = known or Pattern(id=id, scope=compute_scope(episode), strategy=episode.strategy)
             self.patterns[id] = pattern.add(episode, self.seq)
-            _shrink(self.patterns, PATTERNS_KEPT)
+            _shrink(self.patterns, PATTERNS_KEPT, self.seq)
             yield id
         if episode.is_first and episode.is_own_way:
             scope = compute_scope(episode)
@@ -156,7 +162,7 @@ class Experience(msgspec.Struct, kw_only=True):
             for proposed in methodological.propose(before, episode):
                 known = self.corrections.pop(proposed.id, proposed)  # to the end: the order is that of the last use
                 self.corrections[proposed.id] = methodological.test(known, before, episode, self.seq)
-                _shrink(self.corrections, CORRECTIONS_KEPT)
+                _shrink(self.corrections, CORRECTIONS_KEPT, self.seq)
                 yield proposed.id
         if not episode.is_success:
             if before is None or (before.goal, before.node) != (episode.goal, episode.node):
@@ -199,11 +205,19 @@ def _drop_oldest(entries: Fields, kept: int) -> None:
         del entries[next(iter(entries))]
 
 
-def _shrink(entries: Fields, kept: int) -> None:
-    """Drop the oldest that is not retracted: a forgotten retraction would let the entry rise again."""
-    standing = (id for id, entry in entries.items() if entry.state is not EntryState.RETRACTED)
-    if len(entries) > kept and (oldest := next(standing, None)) is not None:
-        del entries[oldest]
+def _shrink(entries: Fields, kept: int, seq: int) -> None:
+    """Forget what is worth least; never what is retracted, which would rise again."""
+    if len(entries) > kept:
+        for id in choose_forgotten(entries, max(1, int(kept * FORGOTTEN_SHARE)), seq):
+            del entries[id]
+
+
+def choose_forgotten(entries: Fields, count: int, seq: int) -> list[str]:
+    """The ids of so many entries to forget, the order of `entries` being that of their last use."""
+    settled = islice(entries.values(), len(entries) - int(len(entries) * NEWEST_SHARE))
+    candidates = (each for each in settled if each.state is not EntryState.RETRACTED)
+    least = heapq.nsmallest(count, candidates, key=lambda each: (each.is_active(seq), each.outcomes.successes))
+    return [each.id for each in least]
 
 
 def _name(scope: Scope) -> str:

@@ -41,6 +41,7 @@ class Retrieval:
 
     def __init__(self, experience: Experience) -> None:
         self.experience = experience
+        self._version = (-1, "")  # of which record, and its name
 
     def recall(self, scope: Scope, *, limit: int = FOUND_MAX) -> tuple[Found, ...]:
         """Verified lessons that hold in a scope and do better than doing nothing, the most useful first.
@@ -92,6 +93,11 @@ class Retrieval:
     @property
     def version(self) -> str:
         """Version of what memory knows; the same lessons in force give the same version."""
+        if self._version[0] != self.experience.seq:
+            self._version = self.experience.seq, self._name_version()
+        return self._version[1]
+
+    def _name_version(self) -> str:
         active = sorted(
             (lesson.id, sorted(msgspec.to_builtins(lesson.advice).items(), key=str))
             for lesson in self.experience.corrections.values()

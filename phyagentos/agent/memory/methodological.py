@@ -22,7 +22,7 @@ CHAINS_KEPT = 5  # of failure and verified correction, the latest
 ACCIDENTS_KEPT = 5
 CASES_KEPT = 16  # different cases that a widened lesson was verified in
 CASES_NEEDED = 2  # before a widened lesson counts
-EXPIRES_AFTER = 20_000  # records of memory without a confirmation
+EXPIRES_AFTER = 20_000  # records of memory without a confirmation, after the first; each further one doubles it
 DOUBTED_BELOW, DOUBTED_FROM = 0.4, 3  # share of outcomes that speak for it, once there are so many
 
 
@@ -107,8 +107,8 @@ class Correction(Entry, frozen=True, kw_only=True, omit_defaults=True):
         outcomes = self.outcomes
         if outcomes.trials >= DOUBTED_FROM and outcomes.mean < DOUBTED_BELOW:
             return EntryState.EXPIRED, f"contradicted: {outcomes} outcomes speak for it"
-        if seq - self.last_seq > EXPIRES_AFTER:
-            return EntryState.EXPIRED, f"nothing confirmed it in the last {EXPIRES_AFTER} episodes"
+        if seq - self.last_seq > (life := EXPIRES_AFTER << min(outcomes.successes - 1, 32)):
+            return EntryState.EXPIRED, f"nothing confirmed it in the last {life} episodes"
         if self.amended is None and measure_width(self.scope) and len(self.cases) < CASES_NEEDED:
             return EntryState.HYPOTHESIS, "verified in one case only, not yet beyond it"
         return EntryState.ACTIVE, ""

@@ -187,6 +187,8 @@ def test_a_lesson_that_nothing_confirms_expires(memory):
     state, reason = correction.judge(late)
     assert state is EntryState.EXPIRED
     assert "nothing confirmed it" in reason
+    confirmed = msgspec.structs.replace(correction, count=correction.count.add(success=True))
+    assert confirmed.judge(late)[0] is EntryState.ACTIVE, "what was confirmed twice is as short-lived"
 
 
 def test_the_interval_is_wilsons():

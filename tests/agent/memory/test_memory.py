@@ -8,6 +8,7 @@ import pytest
 from phyagentos.agent.memory import experience
 from phyagentos.agent.memory.experience import Experience
 from phyagentos.agent.memory.experience_log import Edit
+from phyagentos.agent.memory.memory import Retrieval
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.memory_entries import EntryState, Scope
 
@@ -143,6 +144,19 @@ def test_it_stays_small_however_much_is_remembered(monkeypatch):
     assert max(sizes) <= 20
     assert any(lesson.scope.object == "thing99" for lesson in known.corrections.values())
     assert len(known.list_lessons()) == len(known.list_facts()) == 10
+
+
+def test_a_flood_of_what_was_tried_once_drives_out_nothing_that_was_confirmed(monkeypatch):
+    monkeypatch.setattr(experience, "CORRECTIONS_KEPT", 40)
+    known = Experience()
+    confirmed = make_correction(thing="soap") + make_correction(thing="soap")
+    noise = [each for number in range(200) for each in make_correction(thing=f"thing{number}", ok=number % 2 == 0)]
+    known.extend(enumerate(confirmed + noise, 1))
+    assert len(known.corrections) <= 40
+    assert Retrieval(known).recall(ask(confirmed[0]))
+    newest = make_correction(thing="tin")
+    known.extend(enumerate(newest, known.seq + 1))
+    assert Retrieval(known).recall(ask(newest[0])), "what is new was not even tried"
 
 
 def test_a_retracted_lesson_is_not_let_go(monkeypatch):
