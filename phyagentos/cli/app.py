@@ -97,6 +97,8 @@ SECTIONS = {  # of the help -> name -> module and function, the first line of wh
         "judge": "judging:judge",
         "rerun": "judging:rerun",
         "context": "explaining:show_context",
+        "archive": "keeping:archive",
+        "restore": "keeping:restore",
         "evidence": GROUP,
         "store": GROUP,
         "policy": GROUP,

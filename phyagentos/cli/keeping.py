@@ -1,4 +1,4 @@
-"""Commands about what a workspace keeps: `evidence verify`, `prune`; `store check`, `repair`, `compact`, `follow`."""
+"""Commands about what a workspace keeps: `archive`, `restore`; `evidence verify`, `prune`; `store check` and others."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +12,7 @@ from phyagentos.cli.explaining import Space
 from phyagentos.cli.outcome import ExitCode, print_result
 from phyagentos.cli.reply import Reply, list_problems
 from phyagentos.operations import evidence, store
+from phyagentos.operations.archives import Archived, archive_workspace, restore_workspace
 from phyagentos.operations.evidence import EvidenceCheck
 from phyagentos.store.compaction import Compaction
 from phyagentos.store.recovery.inspection import Inspection
@@ -29,6 +30,23 @@ _REFUSED = (
     "Nothing was changed. Better than a repair is the file from a copy or from version control; else",
     "end every process on this workspace and add --accept-loss.",
 )
+
+
+def archive(
+    workspace: Named, into: Annotated[Path, typer.Argument(metavar="FILE", help="The new file, as demo.tar.gz.")]
+) -> Reply[Archived]:
+    """Pack a workspace that nothing serves into one file; `paos restore` gives the same bytes back."""
+    done = archive_workspace(workspace, into)
+    return Reply(done, f"{count(done.files, 'file')}, {done.bytes / 1e6:.1f} MB, packed into {done.path}")
+
+
+def restore(
+    file: Annotated[Path, typer.Argument(help="An archive.")],
+    into: Annotated[Path, typer.Argument(metavar="FOLDER", help="The new folder.")],
+) -> Reply[Archived]:
+    """Unpack an archive of a workspace into a new folder, and check every byte."""
+    done = restore_workspace(file, into)
+    return Reply(done, f"{count(done.files, 'file')}, {done.bytes / 1e6:.1f} MB, as packed, in {done.path}")
 
 
 def verify(workspace: Space) -> Reply[EvidenceCheck]:

@@ -71,6 +71,8 @@ ELSEWHERE = {  # command -> the test file that calls it
     "amend": "tests/cli/test_amending.py",
     "edit": "tests/cli/test_editing.py",
     "doctor": "tests/cli/test_doctor.py",
+    "archive": "tests/cli/test_archives.py",
+    "restore": "tests/cli/test_archives.py",
     "memory why": "tests/cli/test_memory.py",
     "memory forget": "tests/cli/test_memory.py",
     "memory revoke": "tests/cli/test_learned_skills.py",
