@@ -1,9 +1,8 @@
 """Lives in Crafter: `python -m benchmarks.crafter --seeds 1 2 3 --outcomes FILE`.
 
 Each seed is one life: a goal on the target `survivor`, by the ordinary path of `paos run`. What is counted is the
-environment's own `achievements`, which only this script reads. Run again, a life of the same seed may take another
-course, since the order of sessions that are ready together depends on when they are submitted. The score is Crafter's:
-over the percentages p of lives that unlocked each of the 22 achievements, exp(mean(ln(1 + p))) - 1.
+environment's own `achievements`, which only this script reads. The same seed gives the same life. The score is
+Crafter's: over the percentages p of lives that unlocked each of the 22 achievements, exp(mean(ln(1 + p))) - 1.
 
 Given to the agent: the local view of nine by seven cells as symbols, without the noise of the night; what it saw
 before; the recipes. Published scores were given other inputs, mostly pixels: random 1.6, DreamerV3 14.5 (a million

@@ -217,7 +217,7 @@ def make_hire(
 def open_shared_time(
     targets: Mapping[str, TargetProfile], workspace: Workspace, sockets: Path, clock: Clock
 ) -> SharedTime | None:
-    """What holds the time of worlds that several targets share; None without such a world, and in real time."""
+    """What holds the time of shared worlds, and repeatable targets in turn; None without any, and in real time."""
     names = Counter(profile.world for profile in targets.values() if profile.world)
     shared = {
         world: ([name for name, profile in targets.items() if profile.world == world], sockets / f"{world}.time")
@@ -225,7 +225,10 @@ def open_shared_time(
         if count > 1
     }
     is_lockstep = _read_rules(workspace).world_mode is WorldMode.LOCKSTEP
-    return SharedTime(shared, TurnMarks(workspace.cache), clock) if shared and is_lockstep else None
+    in_turn = [name for name, profile in targets.items() if profile.deterministic]
+    if not (is_lockstep and (shared or in_turn)):
+        return None
+    return SharedTime(shared, TurnMarks(workspace.cache), clock, in_turn)
 
 
 def seal_rest(workspace: Workspace, ledger: Ledger) -> None:

@@ -72,6 +72,25 @@ def test_time_stands_until_the_verdict_and_until_the_agent_has_acted_on_it(world
     assert look()[0] == {"left": "a"}
 
 
+def test_a_target_in_turn_begins_nothing_before_the_agent_has_acted_on_what_ended(tmp_path):
+    marks = TurnMarks(tmp_path)
+    status = SimpleNamespace(
+        contract=SimpleNamespace(goal="g", target="game"), state=SessionState.AWAITING_VERIFICATION
+    )
+    ledger = SimpleNamespace(sessions={"a": status}, goals={})
+    time = SharedTime({}, marks, ManualClock(), in_turn=["game"])
+    assert not time.holds_back("game", ledger)
+    time.take_in(SimpleNamespace(side=Side.RUNTIME, to=SessionState.AWAITING_VERIFICATION, id="a", seq=7))
+    assert time.holds_back("game", ledger)
+    assert not time.holds_back("arm", ledger), "another target waits for nothing"
+    assert time.update({}, ledger, lambda _: True) < 0.01, "nothing wakes it for the mark"
+    status.state = SessionState.SUCCEEDED
+    assert time.holds_back("game", ledger), "what follows is not submitted yet"
+    marks.note("g", 9)
+    assert not time.holds_back("game", ledger)
+    assert time.update({}, ledger, lambda _: True) == float("inf")
+
+
 def test_an_agent_that_is_gone_holds_time_for_a_minute_at_most(world):
     heard, shared, _, clock = world
     status = SimpleNamespace(contract=SimpleNamespace(goal="g", target="left"), state=SessionState.VERIFYING)

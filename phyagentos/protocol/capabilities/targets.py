@@ -290,7 +290,8 @@ class TargetProfile(Authored):
         silence_max_s: How long the driver `remote` waits for a sign of its target before it is lost [s].
         settings: What the driver needs besides, by its own names.
         deterministic: Whether the driver's own snapshot and the same calls give the same bits, so that sessions can be
-            run again; one that leaves its state as NPZ needs no such word.
+            run again; one that leaves its state as NPZ needs no such word. In lockstep it begins its next session when
+            the agent has acted on the last one, so that a whole goal is repeated.
         world: Name of the simulated world that it shares with the other targets of this name; empty for one of its own.
         end_effector: What its flange carries: a gripper with an `opening`, a `suction` cup, or `none`.
         model: MJCF or URDF file, relative to the profile or `SOURCE:PATH`, see `runtime.models.sources`; none for

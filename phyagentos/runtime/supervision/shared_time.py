@@ -2,7 +2,8 @@
 
 In lockstep, time stands while a session is checked or awaits its start on a free target, while a verdict is open, and
 until the agent has acted on what ended: a goal's next step never depends on how fast its planes are. In between, each
-world receives the running sessions, and advances while it finds the same ones.
+world receives the running sessions, and advances while it finds the same ones. A target that repeats itself bit for bit
+begins its next session when the agent has acted on the last one: what is ready by then does not depend on it either.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -28,26 +29,32 @@ _AT_WORK = frozenset({Phase.RUNNING, Phase.RECONCILING})
 class SharedTime:
     """The worlds of one workspace that several targets share: by name, their targets and the path of a socket.
 
-    `marks` show how far the agent has acted.
+    `marks` show how far the agent has acted. The targets `in_turn` begin no session before it has.
     """
 
-    def __init__(self, worlds: Mapping[str, tuple[Collection[str], Path]], marks: TurnMarks, clock: Clock) -> None:
+    def __init__(
+        self,
+        worlds: Mapping[str, tuple[Collection[str], Path]],
+        marks: TurnMarks,
+        clock: Clock,
+        in_turn: Collection[str] = (),
+    ) -> None:
         self._targets = {name: frozenset(targets) for name, (targets, _) in worlds.items()}
         self._senders = {name: AgreementSender(path) for name, (_, path) in worlds.items()}
         self._sent: dict[str, dict[str, str] | None] = {}
-        self._marks, self._clock = marks, clock
+        self._marks, self._clock, self._in_turn = marks, clock, frozenset(in_turn)
         self._ended: dict[SessionId, tuple[int, float]] = {}  # with the record's number, and since when [s]
 
     def take_in(self, record: Record) -> None:
         """Note a session that ended."""
-        if self._senders and record.side == Side.RUNTIME and record.to in _ENDED:
+        if (self._senders or self._in_turn) and record.side == Side.RUNTIME and record.to in _ENDED:
             self._ended[SessionId(record.id)] = record.seq, self._clock.now_s()
 
     def update(
         self, supervisors: Mapping[str, TargetSupervisor], ledger: Ledger, has_waiting: Callable[[str], bool]
     ) -> float:
         """Send every world its running sessions where they changed; returns the longest wait for the next call [s]."""
-        again_s = float("inf")
+        again_s = LOOK_S if self._in_turn and self._find_open_goals(self._in_turn, ledger) else float("inf")
         for name, targets in self._targets.items():
             open_goals = self._find_open_goals(targets, ledger)
             running = None if open_goals else find_running(targets, supervisors, has_waiting)
@@ -56,6 +63,10 @@ class SharedTime:
             if (name not in self._sent or self._sent[name] != running) and self._senders[name].send(running):
                 self._sent[name] = running
         return again_s
+
+    def holds_back(self, target: str, ledger: Ledger) -> bool:
+        """Whether the agent has yet to act on what ended on a target that begins its sessions in turn."""
+        return target in self._in_turn and bool(self._find_open_goals((target,), ledger))
 
     def close(self) -> None:
         """Close the sockets."""

@@ -67,7 +67,7 @@ class Watchdog:
         clock: For limits and leases.
         publish: Renders the views of the workspace; called at most five times a second.
         on_record: Called with every record of the journal, once it is applied to the ledger.
-        shared_time: Informs worlds of several targets; None where there are none.
+        shared_time: Informs worlds of several targets, and keeps others in turn; None where there are none of either.
         ageing_per_s: Priority that a waiting session gains [1/s].
         lease_s: As of `Supervision`; `rest_s` likewise.
     """
@@ -180,7 +180,8 @@ class Watchdog:
             if supervisor is None or supervisor.phase is Phase.BROKEN:
                 self._turn_away(target, supervisor)
             elif supervisor.is_free():
-                idle.append(target)
+                if self._shared_time is None or not self._shared_time.holds_back(target, self.ledger):
+                    idle.append(target)
             elif supervisor.phase is Phase.STARTING:
                 starting.append(target)
         for turn in self._queues.grant(idle, starting):
