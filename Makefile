@@ -51,6 +51,8 @@ newest: $(STAMP)  ## replace the packages of .venv by the newest that pyproject.
 lock: build/lock/.installed  ## write requirements.lock again: newest versions with `make lock UPGRADE=--upgrade`
 	@build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --extra dev $(UPGRADE) \
 	--custom-compile-command "make lock" --output-file $(LOCK) pyproject.toml > /dev/null
+	@build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 --group client --constraint $(LOCK) --no-annotate \
+	--custom-compile-command "make lock" --output-file requirements-client.lock > /dev/null
 
 build/lock/.installed:
 	@test -x build/lock/bin/python || $(PYTHON) -m venv build/lock

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import IO
 
 from phyagentos.errors import DefinitionError, PhyAgentOSError, Problem, find_full_disk
+from phyagentos.plugins import PACKAGE
 from phyagentos.protocol.documents.plain_text import clean
 
 
@@ -138,6 +139,12 @@ def report_exception(error: BaseException) -> ExitCode:
     if isinstance(error, DefinitionError):
         count = print_problems(error.problems)
         print_note(f"{count} problem{'s' if count != 1 else ''}")
+        return ExitCode.INVALID_INPUT
+    if isinstance(error, ModuleNotFoundError) and (error.name or PACKAGE).partition(".")[0] != PACKAGE:
+        print_note(
+            f"paos: this needs {error.name}, which is not installed here; a client only reads workspaces and decides."
+        )
+        print_note("Install all of it: pip install '.' in the checkout, or PATH_OF_THE_WHEEL.")
         return ExitCode.INVALID_INPUT
     if place := find_full_disk(error):
         print_note(f"{place}: no room is left on its disk. Make room, then do it again.")

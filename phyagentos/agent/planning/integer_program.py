@@ -15,9 +15,6 @@ from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import Bounds as Limits
-from scipy.optimize import LinearConstraint, milp
-from scipy.sparse import coo_array
 
 from phyagentos.agent.planning.amounts import (
     Activity,
@@ -180,6 +177,10 @@ class _Program:
 
     def _run(self, costs: NDArray[np.float64]) -> tuple[int, NDArray[np.float64] | None]:
         """How HiGHS ended, and the values of all columns."""
+        from scipy.optimize import Bounds as Limits
+        from scipy.optimize import LinearConstraint, milp
+        from scipy.sparse import coo_array
+
         entries = [
             (row, column, value) for row, (sums, _, _) in enumerate(self._rows) for column, value in sums.items()
         ]
