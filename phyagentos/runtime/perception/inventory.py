@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_matrix, compute_rotation, convert_euler, multiply
 from phyagentos.protocol.settings.perception import Prior
-from phyagentos.protocol.world.alike import find_alike, find_turned
+from phyagentos.protocol.world.alike import find_alike, find_turned, is_same_color
 from phyagentos.protocol.world.body_shapes import Number3, Solid
 from phyagentos.protocol.world.descriptions import add_described
 from phyagentos.protocol.world.entity_geometry import compute_sides
@@ -37,6 +37,7 @@ class ObjectModel:
     Attributes:
         solids: Visible solids, decor included.
         colors: (k,) palette indices of its solids, the main one first.
+        shades: Palette indices of movable objects that are its main colour in another light, and that one.
         reach_m: (3,) greatest distance of a fixed body from its nominal place; None for what may be anywhere.
         frame: Body in whose frame the nominal place of a fixed body is meant; None for the world.
         vessel: The open vessel that it fills; such objects are distinguished only outside of it.
@@ -56,6 +57,7 @@ class ObjectModel:
     form: forms.Form
     solids: Solids
     colors: tuple[int, ...]
+    shades: tuple[int, ...] = ()
     reach_m: tuple[float, float, float] | None
     yaw_span_rad: float
     frame: str | None
@@ -186,6 +188,11 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
         balls[color] = max(radius_m, ball.shapes[0].size_m[0]), count + 1  # of larger ones fewer are seen
     of_things = {color for thing in things.values() for color in thing.colors}
     palette = np.array(list(surfaces.colors), dtype=np.float64).reshape(-1, 3)
+    loose = {thing.colors[0] for thing in things.values() if thing.template.movable}
+    for name, thing in things.items():
+        own = thing.colors[0]
+        same = {each for each in loose if is_same_color(palette[own], palette[each])}
+        things[name] = replace(thing, shades=tuple(sorted(same | {own})))
     return Inventory(
         scene=spec.scene,
         prior=prior,
