@@ -4,7 +4,7 @@ Fixed bodies without jitter are part of the map. Of all others the scene file gi
 is measured.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -208,6 +208,18 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
         balls={} if balls.keys() & (of_things | map_colors) else balls,
         regions=_list_regions(spec, prior),
     )
+
+
+def iter_like_map(spec: SceneSpec) -> Iterator[tuple[Entity, bool]]:
+    """Movable objects of which every colour is the map's own (True) or resembles it: near to it they are the map."""
+    surfaces = _Surfaces(spec, Prior.FULL)
+    listed = {name: body for name, body in spec.bodies.items() if body.listed}
+    colors = {name: {surfaces.register(solid, body) for solid in body.shapes} for name, body in listed.items()}
+    own = {color for name, body in listed.items() if _is_known(body) for color in colors[name]}
+    like = _find_lookalikes(np.array(list(surfaces.colors), dtype=np.float64).reshape(-1, 3), own)
+    for name, body in listed.items():
+        if not body.fixed and body.joint is None and colors[name] <= own | like:
+            yield _make_template(name, body, source=""), colors[name] <= own
 
 
 class _Surfaces:
