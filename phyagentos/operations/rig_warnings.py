@@ -1,5 +1,4 @@
-"""What the cameras of a rig cannot tell of a goal: bodies that none sees or tells from what they lie on, sizes and
-distances below what they resolve.
+"""What the cameras of a rig cannot tell of a goal: bodies unseen, or like what they lie on, and sizes too small.
 
 An estimate at best: nothing hides anything, and each body stands where its nearest camera sees it.
 """
@@ -91,9 +90,7 @@ def iter_rig_warnings(graph: GoalGraph, located: Located, rig: Rig) -> Iterator[
         thick_m, margin_m = compute_sides(thing)[0], MAP_M if is_own else MAP_LIKE_M
         if thick_m < margin_m:
             thick, least = compare_lengths(thick_m, margin_m)
-            found = (
-                f"{thing.name!r}, {thick} thin and of a colour like what it may lie on: no camera tells it from that"
-            )
+            found = f"{thing.name!r}, {thick} thin and of a hue like what it may lie on: no camera tells them apart"
             hint = "Give it another colour. Until a look has shown it, on() is unknown of what may stand on it."
             expected = f"another hue, or more than {least}"
             yield located.problem("NOT_OBSERVED", named.get(thing.name, ("scene",)), found, expected, hint)

@@ -267,7 +267,7 @@ def test_what_the_cameras_of_a_rig_cannot_tell_is_warned_of_with_numbers(paos, w
     assert (result.code, "1 file checked, no problem") == (ExitCode.GOAL_MET, result.out.strip())
     expected = (
         "NOT_OBSERVED: found 'far', which no standing camera sees; expected a place in view of one of left",
-        "NOT_OBSERVED: found 'board', 5 mm thin and of a colour like what it may lie on: no camera tells it from that",
+        "NOT_OBSERVED: found 'board', 5 mm thin and of a hue like what it may lie on: no camera tells them apart",
         "AMBIGUOUS: found 'tin', which has the colours of far, red_cube and sides that differ by less than 2 mm",
         "UNDECIDABLE: found 1 mm in 'at(green_cube, red_tray, 0.001)'; expected more than ±3 mm",
     )

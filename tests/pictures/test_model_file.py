@@ -41,7 +41,7 @@ def test_sizes_that_a_file_does_not_hold_are_refused_before_anything_is_reserved
 def test_a_size_below_zero_is_refused(stored):
     change(stored, "nq", -(2**40))
     change(stored, "nv", 2**40)
-    with pytest.raises(ValueError, match="scene.mjb"):
+    with pytest.raises(ValueError, match=r"scene\.mjb"):
         read_model(stored)
     change(stored, "nv", 6)
     with pytest.raises(ValueError, match="failed to load"):

@@ -37,7 +37,7 @@ class _Look:
 
 
 def is_same_color(one: Sequence[float], other: Sequence[float]) -> bool:
-    """Whether no picture tells two colours (r, g, b), 0..1, apart: nearly equal, or of one hue, one as in more light."""
+    """Whether no picture tells colours (r, g, b), 0..1, apart: nearly equal, or of one hue, one as in more light."""
     if all(abs(a - b) <= ALIKE_RGB for a, b in zip(one, other, strict=True)):
         return True
     bright, dim = max(sum(one), sum(other)), min(sum(one), sum(other))
