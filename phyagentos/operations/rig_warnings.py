@@ -1,4 +1,4 @@
-"""What the cameras of a rig cannot tell of a goal: bodies that none sees, sizes and distances below what they resolve.
+"""What the cameras of a rig cannot tell of a goal: bodies unseen, or like what they lie on, and sizes too small.
 
 An estimate at best: nothing hides anything, and each body stands where its nearest camera sees it.
 """
@@ -19,8 +19,11 @@ from phyagentos.protocol.predicates.library import get_predicate_library
 from phyagentos.protocol.predicates.predicate import find_entities, find_formula
 from phyagentos.protocol.settings.sensors import WORLD, CameraSettings, Sensors
 from phyagentos.protocol.world.alike import ALIKE_M, find_alike
+from phyagentos.protocol.world.entity_geometry import compute_sides
 from phyagentos.protocol.world.scenes import SceneSpec
+from phyagentos.runtime.perception.inventory import iter_like_map
 from phyagentos.runtime.perception.pose_uncertainty import BIAS_M, BIAS_PER_M, RESIDUAL_M
+from phyagentos.runtime.perception.views import MAP_LIKE_M, MAP_M
 from phyagentos.wording import compare_lengths, format_length
 
 LENGTHS = frozenset({"tol_m", "distance_m"})  # names of arguments of predicates that say how near is near
@@ -83,6 +86,14 @@ def iter_rig_warnings(graph: GoalGraph, located: Located, rig: Rig) -> Iterator[
     named = {name: path for path, text in reversed(texts.items()) for name in find_entities(text)}
     for name in reversed([each for each in named if each in rig.scene.bodies and rig.cameras]):
         yield from _iter_of_body(name, located, named[name], rig)
+    for thing, is_own in iter_like_map(rig.scene) if rig.cameras else ():
+        thick_m, margin_m = compute_sides(thing)[0], MAP_M if is_own else MAP_LIKE_M
+        if thick_m < margin_m:
+            thick, least = compare_lengths(thick_m, margin_m)
+            found = f"{thing.name!r}, {thick} thin and of a hue like what it may lie on: no camera tells them apart"
+            hint = "Give it another colour. Until a look has shown it, on() is unknown of what may stand on it."
+            expected = f"another hue, or more than {least}"
+            yield located.problem("NOT_OBSERVED", named.get(thing.name, ("scene",)), found, expected, hint)
     formulas = ((path, find_formula(text)) for path, text in texts.items())
     calls = ((path, call) for path, formula in formulas if formula is not None for call in syntax.iter_calls(formula))
     for path, call in calls:

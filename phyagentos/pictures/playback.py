@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from phyagentos.errors import ExecutionError
 from phyagentos.geometry import multiply
+from phyagentos.pictures.model_file import read_model
 from phyagentos.protocol.capabilities.registries import get_registered_target
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions import evidence
@@ -75,7 +76,7 @@ def read_playback(workspace: Workspace, status: SessionStatus) -> Playback:
         raise ExecutionError("EVIDENCE_DAMAGED", message)
     profile = get_registered_target(workspace.target_registry, status.contract.target)
     try:
-        model = mujoco.MjModel.from_binary_path(str(folder / evidence.SCENE_MODEL))
+        model = read_model(folder / evidence.SCENE_MODEL)
         first, last, course = (
             read_arrays(folder / name) for name in (evidence.INITIAL, evidence.TERMINAL, evidence.TRAJECTORY)
         )

@@ -176,10 +176,12 @@ class Stage:
         import mujoco
         from mjviser import ViserMujocoScene
 
+        from phyagentos.pictures.model_file import read_model
+
         self._documents, self._session = documents, session
         status = documents.ledger.sessions[session]
         folder = documents.workspace.evidence_of(session)
-        self._model = mujoco.MjModel.from_binary_path(str(folder / SCENE_MODEL))
+        self._model = read_model(folder / SCENE_MODEL)
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:] = read_arrays(folder / INITIAL)["qpos"]
         self._profile = get_registered_target(documents.workspace.target_registry, status.contract.target)

@@ -21,7 +21,14 @@ HALVES = {
     name: {"center_m": [x, 0.0, 0.02], "half_m": [0.04, 0.05, 0.02], "body": "tray"}
     for name, x in (("left", -0.05), ("right", 0.05), ("middle", 0.0))
 }
-MATERIALS = {"red": {"rgba": [0.8, 0.1, 0.1, 1]}, "rosy": {"rgba": [0.81, 0.1, 0.1, 1]}, "blue": {"rgba": [0, 0, 1, 1]}}
+MATERIALS = {
+    "red": {"rgba": [0.8, 0.1, 0.1, 1]},
+    "rosy": {"rgba": [0.81, 0.1, 0.1, 1]},
+    "shaded": {"rgba": [0.5, 0.0625, 0.0625, 1]},
+    "black": {"rgba": [0.2, 0.025, 0.025, 1]},
+    "warm": {"rgba": [0.8, 0.15, 0.1, 1]},
+    "blue": {"rgba": [0, 0, 1, 1]},
+}
 
 
 def make_scene(bodies, regions=None):
@@ -36,6 +43,9 @@ def make_scene(bodies, regions=None):
         ({}, True),
         ({"material": "rosy"}, True),
         ({"material": "blue"}, False),
+        ({"material": "shaded"}, True),  # the same in less light
+        ({"material": "black"}, False),
+        ({"material": "warm"}, False),
         ({"fixed": True}, False),
         ({"shapes": [{"kind": "box", "size_m": [0.021, 0.02, 0.02]}]}, True),
         ({"shapes": [{"kind": "box", "size_m": [0.023, 0.02, 0.02]}]}, False),

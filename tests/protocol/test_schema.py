@@ -2,8 +2,10 @@
 
 import math
 from datetime import date
+from typing import Annotated
 
 import msgspec
+import pydantic
 import pytest
 import yaml
 
@@ -83,18 +85,33 @@ def test_what_can_be_used_of_a_wrong_file_is_used_and_every_problem_is_told(text
     assert located.data == parse_yaml(text, "f.yaml").data
 
 
+class Painted(Authored):
+    rgb: tuple[Annotated[float, pydantic.Field(le=1.0)], float, Annotated[float, pydantic.Field(le=1.0)]] = (0.0,) * 3
+
+
+class Paints(Authored):
+    paints: dict[str, Painted] = {}
+
+
+def test_two_wrong_values_of_one_list_take_nothing_beside_it_along():
+    located = parse_yaml("paints: {red: {rgb: [210, 0.1, 255]}, blue: {rgb: [0, 0, 1]}}", "f.yaml")
+    found, problems = salvage(Paints, located)
+    assert sorted(found.paints) == ["blue", "red"]
+    assert [each.found for each in problems] == ["210", "255"]
+
+
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        ("2001-99-99", r"'2001-99-99' is no date; quote it where it is text"),
-        ("!!timestamp soon", r"'soon' is no date"),
-        ("!!int abc", r"'abc' is no integer of 64 bits"),
-        ("!!int ''", r"'' is no integer of 64 bits"),
-        ("!!float abc", r"'abc' is no number"),
-        ("!!float ''", r"'' is no number"),
-        ("!!bool abc", r"'abc' is no truth value"),
-        ("9" * 5000, r"'9{40}' is no integer of 64 bits"),
-        ("0x" + "f" * 5000, r"'0xf{38}' is no integer of 64 bits"),
+        ("2001-99-99", r"'2001-99-99', which is no date; expected .* Quote it where it is text"),
+        ("!!timestamp soon", r"'soon', which is no date"),
+        ("!!int abc", r"'abc', which is no integer of 64 bits"),
+        ("!!int ''", r"'', which is no integer of 64 bits"),
+        ("!!float abc", r"'abc', which is no number"),
+        ("!!float ''", r"'', which is no number"),
+        ("!!bool abc", r"'abc', which is no truth value"),
+        ("9" * 5000, r"'9{40}', which is no integer of 64 bits"),
+        ("0x" + "f" * 5000, r"'0xf{38}', which is no integer of 64 bits"),
         ("18446744073709551616", r"is no integer of 64 bits"),
         ("-9223372036854775809", r"is no integer of 64 bits"),
         ("{? [p, q] : 1}", r"a list or mapping as a key"),
@@ -127,7 +144,7 @@ def test_every_integer_that_a_record_can_hold_is_read():
         ("a: [1, 1:30]", "f.yaml:1:8: INVALID_VALUE: found 1:30, which YAML 1.1 reads in base 60; .* Write 90"),
         ("a: {b: 1_000}", "f.yaml:1:8: INVALID_VALUE: found 1_000, which has _ .* Write 1000"),
         ("a: 0b11", "f.yaml:1:4: INVALID_VALUE: found 0b11, which YAML 1.1 reads as binary"),
-        ("a: 1e400", "f.yaml:1:4: SYNTAX: found '1e400' is no number"),
+        ("a: 1e400", "f.yaml:1:4: SYNTAX: found '1e400', which is no number"),
         ("a: x\n1: x", "f.yaml:2:1: INVALID_VALUE: found the key 1, a number; expected a text. Write '1' in quotes"),
         ("true: 1", "f.yaml:1:1: INVALID_VALUE: found the key true, a truth value"),
         ("~: 1", "f.yaml:1:1: INVALID_VALUE: found the key ~, nothing"),

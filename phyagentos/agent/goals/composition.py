@@ -22,7 +22,7 @@ from phyagentos.agent.goals.spec import NAME_MAX, NODE_NAME, REFERENCE, AnyOf, G
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.documents.plain_data import Fields
-from phyagentos.protocol.documents.schema import Address, Located, read_yaml, salvage
+from phyagentos.protocol.documents.schema import Address, Located, read_yaml, salvage, suggest_name
 
 INCLUDES_MAX = 100  # of one graph: files that include the next one twice double in number with every level
 
@@ -94,7 +94,9 @@ class Composer:
             path, full = ("sessions", name), f"{scope.prefix}{name}"
             if len(str(name)) > NAME_MAX or not re.fullmatch(NODE_NAME, str(name)):
                 expected = f"at most {NAME_MAX} lower-case letters, digits and underscores, beginning with a letter"
-                self.problems.append(located.problem("INVALID_VALUE", path, repr(name), expected))
+                self.problems.append(
+                    located.problem("INVALID_VALUE", path, repr(name), expected, suggest_name(str(name), NODE_NAME))
+                )
             is_plain = not isinstance(authored, dict) or not (scope.prefix or values)
             node = authored if is_plain else _fill(_lengthen(authored, scope.prefix), values)
             alone = replace(located, data={"sessions": {name: node}})

@@ -241,9 +241,13 @@ def salvage(model: type[ModelT], located: Located, path: Address = ()) -> tuple[
             break
         errors = list(_join_arities(cause.errors()))
         renamed = {loc for item in errors if item["type"] == "missing" for loc in _rename(data, path, item, errors)}
-        for item in errors:  # without a key that it needs, a value goes as a whole
-            if item["loc"] not in renamed:
-                _drop(data, (*path, *(item["loc"][:-1] if item["type"] == "missing" else item["loc"])))
+        wrong = (  # without a key that it needs, a value goes as a whole
+            (*path, *(item["loc"][:-1] if item["type"] == "missing" else item["loc"]))
+            for item in errors
+            if item["loc"] not in renamed
+        )
+        for owner, key in [_find_owner(data, each) for each in wrong]:  # all found before the first is removed
+            owner.pop(key, None)
     return None, problems
 
 
@@ -262,15 +266,14 @@ def _rename(data: Any, path: Address, missing: Any, errors: Sequence[Any]) -> tu
     return (*owner, key), (*owner, nearest)
 
 
-def _drop(data: Any, path: Address) -> None:
-    """Remove the value at a path from the innermost mapping on the way."""
-    owner: dict[Any, Any] | None = None
+def _find_owner(data: Any, path: Address) -> tuple[dict[Any, Any], str | int]:
+    """The innermost mapping on the way to a value, and its key that leads there; an empty one where there is none."""
+    owner: dict[Any, Any] = {}
     key: str | int = ""
     for step in _strip_tags(data, path):
         owner, key = (data, step) if isinstance(data, dict) else (owner, key)
         data = data[step]
-    if owner is not None:
-        owner.pop(key, None)
+    return owner, key
 
 
 def misfit(key: str, expected: str, hint: str = "") -> PydanticCustomError:
@@ -423,8 +426,7 @@ def _advise(kind: str, key: str, facts: Mapping[str, Any], found: object) -> str
     if mark and unit in _UNITS and isinstance(found, str):
         return f"{key!r} is in {unit}; write the number alone."
     if kind == "string_pattern_mismatch":
-        snake = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|[^A-Za-z0-9_/]+", "_", str(found)).strip("_/").lower()
-        return f"Write {snake!r}." if re.match(facts["pattern"], snake) else ""
+        return suggest_name(str(found), facts["pattern"])
     if kind == "string_type" and isinstance(found, list) and len(found) == 1:
         return f"Write {show_value(found[0])}, without brackets."
     if kind in _STEPS and (found is not None or kind == "string_type"):
@@ -432,7 +434,15 @@ def _advise(kind: str, key: str, facts: Mapping[str, Any], found: object) -> str
             f'"{found}"' if isinstance(found, str) else "…" if isinstance(found, dict) else f"{show_value(found)}, …"
         )
         return _STEPS[kind].format_map({**facts, "found": shown})
+    if found is None and kind in _STEPS:
+        return "Write a value, or leave the key out."
     return "Write a number such as 1." if kind.partition("_")[0] in {"int", "float"} else ""
+
+
+def suggest_name(name: str, pattern: str) -> str:
+    """What to write for a name with capitals or blanks; empty where that is no name either."""
+    snake = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|[^A-Za-z0-9_/]+", "_", name).strip("_/").lower()
+    return f"Write {snake!r}." if re.match(pattern, snake) else ""
 
 
 def show_value(value: object) -> str:

@@ -45,7 +45,7 @@ def _report_failure(construct: Callable[[Any, Any], Any], kind: str) -> Callable
                 return value
         except (ArithmeticError, AttributeError, LookupError, ValueError):
             pass
-        problem = f"{node.value[:SHOWN_MAX]!r} is no {kind}; quote it where it is text"
+        problem = f"{node.value[:SHOWN_MAX]!r}, which is no {kind}; quote it where it is text"
         raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
 
     return construct_or_report

@@ -5,7 +5,7 @@ import yaml
 QUOTE_OPEN = "a quote that is not closed"
 _QUOTE = "Quote a text that holds ': ' or ' #', or that begins with one of [ ] { } > | * & ! % @ `."
 _ALIGN = "Indent the keys of one mapping alike, with blanks."
-_CLOSE = "Close every [, { and quote, and put a comma between values."
+_CLOSE = "Close every [, { and quote, and put a comma between values; in brackets '${...}' stands in quotes."
 _WORDS = {  # part of the library's sentence: found, and what to do
     "mapping values are not allowed": ("a second ': ' in one line, or a key further in than those above it", _QUOTE),
     "could not find expected ':'": ("a line that is no key, as ': ' is missing", "Write 'key: value'."),
@@ -34,6 +34,12 @@ _WORDS = {  # part of the library's sentence: found, and what to do
 }
 
 
+def _split(said: str) -> tuple[str, str]:
+    """What this project's own reader said: what was found, and behind a semicolon what to do."""
+    found, _, step = said.strip().partition("; ")
+    return found, step and f"{step[0].upper()}{step[1:]}."
+
+
 def explain(error: yaml.YAMLError) -> tuple[str, str]:
     """What was found, and what to do next."""
     said = f"{getattr(error, 'problem', None) or ''} {getattr(error, 'context', None) or ''}"
@@ -42,6 +48,4 @@ def explain(error: yaml.YAMLError) -> tuple[str, str]:
     if known is not None:
         return known
     is_ours = isinstance(error, yaml.composer.ComposerError | yaml.constructor.ConstructorError)
-    return (
-        (said.strip(), "") if is_ours and getattr(error, "context", None) is None else ("text that is no YAML", _QUOTE)
-    )
+    return _split(said) if is_ours and getattr(error, "context", None) is None else ("text that is no YAML", _QUOTE)

@@ -22,6 +22,7 @@ from phyagentos.protocol.predicates import syntax
 
 _Part = TypeVar("_Part")
 _UNITLESS = "Write numbers without units: metres, radians, seconds."
+_LETTERS = "Names hold letters a to z, digits and '_', and quotes are straight; type that place again."
 _SIGNS = {
     "=": "Write '==' for equal.",
     "&": "Write 'and'.",
@@ -74,7 +75,7 @@ def _iter_tokens(text: str) -> Iterator[_Token]:
     position = 0
     while position < len(text):
         if (match := _TOKEN.match(text, position)) is None:
-            hint = _SIGNS.get(text[position], "")
+            hint = _SIGNS.get(text[position], "" if text[position].isascii() else _LETTERS)
             expected = "a name, a number, '*', '(', or a comparison"
             raise PredicateSyntaxError(position + 1, repr(text[position]), expected, hint)
         kind = str(match.lastgroup)

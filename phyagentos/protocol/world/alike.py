@@ -11,6 +11,8 @@ from phyagentos.protocol.world.environment import ShapeKind
 from phyagentos.protocol.world.scenes import Body, Material, SceneSpec
 
 ALIKE_M, ALIKE_RAD, ALIKE_RGB = 0.002, 0.02, 0.02  # of solids and colours that no picture tells apart
+SAME_HUE = 0.022  # of each of red, green and blue in the same light: noise and the steps of a palette hide as much
+SHADE = 0.5  # a lit surface shows any brightness between so much of its own and all of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,14 +27,22 @@ class _Look:
     def is_like(self, other: "_Look", within_m: float = ALIKE_M) -> bool:
         if self.kind is not other.kind or self.material.texture != other.material.texture:
             return False
-        shades = zip(self.material.rgba[:3], other.material.rgba[:3], strict=True)
         lengths = zip(self.lengths_m, other.lengths_m, strict=True)
         turns = zip(self.euler_rad, other.euler_rad, strict=True)
         return (
-            all(abs(a - b) <= ALIKE_RGB for a, b in shades)
+            is_same_color(self.material.rgba[:3], other.material.rgba[:3])
             and all(abs(a - b) <= within_m for a, b in lengths)
             and all(abs(math.remainder(a - b, math.pi)) <= ALIKE_RAD for a, b in turns)
         )
+
+
+def is_same_color(one: Sequence[float], other: Sequence[float]) -> bool:
+    """Whether no picture tells colours (r, g, b), 0..1, apart: nearly equal, or of one hue, one as in more light."""
+    if all(abs(a - b) <= ALIKE_RGB for a, b in zip(one, other, strict=True)):
+        return True
+    bright, dim = max(sum(one), sum(other)), min(sum(one), sum(other))
+    lit = (tuple(each * bright / max(sum(rgb), ALIKE_RGB) for each in rgb) for rgb in (one, other))
+    return dim > SHADE * bright and all(abs(a - b) <= SAME_HUE for a, b in zip(*lit, strict=True))
 
 
 def find_alike(spec: SceneSpec, name: str, within_m: float = ALIKE_M) -> frozenset[str]:

@@ -17,10 +17,22 @@ from phyagentos.protocol.documents.schema import Authored, misfit
 from phyagentos.protocol.world.environment import ShapeKind
 
 Number3 = tuple[float, float, float]
+TURN_MAX = 4.0 * math.pi  # beyond two turns an angle is in degrees
 _BLOCK = ("half x", "half y", "half z")
 _ROUND = ("radius", "half height")
 RING, INSCRIBED = 12, 0.7  # walls of a cup, and half side of the box within it, in radii
 _Part = tuple[ShapeKind, tuple[float, ...], Number3, float]  # kind, half sizes, middle in the compound, and yaw
+
+
+def check_turn(angles_rad: tuple[float, ...]) -> tuple[float, ...]:
+    """The angles of an authored file; refused where they can only be degrees."""
+    if max(map(abs, angles_rad)) > TURN_MAX:
+        radians = ", ".join(f"{math.radians(each):.4g}" for each in angles_rad)
+        raise misfit("", f"radians, at most {TURN_MAX:.4g} each way", f"For degrees write [{radians}].")
+    return angles_rad
+
+
+Turns = Annotated[Number3, pydantic.AfterValidator(check_turn)]
 
 
 class CompoundKind(StrEnum):
@@ -51,7 +63,7 @@ class _Sized(Authored):
 
     size_m: tuple[float, ...]
     position_m: Number3 = (0.0, 0.0, 0.0)
-    euler_rad: Number3 = (0.0, 0.0, 0.0)
+    euler_rad: Turns = (0.0, 0.0, 0.0)
     material: str | None = None
     decor: bool = False
 

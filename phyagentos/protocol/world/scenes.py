@@ -25,13 +25,14 @@ from phyagentos.protocol.documents.schema import (
     read_text,
     salvage,
 )
-from phyagentos.protocol.world.body_shapes import Number3, Shapes, Solid, add_interior
+from phyagentos.protocol.world.body_shapes import Number3, Shapes, Solid, Turns, add_interior, check_turn
 from phyagentos.protocol.world.entity_geometry import compute_lowest, compute_reach
 from phyagentos.protocol.world.environment import CLOSES_AT, OPENS_AT, Entity, Mechanism, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.friction import PAIRS, Surface
 
 Number2 = tuple[float, float]
-Color = tuple[float, float, float, float]
+Share = Annotated[float, pydantic.Field(ge=0.0, le=1.0)]
+Color = tuple[Share, Share, Share, Share]
 
 NAME = re.compile(r"(?!(and|or|not|count)$)[A-Za-z_][A-Za-z0-9_]*")  # as in predicates
 MOVABLE_M = 0.5  # half a metre each way: more than an arm of this size could handle
@@ -43,8 +44,8 @@ class Texture(Authored):
     """A texture that the simulator makes itself."""
 
     builtin: Literal["flat", "gradient", "checker"] = "flat"
-    rgb1: Number3 = (1.0, 1.0, 1.0)
-    rgb2: Number3 = (0.5, 0.5, 0.5)
+    rgb1: tuple[Share, Share, Share] = (1.0, 1.0, 1.0)
+    rgb2: tuple[Share, Share, Share] = (0.5, 0.5, 0.5)
     repeat: Number2 = (1.0, 1.0)
     random: float = pydantic.Field(default=0.0, ge=0.0, le=1.0)
 
@@ -53,9 +54,9 @@ class Material(Authored):
     """How a surface looks, and what it is made of; `surface` decides friction by pairs (`friction.FRICTION`)."""
 
     rgba: Color = (1.0, 1.0, 1.0, 1.0)
-    specular: float = 0.3
-    shininess: float = 0.3
-    reflectance: float = 0.0
+    specular: Share = 0.3
+    shininess: Share = 0.3
+    reflectance: Share = 0.0
     surface: Surface | None = None
     texture: Texture | None = None
 
@@ -64,7 +65,11 @@ def _double(value: object) -> object:
     return (value, value) if isinstance(value, int | float) else value
 
 
-Yaw = Annotated[Span, pydantic.BeforeValidator(_double, json_schema_input_type=float | tuple[float, float])]
+Yaw = Annotated[
+    Span,
+    pydantic.BeforeValidator(_double, json_schema_input_type=float | tuple[float, float]),
+    pydantic.AfterValidator(check_turn),
+]
 
 
 class Placement(Authored):
@@ -84,7 +89,7 @@ class Placement(Authored):
     area: str | None = None
     frame: str | None = None
     yaw_rad: Yaw = (0.0, 0.0)
-    euler_rad: Number3 = (0.0, 0.0, 0.0)
+    euler_rad: Turns = (0.0, 0.0, 0.0)
 
 
 class Inside(Authored):
@@ -242,7 +247,7 @@ class Camera(Authored):
 
     position_m: Number3
     target_m: Number3
-    fovy_deg: float = 45.0
+    fovy_deg: float = pydantic.Field(default=45.0, gt=0.0, lt=180.0)
 
     @pydantic.model_validator(mode="after")
     def _check_direction(self) -> "Camera":

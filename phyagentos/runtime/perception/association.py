@@ -20,7 +20,7 @@ from phyagentos.runtime.perception.fitting import Fit, fit, track
 from phyagentos.runtime.perception.inventory import ObjectModel
 from phyagentos.runtime.perception.naming import HUGE, assign, iter_exchanges, measure_look
 from phyagentos.runtime.perception.pieces import LINK_M, Piece, find_pieces
-from phyagentos.runtime.perception.segmentation import find_near_colors
+from phyagentos.runtime.perception.segmentation import find_near_colors, is_among
 from phyagentos.runtime.perception.separate_overlaps import separate_overlaps
 from phyagentos.runtime.perception.solids import Array, Solids
 from phyagentos.runtime.perception.views import Cloud, Views
@@ -243,8 +243,8 @@ def _is_spill(cloud: Cloud, piece: Piece, other: Piece, thing: ObjectModel) -> b
 
 
 def _measure_share(cloud: Cloud, piece: Piece, thing: ObjectModel) -> float:
-    """Share of the object's colour among the pixels of a cluster."""
-    return float((cloud.colors[piece] == thing.colors[0]).mean())
+    """Share of the object's colour, in any light, among the pixels of a cluster."""
+    return float(is_among(cloud.colors[piece], thing.shades).mean())
 
 
 def _weigh_pairs(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from phyagentos.geometry import as_pose, compute_rotation, turn
 from phyagentos.protocol.world.environment import LIFTED_M, Entity, Status, TargetState
 from phyagentos.runtime.perception.inventory import Inventory, ObjectModel
+from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solids import Array
 from phyagentos.runtime.perception.views import Cloud
 
@@ -153,11 +154,11 @@ def check_hand(
     thing = inventory.things[held.name]
     near = _find_near(thing, held, cloud.points_m)
     points_m, colors = cloud.points_m[near], cloud.colors[near]
-    own = int((colors == thing.colors[0]).sum())
+    own = int(is_among(colors, thing.shades).sum())
     others = {
         int((~_find_near(other, entities[name], points_m[colors == other.colors[0]])).sum()): name
         for name, other in inventory.things.items()
-        if other.template.movable and other.vessel is None and other.colors[0] != thing.colors[0] and name in entities
+        if other.template.movable and other.vessel is None and other.colors[0] not in thing.shades and name in entities
     }
     most = max(others, default=0)
     if most < LEAST_POINTS or most < TIMES * max(own, 1):

@@ -4,7 +4,7 @@ Fixed bodies without jitter are part of the map. Of all others the scene file gi
 is measured.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_matrix, compute_rotation, convert_euler, multiply
 from phyagentos.protocol.settings.perception import Prior
-from phyagentos.protocol.world.alike import find_alike, find_turned
+from phyagentos.protocol.world.alike import find_alike, find_turned, is_same_color
 from phyagentos.protocol.world.body_shapes import Number3, Solid
 from phyagentos.protocol.world.descriptions import add_described
 from phyagentos.protocol.world.entity_geometry import compute_sides
@@ -37,6 +37,7 @@ class ObjectModel:
     Attributes:
         solids: Visible solids, decor included.
         colors: (k,) palette indices of its solids, the main one first.
+        shades: Palette indices of movable objects that are its main colour in another light, and that one.
         reach_m: (3,) greatest distance of a fixed body from its nominal place; None for what may be anywhere.
         frame: Body in whose frame the nominal place of a fixed body is meant; None for the world.
         vessel: The open vessel that it fills; such objects are distinguished only outside of it.
@@ -56,6 +57,7 @@ class ObjectModel:
     form: forms.Form
     solids: Solids
     colors: tuple[int, ...]
+    shades: tuple[int, ...] = ()
     reach_m: tuple[float, float, float] | None
     yaw_span_rad: float
     frame: str | None
@@ -186,6 +188,11 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
         balls[color] = max(radius_m, ball.shapes[0].size_m[0]), count + 1  # of larger ones fewer are seen
     of_things = {color for thing in things.values() for color in thing.colors}
     palette = np.array(list(surfaces.colors), dtype=np.float64).reshape(-1, 3)
+    loose = {thing.colors[0] for thing in things.values() if thing.template.movable}
+    for name, thing in things.items():
+        own = thing.colors[0]
+        same = {each for each in loose if is_same_color(palette[own], palette[each])}
+        things[name] = replace(thing, shades=tuple(sorted(same | {own})))
     return Inventory(
         scene=spec.scene,
         prior=prior,
@@ -201,6 +208,18 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
         balls={} if balls.keys() & (of_things | map_colors) else balls,
         regions=_list_regions(spec, prior),
     )
+
+
+def iter_like_map(spec: SceneSpec) -> Iterator[tuple[Entity, bool]]:
+    """Movable objects of which every colour is the map's own (True) or resembles it: near to it they are the map."""
+    surfaces = _Surfaces(spec, Prior.FULL)
+    listed = {name: body for name, body in spec.bodies.items() if body.listed}
+    colors = {name: {surfaces.register(solid, body) for solid in body.shapes} for name, body in listed.items()}
+    own = {color for name, body in listed.items() if _is_known(body) for color in colors[name]}
+    like = _find_lookalikes(np.array(list(surfaces.colors), dtype=np.float64).reshape(-1, 3), own)
+    for name, body in listed.items():
+        if not body.fixed and body.joint is None and colors[name] <= own | like:
+            yield _make_template(name, body, source=""), colors[name] <= own
 
 
 class _Surfaces:

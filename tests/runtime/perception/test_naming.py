@@ -13,7 +13,8 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.perception.association import associate, exchange_uncertainties
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.naming import HUGE, NOISE_M, assign, iter_exchanges
-from tests.runtime.perception.conftest import look_from, make_cloud
+from tests.runtime.perception.conftest import SCENE as TWINS_SCENE
+from tests.runtime.perception.conftest import Stage, look_from, make_cloud, open_library
 
 UNSEEN = 0.012
 
@@ -63,6 +64,23 @@ def test_of_two_that_may_be_exchanged_each_lists_the_other(twins):
     assert agreed["second"].alternatives == ("first",)
     cleared = exchange_uncertainties(one | {"first": msgspec.structs.replace(one["first"], alternatives=())}, {"first"})
     assert cleared["second"].alternatives == ()
+
+
+@pytest.mark.sim
+@pytest.mark.parametrize("light", [0.92, 0.8])
+def test_no_name_rests_on_a_difference_that_light_makes(tmp_path, light):
+    """Two cubes of one hue, one darker: their colours were assigned by the light that fell on them, the wrong way."""
+    dark = ", ".join(f"{light * each:.3f}" for each in (0.82, 0.16, 0.14))
+    scene = TWINS_SCENE.replace("  green: {", f"  dark: {{rgba: [{dark}, 1]}}\n  green: {{", 1)
+    scene = scene.replace("  second:\n    <<: *cube\n", "  second:\n    <<: *cube\n    material: dark\n", 1)
+    stage = Stage(open_library(tmp_path, scene), "test/twins")
+    for _ in range(3):
+        belief = stage.look()
+        seen = [name for name in ("first", "second") if name in belief.entities]
+        assert {name: belief.entities[name].alternatives for name in seen} == {
+            name: tuple({"first", "second"} - {name}) for name in seen
+        }
+    assert seen == ["first", "second"]
 
 
 @pytest.mark.sim
@@ -197,14 +215,15 @@ def test_few_points_where_a_thing_was_confirm_its_place():
 
 def test_a_thing_in_view_is_not_thought_to_be_on_stray_pixels_of_one_that_stays():
     scene = yaml.safe_load(SCENE)
-    scene["bodies"]["rod"] = scene["bodies"]["bar"] | {"kind": "rod"}
+    scene["materials"]["rosy"] = {"rgba": [0.64, 0.54, 0.47, 1]}  # near to pale, of another hue in any light
+    scene["bodies"]["rod"] = scene["bodies"]["bar"] | {"kind": "rod", "material": "rosy"}
     scene["bodies"]["bar"] = scene["bodies"]["bar"] | {"material": "pale"}
     inventory = build_inventory(SceneSpec.model_validate(scene))
-    pale, grey = (inventory.things[name].colors[0] for name in ("bar", "rod"))
+    pale, rosy = (inventory.things[name].colors[0] for name in ("bar", "rod"))
     block = spread(np.linspace(0.461, 0.539, 24), np.linspace(-0.039, 0.039, 24), 0.02)
     bar = spread(np.linspace(0.371, 0.429, 20), np.linspace(0.193, 0.207, 6), 0.012)
     cloud = make_cloud(np.concatenate((block, bar, spread([0.56], np.linspace(-0.03, 0.03, 9), 0.01))), pale)
-    cloud.colors[len(block) : len(block) + len(bar) : 3] = grey  # as pixels in shade are
+    cloud.colors[len(block) : len(block) + len(bar) : 3] = rosy  # as pixels in shade are
     believed = {"block": believe(inventory, "block", (0.5, 0.0, 0.01))}
 
     found = associate(inventory.things, believed, cloud, (TOP,), inventory.map, inventory.palette)
