@@ -50,15 +50,14 @@ class Agent:
     def look(self) -> None:
         """See what is in view now, and what is carried."""
         seen = self._link.call("look")
-        x, y, z = map(int, seen["at"])
-        self.at: Cell = (x, y, z)
+        self.at = _read_cell(seen["at"])
         self._names += seen["names"] or ()
         self.terrain.note(self._names, seen["nodes"] or (), seen.get("times"))
         self.items: dict[str, int] = {name: int(n) for name, n in (seen["items"] or {}).items()}
         self.terrain.blocks = sum(self.items.get(name, 0) for name in BUILDING)
         self.health, self.breath = float(seen["hp"]), float(seen["breath"])
         self.day, self.light = float(seen["day"]), float(seen["light"]) / 14.0
-        self.creatures = [(str(name), tuple(map(int, at))) for name, at in seen["creatures"] or ()]
+        self.creatures = [(str(name), _read_cell(at)) for name, at in seen["creatures"] or ()]
 
     def act(self, action: Action, clock_s: float) -> None:
         """Let so much time pass on the clock of the day, do an action, and look."""
@@ -186,3 +185,8 @@ class Agent:
         if best[0] < 2:
             raise ToolFailed("there is no ground ahead")
         yield from self.travel({best[1]})
+
+
+def _read_cell(numbers: Sequence[float]) -> Cell:
+    x, y, z = map(int, numbers)
+    return x, y, z

@@ -71,7 +71,9 @@ class Book:
     @cached_property
     def kinds(self) -> dict[str, list[str]]:
         """Every kind, and its items."""
-        items = {*self.recipes, *self.nodes}.union(*self.groups.values(), *(n["drops"] or () for n in self.nodes.values()))
+        items = {*self.recipes, *self.nodes}.union(
+            *self.groups.values(), *(n["drops"] or () for n in self.nodes.values())
+        )
         return {self.name_kind(each): [each] for each in sorted(items) if each} | self.groups_used
 
     def list_sources(self, kind: str) -> list[str]:
@@ -106,20 +108,18 @@ class Book:
     def choose_recipes(self) -> dict[str, list[Recipe]]:
         """The cheapest skill for each kind that can be had, and its recipes: one, or one for each tool."""
         every = {kind: [*self.iter_recipes(kind)] for kind in self.kinds}
-        costs: dict[str, float] = {}
-        chosen: dict[str, list[Recipe]] = {}
-        while True:
-            changed = False
+        costs, chosen, is_new = dict[str, float](), dict[str, Recipe](), True
+        while is_new:
+            is_new = False
             for kind, recipes in every.items():
-                ready = [each for each in recipes if costs.keys() >= each.uses.keys()]
-                ready = [each for each in ready if not each.needs or costs.keys() >= {*each.needs}]
-                found = [(_measure(each, costs), index) for index, each in enumerate(ready)]
-                if found and (best := min(found))[0] < costs.get(kind, math.inf) - 1e-9:
-                    costs[kind], changed = best[0], True
-                    one = ready[best[1]]
-                    chosen[kind] = [each for each in recipes if each.skill == "gather"] if one.skill == "gather" else [one]
-            if not changed:
-                return chosen
+                ready = [each for each in recipes if costs.keys() >= {*each.uses, *each.needs}]
+                best = min(ready, key=lambda each: _measure(each, costs), default=None)
+                if best is not None and _measure(best, costs) < costs.get(kind, math.inf):
+                    costs[kind], chosen[kind], is_new = _measure(best, costs), best, True
+        return {
+            kind: [each for each in every[kind] if each.skill == "gather"] if best.skill == "gather" else [best]
+            for kind, best in chosen.items()
+        }
 
 
 def _measure(recipe: Recipe, costs: Mapping[str, float]) -> float:
@@ -128,22 +128,37 @@ def _measure(recipe: Recipe, costs: Mapping[str, float]) -> float:
 
 
 def render_recipes(book: Book, wanted: Sequence[str]) -> dict[str, list[dict[str, Any]]]:
-    """The books of the skills `gather`, `craft` and `smelt`, of these kinds and of all that they are made of."""
-    chosen, found = book.choose_recipes(), dict[str, list[dict[str, Any]]]()
-    left, known = [*wanted], set[str]()
+    """The books of the skills `gather`, `craft` and `smelt`, of these kinds and of all that they are made of.
+
+    Where a group is taken, and one of its items by name, too, the item stands for the group: what is carried of it
+    would count twice.
+    """
+    chosen = book.choose_recipes()
+    known = _find_ingredients(chosen, wanted)
+    gathered = {kind for kind in known if chosen[kind][0].skill == "gather" and kind not in book.groups_used}
+    stand_in = {
+        group: kind for group, items in book.groups_used.items() for kind in gathered & {*map(book.name_kind, items)}
+    }
     lasts = {book.name_kind(pick): uses for pick, uses in LASTS.items()}
-    while left:
-        kind = left.pop()
-        if kind in known:
-            continue
-        known.add(kind)
+    found: dict[str, list[dict[str, Any]]] = {}
+    for kind in sorted(known - stand_in.keys()):
         for each in chosen[kind]:
-            recipe = {
-                "item": kind, "makes": each.makes, "uses": dict(sorted(each.uses.items())), "needs": [*each.needs],
-                "lasts": lasts.get(kind, 0), "time_s": round(each.time_s, 1),
-            }  # fmt: skip
+            uses = Counter[str]()
+            for item, count in each.uses.items():
+                uses[stand_in.get(item, item)] += count
+            recipe = {"item": kind, "makes": each.makes, "uses": dict(sorted(uses.items())), "needs": [*each.needs]}
+            recipe |= {"lasts": lasts.get(kind, 0), "time_s": round(each.time_s, 1)}
             defaults = {"makes": 1, "uses": {}, "needs": [], "lasts": 0}
-            shown = {key: value for key, value in recipe.items() if value != defaults.get(key, object())}
+            shown = {key: value for key, value in recipe.items() if value != defaults.get(key)}
             found.setdefault(each.skill, []).append(shown)
-            left += [*each.uses, *each.needs]
-    return {skill: sorted(recipes, key=lambda each: each["item"]) for skill, recipes in sorted(found.items())}
+    return found
+
+
+def _find_ingredients(chosen: Mapping[str, Sequence[Recipe]], wanted: Sequence[str]) -> set[str]:
+    """Kinds, and all that they are made of and need, to the ground."""
+    left, known = [*wanted], set[str]()
+    while left:
+        if (kind := left.pop()) not in known:
+            known.add(kind)
+            left += [item for each in chosen[kind] for item in (*each.uses, *each.needs)]
+    return known

@@ -106,10 +106,9 @@ class World:
         self._folder = folder
         game_port, port = _find_port(socket.SOCK_DGRAM), _find_port(socket.SOCK_STREAM)
         _write_world(folder, seed, port)
-        command = [
-            SERVER, "--config", folder / "server.conf", "--world", folder, "--gameid", GAME,
-            "--port", str(game_port), "--logfile", folder / "server.log",
-        ]  # fmt: skip
+        given = {"config": folder / "server.conf", "world": folder, "gameid": GAME, "port": game_port}
+        given |= {"logfile": folder / "server.log"}
+        command = [str(SERVER), *(text for key, value in given.items() for text in (f"--{key}", str(value)))]
         environment = os.environ | {"HOME": str(folder), "LANG": "C"}
         with (folder / "output.log").open("w", encoding="utf-8") as output:
             self._process = subprocess.Popen(command, env=environment, stdout=output, stderr=output)
@@ -156,6 +155,8 @@ def open_world(seed: int, folder: Path, beat: Callable[[], None]) -> tuple[World
     """A copy of the world of a seed in `folder`, its server running, and its start; it is made where it is new.
 
     Args:
+        seed: Of the map.
+        folder: Empty.
         beat: Called between what takes long.
     """
     kept = find_worlds() / f"{seed}"

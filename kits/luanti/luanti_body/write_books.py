@@ -19,7 +19,9 @@ def main(skills: Path, wanted: list[str]) -> None:
         books = render_recipes(Book(**world.link.call("book")), wanted)
     for skill, recipes in books.items():
         lines = [f"  - {json.dumps(each)}\n" for each in recipes]
-        text = "# The game's own book, by `python -m luanti_body.write_books`; times of searching are estimates.\nrecipes:\n"
+        text = (
+            "# By `python -m luanti_body.write_books`: the game's book; times of searching are estimates.\nrecipes:\n"
+        )
         (skills / skill / "recipes.yaml").write_text(text + "".join(lines), encoding="utf-8")
 
 
