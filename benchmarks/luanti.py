@@ -87,14 +87,15 @@ def sum_up(outcomes: Iterable[Mapping[str, Any]]) -> dict[str, float]:
 
 
 def main() -> None:
-    """Try what has no outcome yet, and print the table and the figures."""
+    """Try what has no outcome yet, the first of every group first, and print the table and the figures."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else "")
     parser.add_argument("--groups", nargs="*", choices=[*GROUPS], default=[*GROUPS])
     parser.add_argument("--seeds", type=int, nargs="*", default=list(range(1, 6)))
     parser.add_argument("--outcomes", type=Path, required=True, help="JSON lines, appended to; all tasks in it count")
     given = parser.parse_args()
     known = read_outcomes(given.outcomes)
-    tasks = [(group, item, seed) for seed in given.seeds for group in given.groups for item in GROUPS[group]]
+    turns = [(index, group) for group in given.groups for index in range(len(GROUPS[group]))]
+    tasks = [(group, GROUPS[group][index], seed) for seed in given.seeds for index, group in sorted(turns)]
     if left := [each for each in tasks if each not in known]:
         for line in try_tasks(left, SystemClock()):
             with given.outcomes.open("a", encoding="utf-8") as file:

@@ -10,9 +10,9 @@ from benchmarks.luanti import GROUPS, LIBRARY, read_outcomes, sum_up, write_goal
 from phyagentos.operations.lint import lint_paths
 
 KITS = Path(__file__).resolve().parents[2] / "kits"
-STONE = {"is_solid": True, "is_liquid": False, "hurts": False, "falls": False, "is_free": False}
+STONE = {"is_solid": True, "is_liquid": False, "hurts": False, "falls": False}
 NODES = {
-    "air": STONE | {"is_solid": False, "is_free": True},
+    "air": STONE | {"is_solid": False},
     "stone": STONE,
     "ore": STONE,
     "lava": STONE | {"is_solid": False, "is_liquid": True, "hurts": True},

@@ -17,10 +17,11 @@ from luanti_body.world import CallRefused, Link
 Action = Mapping[str, Any] | None
 """A call of the mod by `name`, with its arguments."""
 ADVANCE = 10  # nodes of one stretch of a search
-UNDERGROUND = 14  # nodes below the start, where is searched for what is dug out of stone
+UNDERGROUND = 14  # nodes below the start, where is searched for what is dug out of stone; later another floor down
+FLOOR = 6
 BUILDING = ("default:dirt", "default:cobble", "default:desert_cobble", "default:gravel", "default:sand")
 SOFT = {"", "default:axe_wood", "default:shovel_wood"}  # what digs nodes that are found above ground
-TRIES = 30  # moves in a row that may be refused
+TRIES = 8  # routes in a row that may lead nowhere, or nodes that may fall down
 STEP_S = 0.1
 
 
@@ -38,7 +39,7 @@ class Agent:
     """
 
     def __init__(self, link: Link, heading: int) -> None:
-        self._link, self.heading = link, heading
+        self._link, self.heading, self._first_heading = link, heading, heading
         self.book = Book(**link.call("book"))
         self.terrain = Terrain(read_kinds(self.book.nodes))
         self.refusal, self.answer = "", dict[str, Any]()
@@ -138,7 +139,7 @@ class Agent:
 
     def travel(self, cells: Collection[Cell], *, to_reach: bool = False) -> Iterator[Action]:
         """Go to one of these cells, or to where one can be reached; the route is made anew when more is seen."""
-        refused = 0
+        vain = 0
         while True:
             goals = self.list_nearest(cells)
             route = self.terrain.find_route(self.at, goals, to_reach=to_reach)
@@ -146,18 +147,21 @@ class Agent:
                 raise ToolFailed("no route was found")
             if not route:
                 return
+            at, known = self.at, len(self.terrain.cells)
             try:
                 yield from self._follow(route)
-                refused = 0
             except ToolFailed:
-                refused += 1
-                if refused > TRIES or self.health <= 0:
+                if self.health <= 0:
                     raise
+            vain = vain + 1 if (at, known) == (self.at, len(self.terrain.cells)) else 0
+            if vain > TRIES:
+                raise ToolFailed(f"it makes no progress: {self.refusal}")
 
     def _follow(self, route: Sequence[Move]) -> Iterator[Action]:
         """Make moves until one is not as it was thought to be."""
         for move in route:
-            now = next((each for each in self.terrain.iter_moves(self.at) if each.to == move.to), None)
+            moves = [each for each in self.terrain.iter_moves(self.at) if each.to == move.to]
+            now = min(moves, key=lambda each: each.seconds, default=None)
             if now is None or now.seconds > move.seconds + 1e-6:
                 return
             at = self.at
@@ -175,13 +179,14 @@ class Agent:
         """Go a stretch on to where nodes of these kinds may be: on the surface, or through stone."""
         (u, w), (x, y, z) = SIDES[self.heading % len(SIDES)], self.at
         if all(SOFT.isdisjoint(self.book.nodes[name]["tools"] or ()) for name in sources):
-            level = self._start[1] - UNDERGROUND
-            down = {(x, max(level, y - ADVANCE), z)}
-            yield from self.travel(down if y > level else {(x + u * ADVANCE, level, z + w * ADVANCE)})
+            level = self._start[1] - UNDERGROUND - FLOOR * ((self.heading - self._first_heading) // len(SIDES))
+            ahead = (x + u * ADVANCE, level, z + w * ADVANCE) if y <= level else (x, max(level, y - ADVANCE), z)
+            if ahead in self.terrain.cells and y <= level:
+                raise ToolFailed("it was there before")
+            yield from self.travel({ahead})
             return
         edges = self.terrain.list_edges(self.at, 2 * ADVANCE)
-        ahead = [(u * (cell[0] - x) + w * (cell[2] - z), cell) for cell in edges]
-        best = max(ahead, default=(0, self.at))
+        best = max(((u * (cell[0] - x) + w * (cell[2] - z), cell) for cell in edges), default=(0, self.at))
         if best[0] < 2:
             raise ToolFailed("there is no ground ahead")
         yield from self.travel({best[1]})

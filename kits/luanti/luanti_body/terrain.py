@@ -30,7 +30,6 @@ class Kind:
     is_liquid: bool
     hurts: bool
     falls: bool
-    is_free: bool
 
 
 @dataclass(frozen=True)
@@ -239,5 +238,5 @@ def _trace(before: Mapping[Cell, tuple[Cell, Move]], cell: Cell) -> list[Move]:
 
 def read_kinds(nodes: Mapping[str, Mapping[str, Any]]) -> dict[str, Kind]:
     """Of the game's book."""
-    names = ("is_solid", "is_liquid", "hurts", "falls", "is_free")
+    names = ("is_solid", "is_liquid", "hurts", "falls")
     return {name: Kind(**{each: bool(node[each]) for each in names}) for name, node in nodes.items()}

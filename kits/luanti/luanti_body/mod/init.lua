@@ -19,16 +19,11 @@ local function agent() return minetest.get_player_by_name(NAME) end
 local function refuse(text, ...) error({refused = string.format(text, ...)}) end
 
 local function node_at(p)
-	local node = minetest.get_node_or_nil(p)
-	if not node then
-		minetest.load_area(p)
-		node = minetest.get_node(p)
-	end
+	if not minetest.get_node_or_nil(p) then minetest.load_area(p) end
+	local node = minetest.get_node(p)
 	return node, minetest.registered_nodes[node.name] or {walkable = true}
 end
-
 local function is_open(p) local _, def = node_at(p) return not def.walkable end
-
 local function holds_up(p) -- whether who is in `p` does not fall
 	local _, def = node_at(p)
 	return def.climbable or (def.liquidtype or "none") ~= "none" or not is_open(up(p, -1))
@@ -43,11 +38,9 @@ local function stand(p)
 	local hurt = math.floor(math.sqrt(2 * GRAVITY * fall) - FALL_SPEED)
 	if hurt >= 1 then player:set_hp(player:get_hp() - hurt, {type = "fall"}) end
 end
-
 local function eye() return up(at, EYE) end
 
--- What is seen -----------------------------------------------------------------------------------------------------
-
+-- What is seen
 local SIDE = 2 * RANGE + 1
 local rays -- ray after ray, indices from 1 into the cube of SIDE^3 around the node of the eye
 local cube = {} -- of each index its offset from that node
@@ -68,7 +61,6 @@ local function make_rays()
 		end
 	end end end
 end
-
 local passes = {} -- by content id: whether light passes
 local function lets_through(id)
 	if passes[id] == nil then
@@ -80,13 +72,10 @@ end
 
 local function note(new, p, name)
 	if not known_names[name] then
-		known_names[name] = known_names.n
-		known_names[known_names.n] = name
-		known_names.n = known_names.n + 1
+		known_names[name], known_names[known_names.n], known_names.n = known_names.n, name, known_names.n + 1
 	end
 	for _, each in ipairs({p.x, p.y, p.z, known_names[name]}) do new[#new + 1] = each end
 end
-
 local buffer = {}
 local function look() -- new or changed nodes in view, as x, y, z, index of its name from 0
 	if not rays then make_rays() end
@@ -107,10 +96,11 @@ local function look() -- new or changed nodes in view, as x, y, z, index of its 
 				local d = cube[index]
 				id = data[base + d.x + d.y * y_stride + d.z * z_stride]
 				seen[index] = id
-				local key = minetest.hash_node_position(vector.add(centre, d))
+				local p = vector.add(centre, d)
+				local key = minetest.hash_node_position(p)
 				if known[key] ~= id and id ~= minetest.CONTENT_IGNORE then
 					known[key] = id
-					note(new, vector.add(centre, d), minetest.get_name_from_content_id(id))
+					note(new, p, minetest.get_name_from_content_id(id))
 				end
 			end
 			if not lets_through(id) then break end
@@ -120,10 +110,9 @@ local function look() -- new or changed nodes in view, as x, y, z, index of its 
 end
 
 local function is_clear(from, to, node) -- whether no other node is between two points
-	local ray = vector.subtract(to, from)
-	local length = vector.length(ray)
-	for step = 0, length, 0.1 do
-		local c = vector.round(vector.add(from, vector.multiply(ray, step / length)))
+	local ray = vector.direction(from, to)
+	for step = 0, vector.distance(from, to), 0.1 do
+		local c = vector.round(vector.add(from, vector.multiply(ray, step)))
 		if vector.equals(c, node) then return true end
 		if not lets_through(minetest.get_content_id(node_at(c).name)) then return false end
 	end
@@ -137,26 +126,31 @@ local function sees(p) -- its centre, or the middle of a face
 	end
 	return false
 end
-
 local function reach(p)
-	if vector.distance(eye(), p) > REACH then refuse("%s is out of reach", minetest.pos_to_string(p)) end
-	if not sees(p) then refuse("%s is not in view", minetest.pos_to_string(p)) end
+	if vector.distance(eye(), p) > REACH or not sees(p) then refuse("%s is out of reach", minetest.pos_to_string(p)) end
 end
 
--- What is carried --------------------------------------------------------------------------------------------------
+local function list_creatures(radius)
+	local found = {}
+	for _, object in ipairs(minetest.get_objects_inside_radius(eye(), radius)) do
+		local entity, p = object:get_luaentity(), vector.round(object:get_pos())
+		if entity and entity.name ~= "__builtin:item" and sees(p) then
+			found[#found + 1] = {object = object, name = entity.name, at = p}
+		end
+	end
+	return found
+end
 
+-- What is carried
 local function main() return agent():get_inventory() end
 
 local function find_tool(groups) -- least time of digging, and the slot of the tool; 0 is the hand
-	local best, slot = nil, 0
-	local hand = minetest.registered_items[""].tool_capabilities
-	local params = minetest.get_dig_params(groups, hand)
-	if params.diggable then best = params.time end
+	local params = minetest.get_dig_params(groups, minetest.registered_items[""].tool_capabilities)
+	local best, slot = params.diggable and params.time or nil, 0
 	for i, stack in ipairs(main():get_list("main")) do
-		if not stack:is_empty() and minetest.registered_tools[stack:get_name()] then
-			params = minetest.get_dig_params(groups, stack:get_tool_capabilities())
-			if params.diggable and (not best or params.time < best) then best, slot = params.time, i end
-		end
+		params = minetest.registered_tools[stack:get_name()] and
+			minetest.get_dig_params(groups, stack:get_tool_capabilities()) or {}
+		if params.diggable and (not best or params.time < best) then best, slot = params.time, i end
 	end
 	return best, slot
 end
@@ -165,12 +159,10 @@ local function wield(slot) -- bring a slot into the hand; 0 empties it
 	local inventory = main()
 	local held = inventory:get_stack("main", 1)
 	if slot == 0 and held:is_empty() or slot == 1 then return end
-	if slot == 0 then
-		for i, stack in ipairs(inventory:get_list("main")) do if stack:is_empty() then slot = i break end end
-	end
-	local other = slot > 0 and inventory:get_stack("main", slot) or held
-	inventory:set_stack("main", 1, other)
-	if slot > 0 then inventory:set_stack("main", slot, held) end
+	for i, stack in ipairs(inventory:get_list("main")) do if slot == 0 and stack:is_empty() then slot = i end end
+	if slot == 0 then return end
+	inventory:set_stack("main", 1, inventory:get_stack("main", slot))
+	inventory:set_stack("main", slot, held)
 end
 
 local function list_times() -- seconds to dig each kind of node that was seen, by what is carried
@@ -181,7 +173,6 @@ local function list_times() -- seconds to dig each kind of node that was seen, b
 	end
 	return times
 end
-
 local function find_slot(item)
 	for i, stack in ipairs(main():get_list("main")) do if stack:get_name() == item then return i end end
 	refuse("carries no %s", item)
@@ -189,9 +180,7 @@ end
 
 local function fits(name, wanted) -- whether an item is one of a recipe, which may be `group:a,b`
 	if wanted:sub(1, 6) ~= "group:" then return name == wanted end
-	for _, group in ipairs(wanted:sub(7):split(",")) do
-		if minetest.get_item_group(name, group) == 0 then return false end
-	end
+	for _, g in ipairs(wanted:sub(7):split(",")) do if minetest.get_item_group(name, g) == 0 then return false end end
 	return true
 end
 
@@ -214,16 +203,13 @@ local function fill(recipe, counts) -- a grid of items that are carried, or nil 
 	for i = 1, 9 do grid[i] = ItemStack(grid[i] or "") end
 	return grid
 end
-
 local function count_items()
 	local counts = {}
 	for _, stack in ipairs(main():get_list("main")) do
-		local name = stack:get_name()
-		if not stack:is_empty() then counts[name] = (counts[name] or 0) + stack:get_count() end
+		if not stack:is_empty() then counts[stack:get_name()] = (counts[stack:get_name()] or 0) + stack:get_count() end
 	end
 	return counts
 end
-
 local function add(stack)
 	local rest = main():add_item("main", stack)
 	if not rest:is_empty() then minetest.add_item(at, rest) end
@@ -238,8 +224,7 @@ for _, ore in pairs(table.copy(minetest.registered_ores)) do
 	end
 end
 
--- Calls of an agent ------------------------------------------------------------------------------------------------
-
+-- Calls of an agent
 function calls.look()
 	local player = agent()
 	local names, first = {}, known_names.sent
@@ -248,13 +233,9 @@ function calls.look()
 	known_names.sent = known_names.n
 	local times = list_times()
 	local text = minetest.write_json(times)
-	if text == sent_times then times = nil else sent_times = text end
+	times, sent_times = text ~= sent_times and times or nil, text
 	local seen = {}
-	for _, object in ipairs(minetest.get_objects_inside_radius(eye(), RANGE)) do
-		local entity = object:get_luaentity()
-		local p = vector.round(object:get_pos())
-		if entity and entity.name ~= "__builtin:item" and sees(p) then seen[#seen + 1] = {entity.name, arr(p)} end
-	end
+	for i, each in ipairs(list_creatures(RANGE)) do seen[i] = {each.name, arr(each.at)} end
 	return {
 		at = arr(at), hp = player:get_hp(), breath = player:get_breath(), day = minetest.get_timeofday(),
 		light = minetest.get_node_light(up(at, 1)) or 0, items = count_items(), names = names, nodes = new,
@@ -263,8 +244,7 @@ function calls.look()
 end
 
 function calls.pass(args) -- so much time goes by on the clock of the day
-	minetest.set_timeofday((minetest.get_timeofday() + args.seconds / DAY_S) % 1)
-	return {}
+	return minetest.set_timeofday((minetest.get_timeofday() + args.seconds / DAY_S) % 1) or {}
 end
 
 function calls.go(args)
@@ -335,7 +315,7 @@ function calls.craft(args)
 			for _, stack in ipairs(grid) do if not stack:is_empty() then main():remove_item("main", stack:get_name()) end end
 			for _, stack in ipairs(rest.items) do if not stack:is_empty() then add(stack) end end
 			for _, stack in ipairs(out.replacements or {}) do add(stack) end
-			add(minetest.on_craft and out.item or out.item)
+			add(out.item)
 			return {made = out.item:get_count()}
 		end
 		lacks = lacking or lacks
@@ -353,10 +333,7 @@ function calls.furnace(args) -- put `source` and `fuel` in, let it work for `sec
 		local rest = furnace:add_item(list, main():remove_item("main", ItemStack(given)))
 		if not rest:is_empty() then add(rest) end
 	end
-	if args.seconds then
-		def.on_timer(p, args.seconds)
-		minetest.get_node_timer(p):stop()
-	end
+	if args.seconds then def.on_timer(p, args.seconds) end
 	if args.take then
 		for _, list in ipairs({"src", "fuel", "dst"}) do
 			for i, stack in ipairs(furnace:get_list(list)) do
@@ -373,50 +350,38 @@ function calls.eat(args)
 	local slot = find_slot(args.item)
 	local stack, item = main():get_stack("main", slot), minetest.registered_items[args.item]
 	if not item.on_use then refuse("%s is nothing to eat", args.item) end
-	local rest = item.on_use(stack, agent(), {type = "nothing"})
-	if rest then main():set_stack("main", slot, rest) end
+	main():set_stack("main", slot, item.on_use(stack, agent(), {type = "nothing"}) or stack)
 	return {}
 end
 
 function calls.equip(args) -- into the hand; armour is put on where the game has it
 	local slot = find_slot(args.item)
 	local armour = rawget(_G, "armor")
-	if armour and armour.get_element and armour:get_element(args.item) then
-		local rest = armour:equip(agent(), main():get_stack("main", slot))
-		main():set_stack("main", slot, rest)
-	else
-		wield(slot)
-	end
+	if not (armour and armour:get_element(args.item)) then return wield(slot) or {} end
+	main():set_stack("main", slot, armour:equip(agent(), main():get_stack("main", slot)))
 	return {}
 end
 
 function calls.attack()
-	for _, object in ipairs(minetest.get_objects_inside_radius(eye(), REACH)) do
-		local entity, p = object:get_luaentity(), vector.round(object:get_pos())
-		if entity and entity.name ~= "__builtin:item" and sees(p) then
-			object:punch(agent(), 1.0, agent():get_wielded_item():get_tool_capabilities(), nil)
-			return {struck = entity.name}
-		end
-	end
-	refuse("nothing is in reach")
+	local near = list_creatures(REACH)[1]
+	if not near then refuse("nothing is in reach") end
+	near.object:punch(agent(), 1.0, agent():get_wielded_item():get_tool_capabilities(), nil)
+	return {struck = near.name}
 end
 
--- Calls that keep the world; no tool of an agent has them ---------------------------------------------------------------
-
-local function is_forest(x, z)
-	local height = minetest.get_spawn_level(x, z)
-	if not height then return nil end
-	local biome = minetest.get_biome_data({x = x, y = height, z = z})
-	return biome and minetest.get_biome_name(biome.biome):find("forest$") and height
+-- Calls that keep the world; no tool of an agent has them
+local function find_forest(x, z) -- the height of the ground where it is one
+	local level = minetest.get_spawn_level(x, z)
+	local biome = level and minetest.get_biome_data({x = x, y = level, z = z})
+	return biome and minetest.get_biome_name(biome.biome):find("forest$") and level
 end
 
 function calls.make(args, reply) -- generate the land around the nearest forest; answers with the start
 	for ring = 0, 40 do
 		for _, d in ipairs({{1, 0}, {0, 1}, {-1, 0}, {0, -1}, {1, 1}, {-1, -1}, {1, -1}, {-1, 1}}) do
-			local x, z = d[1] * ring * 80, d[2] * ring * 80
-			local height = is_forest(x, z)
-			if height then
-				local start = {x = x, y = height, z = z}
+			local start = {x = d[1] * ring * 80, z = d[2] * ring * 80}
+			start.y = find_forest(start.x, start.z)
+			if start.y then
 				minetest.emerge_area(vector.subtract(start, args.around), vector.add(start, args.around), function(_, _, left)
 					if left > 0 then return end
 					while not (is_open(start) and is_open(up(start, 1))) do start = up(start, 1) end
@@ -445,15 +410,13 @@ end
 local function list_recipes(item)
 	local found = {}
 	for _, each in ipairs(minetest.get_all_craft_recipes(item) or {}) do
-		local items = {}
-		for i = 1, 9 do if each.items[i] and each.items[i] ~= "" then items[#items + 1] = each.items[i] end end
-		local time = 0
+		local recipe = {method = each.method, items = {}, output = each.output, time = 0}
+		for i = 1, 9 do if (each.items[i] or "") ~= "" then table.insert(recipe.items, each.items[i]) end end
 		if each.method == "cooking" then
-			time = minetest.get_craft_result({method = "cooking", width = 1, items = {ItemStack(items[1])}}).time
+			local cooked = {method = "cooking", width = 1, items = {ItemStack(recipe.items[1])}}
+			recipe.time = minetest.get_craft_result(cooked).time
 		end
-		if #items > 0 then
-			found[#found + 1] = {method = each.method, items = items, output = each.output, time = time}
-		end
+		if #recipe.items > 0 then found[#found + 1] = recipe end
 	end
 	return found
 end
@@ -463,11 +426,9 @@ function calls.book() -- the game's own book: recipes, what nodes drop, and how 
 	for name, def in pairs(minetest.registered_items) do
 		local recipes = list_recipes(name)
 		if #recipes > 0 then book.recipes[name] = recipes end
-		for group, rating in pairs(def.groups or {}) do
-			if rating ~= 0 then
-				book.groups[group] = book.groups[group] or {}
-				table.insert(book.groups[group], name)
-			end
+		for group in pairs(def.groups or {}) do
+			book.groups[group] = book.groups[group] or {}
+			table.insert(book.groups[group], name)
 		end
 	end
 	for _, ore in pairs(minetest.registered_ores) do
@@ -483,38 +444,24 @@ function calls.book() -- the game's own book: recipes, what nodes drop, and how 
 	end
 	book.ground["default:stone"] = 0
 	for name, def in pairs(minetest.registered_nodes) do
-		local drops = {}
-		local drop = def.drop == nil and name or def.drop
-		if type(drop) == "string" then drop = {items = {{items = {drop}}}} end
-		for _, each in ipairs(drop.items or {}) do
+		local drop, drops, tools = def.drop or name, {}, {}
+		for _, each in ipairs(type(drop) == "string" and {{items = {drop}}} or drop.items or {}) do
 			for _, item in ipairs(each.items) do drops[#drops + 1] = ItemStack(item):get_name() end
+		end
+		for tool, each in pairs(minetest.registered_items) do
+			local params = each.tool_capabilities and minetest.get_dig_params(def.groups or {}, each.tool_capabilities)
+			if params and params.diggable and def.diggable ~= false then tools[tool] = params.time end
 		end
 		book.nodes[name] = {
 			drops = drops, is_solid = def.walkable and true or false, hurts = (def.damage_per_second or 0) > 0,
-			is_liquid = (def.liquidtype or "none") ~= "none", falls = (def.groups or {}).falling_node ~= nil,
-			is_free = def.buildable_to and true or false, tools = {},
+			is_liquid = (def.liquidtype or "none") ~= "none", falls = (def.groups or {}).falling_node ~= nil, tools = tools,
 		}
-		if def.diggable ~= false then
-			for tool, each in pairs(minetest.registered_tools) do
-				if each.tool_capabilities then
-					local params = minetest.get_dig_params(def.groups or {}, each.tool_capabilities)
-					if params.diggable then book.nodes[name].tools[tool] = params.time end
-				end
-			end
-			local params = minetest.get_dig_params(def.groups or {}, minetest.registered_items[""].tool_capabilities)
-			if params.diggable then book.nodes[name].tools[""] = params.time end
-		end
 	end
 	return book
 end
+function calls.stop() minetest.request_shutdown("", false, 0) return {} end
 
-function calls.stop()
-	minetest.request_shutdown("", false, 0)
-	return {}
-end
-
--- The channel ------------------------------------------------------------------------------------------------------
-
+-- The channel
 local insecure = minetest.request_insecure_environment()
 local port = tonumber(minetest.settings:get("phyagentos_port"))
 local core = assert(insecure, "phyagentos is not in secure.trusted_mods").package.loadlib(
@@ -535,11 +482,8 @@ local function answer(line)
 	local request = minetest.parse_json(line)
 	local function reply(result) send({id = request.id, result = result}) end
 	local is_done, result = pcall(calls[request.call], request.args or {}, reply)
-	if is_done and result then
-		reply(result)
-	elseif not is_done then
-		send({id = request.id, error = type(result) == "table" and result.refused or "bug: " .. tostring(result)})
-	end
+	local refused = type(result) == "table" and result.refused or tostring(result)
+	if not is_done then send({id = request.id, error = refused}) elseif result then reply(result) end
 end
 
 minetest.register_globalstep(function()
