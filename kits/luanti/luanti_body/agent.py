@@ -81,6 +81,11 @@ class Agent:
         """How many of a kind are carried."""
         return sum(self.items.get(item, 0) for item in self.list_items(kind))
 
+    def can_dig(self, node: str) -> bool:
+        """Whether it carries a tool for a kind of node, or needs none."""
+        tools = self.book.nodes[node]["tools"] or ()
+        return "" in tools or any(tool in self.items for tool in tools)
+
     def list_seen(self, kind: str) -> set[Cell]:
         """Where nodes of a kind were seen; raises `ToolFailed` where none was."""
         names = self.list_items(kind)
@@ -147,15 +152,14 @@ class Agent:
                 raise ToolFailed("no route was found")
             if not route:
                 return
-            at, known = self.at, len(self.terrain.cells)
+            at, known, reason = self.at, len(self.terrain.cells), ""
             try:
                 yield from self._follow(route)
-            except ToolFailed:
-                if self.health <= 0:
-                    raise
+            except ToolFailed as failure:
+                reason = str(failure)
             vain = vain + 1 if (at, known) == (self.at, len(self.terrain.cells)) else 0
-            if vain > TRIES:
-                raise ToolFailed(f"it makes no progress: {self.refusal}")
+            if vain > TRIES or self.health <= 0:
+                raise ToolFailed(f"it makes no progress: {reason or 'the ground is not as it was'}")
 
     def _follow(self, route: Sequence[Move]) -> Iterator[Action]:
         """Make moves until one is not as it was thought to be."""

@@ -146,6 +146,8 @@ class LuantiBody(ToolBody[Action]):
             raise ToolFailed(f"{what} is not found in the ground")
         fails, given_up = 0, set[Cell]()
         while agent.count(what) < amount:
+            if not any(map(agent.can_dig, sources)):
+                raise ToolFailed(f"{what} needs another tool")
             seen = {cell for name in sources if name in terrain.times for cell in terrain.places[name]} - given_up
             try:
                 yield from agent.dig_nearest(seen) if seen else agent.search(sources)

@@ -15,7 +15,7 @@ FUEL, FUEL_S = "default:coal_lump", 40.0
 FURNACE = "default:furnace"
 GROUP, HIDDEN = "group:", "not_in_creative_inventory"
 PICKS = ("default:pick_wood", "default:pick_stone", "default:pick_steel")
-LASTS = {PICKS[0]: 12, PICKS[1]: 20, PICKS[2]: 6}  # finds that a pick survives, searching included: our estimate
+LASTS = {PICKS[0]: 12, PICKS[1]: 12, PICKS[2]: 3}  # finds that a pick survives, searching included: our estimate
 ON_GROUND_S, CRAFT_S = 5.0, 0.5
 
 
