@@ -96,6 +96,7 @@ class Link:
 
     def close(self) -> None:
         """End the connection."""
+        self._lines.close()
         self._socket.close()
 
 

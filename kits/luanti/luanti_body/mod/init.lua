@@ -134,7 +134,7 @@ local function list_creatures(radius)
 	local found = {}
 	for _, object in ipairs(minetest.get_objects_inside_radius(eye(), radius)) do
 		local entity, p = object:get_luaentity(), vector.round(object:get_pos())
-		if entity and entity.name ~= "__builtin:item" and sees(p) then
+		if entity and entity.name:sub(1, 2) ~= "__" and sees(p) then
 			found[#found + 1] = {object = object, name = entity.name, at = p}
 		end
 	end
