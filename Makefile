@@ -175,6 +175,7 @@ static: $(STAMP)
 	@$(BIN)/mypy --no-error-summary
 	@$(BIN)/mypy --no-error-summary --python-version 3.10 kits/target_server/target_server
 	@MYPYPATH=kits/target_server $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/crafter/crafter_body
+	@MYPYPATH=kits/target_server $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/luanti/luanti_body
 	@$(BIN)/mypy --no-error-summary --ignore-missing-imports kits/lerobot_bridge
 	@MYPYPATH=kits/ros2_goals $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2_goals/ros2_goals
 	@MYPYPATH=kits/ros2_verdicts $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2_verdicts/ros2_verdicts

@@ -96,6 +96,10 @@ def _find_target_lacks(profile: TargetProfile, path: Path) -> list[Problem]:
 def find_lacks(name: str, spec: EnvironmentSpec) -> list[Problem]:
     """What an environment lacks of its declaration; empty when it is whole."""
     python, hint = find_python(name), f"Make it: paos bench setup {name}"
+    if absent := [file for file in spec.files if not Path(file).exists()]:
+        return [Problem("EXTRA_MISSING", file, f"no {file}", "a program's file", spec.about) for file in absent]
+    if not spec.packages:
+        return []
     if not python.is_file():
         return [Problem("EXTRA_MISSING", str(python), "no such file", f"environment {name!r}", hint)]
     wanted = [Requirement(text) for text in (*spec.packages, *spec.without_dependencies)]
@@ -116,6 +120,8 @@ def find_lacks(name: str, spec: EnvironmentSpec) -> list[Problem]:
 def plan_setup(name: str, spec: EnvironmentSpec, interpreter: str = sys.executable) -> list[list[str]]:
     """The commands that make an environment, in order."""
     python = find_python(name)
+    if not spec.packages:
+        return []
     folder, pip = python.parent.parent, [str(python), "-m", "pip", "install"]
     commands = [] if python.is_file() else [[interpreter, "-m", "venv", str(folder)]]
     commands.append([*pip, *spec.packages])

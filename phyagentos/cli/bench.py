@@ -89,8 +89,11 @@ def setup(
             lines.append(f"environment {each.environment!r} is whole")
             continue
         print_note(f"environment {each.environment!r} lacks: " + "; ".join(problem.found for problem in each.lacks))
-        print_note("\n".join(["would run:", *("  " + " ".join(command) for command in each.commands)]))
+        if each.commands:
+            print_note("\n".join(["would run:", *("  " + " ".join(command) for command in each.commands)]))
         print_note(f"about {each.gigabytes:g} GB. {each.about}" if each.gigabytes else each.about)
+        if not each.commands:
+            raise Exit(ExitCode.INVALID_INPUT, "nothing was installed; install what it lacks")
         if not yes and not (sys.stdin.isatty() and typer.confirm("Install?", err=True)):
             raise Exit(ExitCode.INVALID_INPUT, "nothing was installed; --yes installs")
         made.append(replace(each, python=runs.make_environment(name, each.environment, print_note, python)))

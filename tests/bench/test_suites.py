@@ -138,6 +138,16 @@ def test_what_is_not_here_is_missing_and_says_why(read, monkeypatch, tmp_path):
     assert "paos bench setup other" in str(plan.missing["tidy.own.there.0"][0])
 
 
+def test_a_program_that_paos_does_not_install_is_missing_with_what_installs_it(tmp_path):
+    program = tmp_path / "server"
+    spec = EnvironmentSpec(files=(str(program),), about="apt-get install server")
+    (lack,) = find_lacks("game", spec)
+    assert (lack.code, lack.address, lack.hint) == ("EXTRA_MISSING", str(program), "apt-get install server")
+    assert plan_setup("game", spec) == []
+    program.touch()
+    assert find_lacks("game", spec) == []
+
+
 def test_an_environment_lacks_what_it_does_not_hold(monkeypatch, tmp_path):
     import sys
 

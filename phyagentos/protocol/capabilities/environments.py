@@ -22,18 +22,22 @@ class EnvironmentSpec(Authored):
         packages: What pip installs, as requirements (`mujoco==3.3.0`).
         without_dependencies: Packages installed afterwards with `--no-deps`, since their own pins do not fit.
         imports: Modules that must be found in it.
+        files: What must be there beside it, of a program that paos does not install; `about` says what does.
         gigabytes: Disk that it takes, about [GB].
         about: For whom makes it: licences, how long it takes.
     """
 
-    packages: tuple[str, ...] = pydantic.Field(min_length=1)
+    packages: tuple[str, ...] = ()
     without_dependencies: tuple[str, ...] = ()
     imports: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
     gigabytes: float = pydantic.Field(default=0.0, ge=0.0)
     about: str = ""
 
     @pydantic.model_validator(mode="after")
     def _check_requirements(self) -> "EnvironmentSpec":
+        if not (self.packages or self.files):
+            raise misfit("packages", "packages of pip, or files of a program", "Name what it needs.")
         for key in ("packages", "without_dependencies"):
             for text in getattr(self, key):
                 try:

@@ -1,0 +1,1 @@
+"""Tasks in Luanti: the library of the benchmark, and its tasks."""

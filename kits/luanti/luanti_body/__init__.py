@@ -1,0 +1,1 @@
+"""A player of Luanti (Minetest) as a target of phyagentos."""
