@@ -174,7 +174,12 @@ class Recorder:
             self.write(topic, kind, time_s, self.make(kind, header=head, format=self.color, data=data))
         else:
             with_alpha = np.dstack((frame.rgb, np.full(frame.rgb.shape[:2], 255, np.uint8)))
-            pictures = {"rgb8": frame.rgb, "bgr8": frame.rgb[..., ::-1], "mono8": frame.rgb[..., 0], "rgba8": with_alpha}
+            pictures = {
+                "rgb8": frame.rgb,
+                "bgr8": frame.rgb[..., ::-1],
+                "mono8": frame.rgb[..., 0],
+                "rgba8": with_alpha,
+            }
             self.write_image(topic, self.color, pictures[self.color], time_s, optical)
         self.write_depth(f"/{camera}/depth/image_rect", frame.depth_m, time_s, optical)
         if self.lens_once_s is None or self.lens_once_s <= time_s < self.lens_once_s + 1 / self.rate_hz:

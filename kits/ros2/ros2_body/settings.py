@@ -119,12 +119,13 @@ class Camera:
 
     Attributes:
         color: Topic of `Image`, or of `CompressedImage` where it ends in `/compressed`.
-        depth: Topic of `Image`, 16UC1 [mm] or 32FC1 [m].
+        depth: Topic of `Image`, 16UC1 [mm] or 32FC1 [m], or of its `/compressedDepth`.
         info: Topic of its `CameraInfo`, rectified.
         position_m: (3,) of its optical frame, z forward, x right, y down [m]; `quaternion_wxyz` turns its axes. Where
             both are left out, TF places the frame of its depth.
         on_tool: Whether that is in the frame of the tool, else in the world.
         reliable: Whether its topics are subscribed to reliably.
+        together_s: Between stamps of the colours and the depth of one exposure at most [s].
     """
 
     color: str
@@ -134,6 +135,7 @@ class Camera:
     quaternion_wxyz: "Quadruple | None" = None
     on_tool: bool = False
     reliable: bool = False
+    together_s: float = 0.005
 
 
 @dataclass(frozen=True)
