@@ -126,7 +126,7 @@ class Recorder:
         """Record from 0 to `until_s` [s]; `script` maps times to functions that change the table."""
         from rosbags.rosbag2 import StoragePlugin, Writer
 
-        self.store, self.topics = _get_types(), {}
+        self.store, self.topics, self.once = _get_types(), {}, set()
         self.make = lambda kind, **fields: self.store.types[kind](**fields)
         waiting, last = sorted(script.items()), {}
         with Writer(to, version=8, storage_plugin=StoragePlugin.MCAP) as self.writer:
@@ -153,6 +153,12 @@ class Recorder:
         stamp_ns = round((EPOCH_S + time_s + self.clock_s.get(topic, 0.0)) * 1e9)
         stamp = self.make("builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
         return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+    def is_first(self, what, time_s, from_s):
+        """Whether a message that is sent once, from a moment on, is sent now."""
+        is_now = time_s >= from_s and what not in self.once
+        self.once |= {what} if is_now else set()
+        return is_now
 
     def write_joints(self, table, time_s):
         topic, none = "/joint_states", np.zeros(0)
@@ -182,7 +188,7 @@ class Recorder:
             }
             self.write_image(topic, self.color, pictures[self.color], time_s, optical)
         self.write_depth(f"/{camera}/depth/image_rect", frame.depth_m, time_s, optical)
-        if self.lens_once_s is None or self.lens_once_s <= time_s < self.lens_once_s + 1 / self.rate_hz:
+        if self.lens_once_s is None or self.is_first(f"{camera} lens", time_s, self.lens_once_s):
             self.write_lens(f"/{camera}/color/camera_info", frame, time_s, optical)
 
     def write_depth(self, topic, depth_m, time_s, optical):
@@ -225,7 +231,7 @@ class Recorder:
     def write_place(self, camera, frame, time_s, optical):
         topic = "/tf" if camera in self.moving else "/tf_static"
         pose = self.tf(camera, frame.world_T_camera)
-        if pose is None or (topic == "/tf_static" and not 0.0 <= time_s - self.static_s < 1 / self.rate_hz):
+        if pose is None or (topic == "/tf_static" and not self.is_first(f"{camera} place", time_s, self.static_s)):
             return
         w, x, y, z = pose.quaternion_wxyz
         place = self.make("geometry_msgs/msg/Vector3", **dict(zip("xyz", pose.position_m, strict=True)))

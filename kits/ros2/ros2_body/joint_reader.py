@@ -64,7 +64,8 @@ class JointReader:
 
     def read_past(self, names: Sequence[str], moment_s: float) -> list[float]:
         """Positions at a moment of the past, between those that were measured; outside the nearest."""
-        return [float(np.interp(moment_s, *zip(*sorted(self._past[name]), strict=True))) for name in names]
+        courses = [np.array(sorted(self._past[name])).T for name in names]
+        return [float(np.interp(moment_s, moments_s, q)) for moments_s, q in courses]
 
     def _take(self, message: JointState) -> None:
         names, n = frozenset(message.name), len(message.name)

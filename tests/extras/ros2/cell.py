@@ -44,14 +44,15 @@ OTHER_HABITS = {"speeds": "nan", "states_every": 3, "extra": ["lift", "pan"], "l
                 "lens": "latched"}  # fmt: skip
 PREFIX, NAMESPACE = "fr_", "cell"
 CONTROL_PERIOD_S, STEP_S = 0.1, 0.02  # for a machine that does other work besides
-CAMERA_HZ, MAX_AGE_S = 5, 0.6  # three periods of a camera; the shipped ones have 25 Hz and 0.3 s
+CAMERA_HZ, PERIODS = 5, 3  # how many of a camera a picture may be old; the shipped ones have 25 Hz and 0.3 s
 HELD = ("ROS_DOMAIN_ID", "PATH", "HOME")
 CLOCK = SystemClock()
 
 
 def write_project(
-    folder, *, kind="trajectory", hand=True, cameras=CAMERAS, views=VIEWS, endpoint="ws://127.0.0.1:1", **ros2
-):
+    folder, *, kind="trajectory", hand=True, cameras=CAMERAS, views=VIEWS, camera_hz=CAMERA_HZ,
+    endpoint="ws://127.0.0.1:1", **ros2,
+):  # fmt: skip
     """A project whose panda is behind ROS 2, with cameras of 640 x 480 pixels; ros2.yaml is drafted and edited."""
     robot, settings = folder / "robots" / "panda", folder / "protocol"
     shutil.copytree(ROOT / "robots" / "panda", robot)
@@ -74,11 +75,11 @@ def write_project(
     for name in [name for name in sensors["sensors"] if name not in (*cameras, "joint_state")]:
         del sensors["sensors"][name]
     for name in cameras:
-        sensors["sensors"][name] |= {"rate_hz": CAMERA_HZ}
+        sensors["sensors"][name] |= {"rate_hz": camera_hz}
         sensors["sensors"][name]["camera"] |= {"width": 640, "height": 480}
     (settings / "sensors.yaml").write_text(yaml.safe_dump(sensors))
     perception = yaml.safe_load((settings / "perception.yaml").read_text())
-    perception["embedded"]["max_age_s"] = MAX_AGE_S
+    perception["embedded"]["max_age_s"] = PERIODS / camera_hz
     perception["pipelines"]["world_state"]["sensors"] = list(cameras)
     (settings / "perception.yaml").write_text(yaml.safe_dump(perception))
     with contextlib.chdir(folder):
