@@ -76,10 +76,10 @@ class Cameras:
     """
 
     def __init__(self, node: Node, ros: Ros, clock: RosClock, locate_tool: Callable[[float], Array]) -> None:
-        self._settings, self._world, self._locate_tool = ros.cameras, ros.world, locate_tool
+        self._settings, self._ros, self._locate_tool = ros.cameras, ros, locate_tool
         self._cameras = {name: RosCamera(node, each, clock) for name, each in ros.cameras.items()}
         by_tf = [name for name, each in ros.cameras.items() if each.position_m is None]
-        self._transforms = Transforms(node, clock) if by_tf else None
+        self._transforms = Transforms(node, ros.tf, clock) if by_tf else None
 
     def list_needs(self) -> dict[str, Callable[[], object]]:
         """What is to be there at the start, and whether it is."""
@@ -87,7 +87,7 @@ class Cameras:
         for name, camera in self._cameras.items():
             needs[f"the topics of camera {name!r}"] = camera.list_shots
             if self._settings[name].position_m is None:
-                says = f"/tf from {self._world!r} to the frame of the pictures of camera {name!r}"
+                says = f"{self._ros.tf} from {self._ros.world!r} to the frame of the pictures of camera {name!r}"
                 needs[says] = partial(self._find_latest, name)
         return needs
 
@@ -113,7 +113,7 @@ class Cameras:
         camera = self._settings[name]
         if camera.position_m is None or camera.quaternion_wxyz is None:
             assert self._transforms is not None
-            return self._transforms.locate(self._world, shot.frame, shot.at_s)
+            return self._transforms.locate(self._ros.world, shot.frame, shot.at_s)
         pose = make_pose(camera.position_m, camera.quaternion_wxyz)
         return self._locate_tool(shot.at_s) @ pose if camera.on_tool else pose
 

@@ -159,6 +159,7 @@ class Ros:
 
     Attributes:
         world: Frame of TF that is the world of the profile, for cameras that TF places.
+        tf: Topic of TF; that of frames that are fixed has the same name and `_static`.
         controller_manager: Node of ros2_control whose controllers are watched; empty where there is none.
     """
 
@@ -169,6 +170,7 @@ class Ros:
     use_sim_time: bool = False
     wait_s: float = 10.0
     world: str = "world"
+    tf: str = "/tf"
     controller_manager: str = ""
     joint_states: JointStates = JointStates()
     gripper: "Gripper | None" = None

@@ -126,14 +126,14 @@ class Robot(Node):
         }
         self.has_lens = set()
 
-    def add_ros2_control(self, gripper, frames):
+    def add_ros2_control(self, gripper, frames, tf):
         import ros2_control
 
         n = len(self.controller.joints)
         claims = {"arm_controller": self.names[:n], "hand_controller": self.names[n:]}
         self.manager = ros2_control.ControllerManager(self, claims)
         self.gripper = ros2_control.GripperAction(self, gripper, (0.0, self.plant.about["opened_m"]))
-        self.frames = ros2_control.Frames(self, frames, self.stamp)
+        self.frames = ros2_control.Frames(self, frames, self.stamp, tf)
 
     @property
     def is_idle(self):
