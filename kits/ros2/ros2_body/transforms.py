@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from target_server.kinematics import Array, make_pose
 
 from ros2_body.clock import RosClock
@@ -27,8 +27,7 @@ class Transforms:
         self._steps: dict[str, tuple[str, deque[tuple[float, Values]]]] = {}  # by frame: its parent, and the course
         kind = load_installed("tf2_msgs/msg/TFMessage", "a camera without position_m")
         fixed = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        moving = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-        for name, quality, is_fixed in ((f"{topic}_static", fixed, True), (topic, moving, False)):
+        for name, quality, is_fixed in ((f"{topic}_static", fixed, True), (topic, QoSProfile(depth=100), False)):
             node.create_subscription(kind, name, partial(self._take, is_fixed=is_fixed), quality)
 
     def locate(self, world: str, frame: str, moment_s: float) -> "Array | None":

@@ -11,7 +11,7 @@ from controller_manager_msgs.msg import ControllerState
 from controller_manager_msgs.srv import ListControllers
 from geometry_msgs.msg import TransformStamped
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from tf2_msgs.msg import TFMessage
 
@@ -93,9 +93,7 @@ class Frames:
     def __init__(self, node, cameras, make_stamp, topic):
         self._make_stamp = make_stamp
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._moving = node.create_publisher(
-            TFMessage, topic, QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-        )
+        self._moving = node.create_publisher(TFMessage, topic, 10)
         self._fixed = node.create_publisher(TFMessage, f"{topic}_static", latched)
         self._cameras, self._due = cameras, LATE
 
