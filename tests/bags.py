@@ -3,6 +3,7 @@
 What it records is rendered by the simulator's cameras with their noise, and written by the package rosbags.
 """
 
+import struct
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -97,7 +98,12 @@ class Recorder:
     Attributes:
         drops: (topic, time_s) -> whether that message is lost.
         clock_s: By topic, how far its stamps are from those of the others [s].
-        kinds: `png`, `jpeg`, or an encoding of sensor_msgs/Image for colour; `depth` likewise.
+        color: `png`, `jpeg`, or an encoding of sensor_msgs/Image; `depth` likewise, with `/compressedDepth` after it as
+            image_transport compresses it.
+        lens_once_s: Where it is given, lenses are recorded once, then, and without coefficients of a distortion [s].
+        static_s: When fixed places are recorded [s].
+        extra: Joints that are no part of the robot, recorded before those that are.
+        rectified: Whether pictures are of an image_proc, whose lens has the distortion of before too.
         tf: (camera, world_T_camera) -> what is said of it; None for nothing.
     """
 
@@ -111,12 +117,16 @@ class Recorder:
     moving: tuple[str, ...] = ("wrist",)
     joint_names: dict = field(default_factory=dict)
     frozen: tuple[str, ...] = ()
+    lens_once_s: float | None = None
+    static_s: float = 0.0
+    extra: tuple[str, ...] = ()
+    rectified: bool = False
 
     def record(self, table, to, script, until_s=3.0):
         """Record from 0 to `until_s` [s]; `script` maps times to functions that change the table."""
         from rosbags.rosbag2 import StoragePlugin, Writer
 
-        self.store, self.topics = _get_types(), {}
+        self.store, self.topics, self.once = _get_types(), {}, set()
         self.make = lambda kind, **fields: self.store.types[kind](**fields)
         waiting, last = sorted(script.items()), {}
         with Writer(to, version=8, storage_plugin=StoragePlugin.MCAP) as self.writer:
@@ -144,9 +154,16 @@ class Recorder:
         stamp = self.make("builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
         return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
+    def is_first(self, what, time_s, from_s):
+        """Whether a message that is sent once, from a moment on, is sent now."""
+        is_now = time_s >= from_s and what not in self.once
+        self.once |= {what} if is_now else set()
+        return is_now
+
     def write_joints(self, table, time_s):
         topic, none = "/joint_states", np.zeros(0)
         found = {self.joint_names.get(name, name): value for name, value in table.joints().items()}
+        found = dict.fromkeys(self.extra, 0.0) | dict(reversed(found.items()))
         names, position = [*found], np.array([*found.values()])
         kind = "sensor_msgs/msg/JointState"
         fields = {"name": names, "position": position, "velocity": none, "effort": none}
@@ -155,26 +172,51 @@ class Recorder:
     def write_frame(self, camera, frame, time_s):
         optical = f"{camera}_optical_frame"
         self.write_place(camera, frame, time_s, optical)
-        topic = f"/{camera}/color/image_raw"
+        topic = f"/{camera}/color/{'image_rect_color' if self.rectified else 'image_raw'}"
         if self.color in {"png", "jpeg"}:
             topic, kind = f"{topic}/compressed", "sensor_msgs/msg/CompressedImage"
             data = cv2.imencode(f".{self.color}", np.ascontiguousarray(frame.rgb[..., ::-1]))[1].ravel()
             head = self.head(topic, time_s, optical)
             self.write(topic, kind, time_s, self.make(kind, header=head, format=self.color, data=data))
         else:
-            picture = {"rgb8": frame.rgb, "bgr8": frame.rgb[..., ::-1], "mono8": frame.rgb[..., 0]}[self.color]
-            self.write_image(topic, self.color, picture, time_s, optical)
-        topic = f"/{camera}/depth/image_rect"
-        if self.depth == "16UC1":
-            picture = np.nan_to_num(np.round(frame.depth_m * 1000)).astype(np.uint16)
-        else:
-            picture = frame.depth_m
-        if self.depth:
-            self.write_image(topic, self.depth, picture, time_s, optical)
-        topic, kind = f"/{camera}/color/camera_info", "sensor_msgs/msg/CameraInfo"
+            with_alpha = np.dstack((frame.rgb, np.full(frame.rgb.shape[:2], 255, np.uint8)))
+            pictures = {
+                "rgb8": frame.rgb,
+                "bgr8": frame.rgb[..., ::-1],
+                "mono8": frame.rgb[..., 0],
+                "rgba8": with_alpha,
+            }
+            self.write_image(topic, self.color, pictures[self.color], time_s, optical)
+        self.write_depth(f"/{camera}/depth/image_rect", frame.depth_m, time_s, optical)
+        if self.lens_once_s is None or self.is_first(f"{camera} lens", time_s, self.lens_once_s):
+            self.write_lens(f"/{camera}/color/camera_info", frame, time_s, optical)
+
+    def write_depth(self, topic, depth_m, time_s, optical):
+        encoding, _, transport = self.depth.partition("/")
+        raw, header = depth_m, np.zeros(12, np.uint8)
+        if encoding == "16UC1":
+            raw = np.nan_to_num(np.round(depth_m * 1000)).astype(np.uint16)
+        elif transport:  # 32FC1 is quantised in its inverse, as compressed_depth_image_transport does
+            a, b = 100.0 * 101.0, 1.0 - 101.0 * 100.0 / 10.0
+            header = np.frombuffer(struct.pack("<iff", 0, a, b), np.uint8)
+            raw = np.nan_to_num(np.round(a / depth_m + b)).astype(np.uint16)
+        if transport:
+            kind, png = "sensor_msgs/msg/CompressedImage", cv2.imencode(".png", raw)[1].ravel()
+            head, data = self.head(topic, time_s, optical), np.concatenate((header, png))
+            made = self.make(kind, header=head, format=f"{encoding}; compressedDepth png", data=data)
+            self.write(f"{topic}/{transport}", kind, time_s, made)
+        elif encoding:
+            self.write_image(topic, encoding, raw, time_s, optical)
+
+    def write_lens(self, topic, frame, time_s, optical):
+        kind = "sensor_msgs/msg/CameraInfo"
         k = np.array([frame.fx, 0, frame.cx - 0.5, 0, frame.fy, frame.cy - 0.5, 0, 0, 1.0])
+        p, d = np.zeros(12), np.zeros(5 if self.lens_once_s is None else 0)
+        if self.rectified:
+            p, d = np.insert(k, (3, 6, 9), 0.0), np.full(5, 0.1)
+            k = k * 1.1
         roi = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
-        lens = {"distortion_model": "plumb_bob", "d": np.zeros(5), "k": k, "r": np.eye(3).ravel(), "p": np.zeros(12)}
+        lens = {"distortion_model": "plumb_bob", "d": d, "k": k, "r": np.eye(3).ravel(), "p": p}
         size = {"height": frame.height, "width": frame.width, "binning_x": 0, "binning_y": 0}
         roi = self.make("sensor_msgs/msg/RegionOfInterest", **roi)
         head = self.head(topic, time_s, optical)
@@ -189,7 +231,7 @@ class Recorder:
     def write_place(self, camera, frame, time_s, optical):
         topic = "/tf" if camera in self.moving else "/tf_static"
         pose = self.tf(camera, frame.world_T_camera)
-        if pose is None or (topic == "/tf_static" and time_s > 0.0):
+        if pose is None or (topic == "/tf_static" and not self.is_first(f"{camera} place", time_s, self.static_s)):
             return
         w, x, y, z = pose.quaternion_wxyz
         place = self.make("geometry_msgs/msg/Vector3", **dict(zip("xyz", pose.position_m, strict=True)))

@@ -52,6 +52,20 @@ def test_what_is_kept_gets_the_verdict_of_the_whole(messages, tmp_path):
     assert (tmp_path / "evidence" / "verdict.json").exists()
 
 
+@pytest.mark.sim
+def test_a_lens_that_was_published_once_is_kept(tmp_path):
+    script = {1.0: lambda table: table.put_into("red_cube", "red_tray")}
+    recorded = Recorder(rate_hz=4.0, lens_once_s=0.0).record(Table(), tmp_path / "run", script, until_s=2.0)
+    latched, recent, messages = ("tf_static", "camera_info"), Recent(), read(recorded)
+    for each in messages:
+        recent.keep(each, is_latched=each.topic.endswith(latched))
+        if each.received_ns - messages[0].received_ns < 0.5e9:
+            recent.begin()
+    recent.write(tmp_path / "bag")
+    verdict = Question(PAOS, SCENE, (RED,)).judge(tmp_path / "bag", tmp_path / "evidence")
+    assert verdict["verdict"] == "true", verdict["left_out"]
+
+
 def state(at_s, data=b"\0" * 8):
     return Message("/joint_states", STATES, round(at_s * 1e9), data)
 

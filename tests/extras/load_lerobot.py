@@ -38,7 +38,11 @@ sys.stdout.write(
             "forms": forms,
             "pictures": pictures,
             "first_state": frame["observation.state"].tolist(),
-            "sessions": list(data.meta.episodes["session_id"]),
+            "origins": {
+                key: list(data.meta.episodes[key])
+                for key in ("session_id", "verdict", "action")
+                if key in data.meta.episodes.column_names
+            },
             "stats": sorted(data.meta.stats),
         }
     )

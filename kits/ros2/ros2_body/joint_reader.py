@@ -5,7 +5,9 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 
+import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -15,6 +17,7 @@ from ros2_body.clock import SILENCE_S, RosClock
 from ros2_body.settings import JointStates
 
 KEPT = 256  # positions of each joint, for pictures that come late
+SPEED_S = 0.05  # over which a speed is a mean, of a joint whose messages have none
 
 
 @dataclass
@@ -34,7 +37,7 @@ class JointReader:
     def __init__(self, node: Node, settings: JointStates, clock: RosClock) -> None:
         self._clock, self._silence_s = clock, settings.silence_s
         self._latest: dict[str, Measured] = {}
-        self._stamps: dict[tuple[str, ...], tuple[int, int]] = {}
+        self._stamps: dict[frozenset[str], tuple[int, int]] = {}
         self._past: dict[str, deque[tuple[float, float]]] = {}
         reliability = ReliabilityPolicy.RELIABLE if settings.reliable else ReliabilityPolicy.BEST_EFFORT
         qos = QoSProfile(depth=10, reliability=reliability)
@@ -60,21 +63,29 @@ class JointReader:
         return found
 
     def read_past(self, names: Sequence[str], moment_s: float) -> list[float]:
-        """Positions at a moment of the past, the nearest that were measured."""
-        return [min([*self._past[name]], key=lambda each: abs(each[0] - moment_s))[1] for name in names]
+        """Positions at a moment of the past, between those that were measured; outside the nearest."""
+        courses = [np.array(sorted(self._past[name])).T for name in names]
+        return [float(np.interp(moment_s, moments_s, q)) for moments_s, q in courses]
 
     def _take(self, message: JointState) -> None:
-        names, stamp = tuple(message.name), (message.header.stamp.sec, message.header.stamp.nanosec)
-        if stamp == self._stamps.get(names) or len(message.position) != len(names):
+        names, n = frozenset(message.name), len(message.name)
+        stamp = (message.header.stamp.sec, message.header.stamp.nanosec)
+        if stamp == self._stamps.get(names) or len(message.position) != n:
             return
         self._stamps[names] = stamp
         arrived_s, at_s = time.monotonic(), self._clock.read_stamp(message.header.stamp)
-        for index, name in enumerate(names):
-            q, before = float(message.position[index]), self._latest.get(name)
-            if len(message.velocity) == len(names):
-                qd = float(message.velocity[index])
-            else:
-                qd = 0.0 if before is None or at_s <= before.at_s else (q - before.q) / (at_s - before.at_s)
-            effort = float(message.effort[index]) if len(message.effort) == len(names) else math.nan
-            self._latest[name] = Measured(arrived_s, at_s, q, qd, effort)
-            self._past.setdefault(name, deque(maxlen=KEPT)).append((at_s, q))
+        known = [each if len(each) == n else (math.nan,) * n for each in (message.velocity, message.effort)]
+        for name, q, qd, effort in zip(message.name, message.position, *known, strict=True):
+            past = self._past.setdefault(name, deque(maxlen=KEPT))
+            past.append((at_s, q))
+            self._latest[name] = Measured(arrived_s, at_s, q, _derive(past) if math.isnan(qd) else qd, effort)
+
+
+def _derive(past: "deque[tuple[float, float]]") -> float:
+    """The mean speed of the latest `SPEED_S`, or since the position before; 0 of a single one."""
+    (end_s, end), (begin_s, begin) = past[-1], past[max(len(past) - 2, 0)]
+    for at_s, q in islice(reversed(past), 2, None):
+        if at_s < end_s - SPEED_S:
+            break
+        begin_s, begin = at_s, q
+    return (end - begin) / (end_s - begin_s) if end_s > begin_s else 0.0

@@ -119,12 +119,13 @@ class Camera:
 
     Attributes:
         color: Topic of `Image`, or of `CompressedImage` where it ends in `/compressed`.
-        depth: Topic of `Image`, 16UC1 [mm] or 32FC1 [m].
+        depth: Topic of `Image`, 16UC1 [mm] or 32FC1 [m], or of its `/compressedDepth`.
         info: Topic of its `CameraInfo`, rectified.
         position_m: (3,) of its optical frame, z forward, x right, y down [m]; `quaternion_wxyz` turns its axes. Where
             both are left out, TF places the frame of its depth.
         on_tool: Whether that is in the frame of the tool, else in the world.
         reliable: Whether its topics are subscribed to reliably.
+        together_s: Between stamps of the colours and the depth of one exposure at most [s].
     """
 
     color: str
@@ -134,6 +135,7 @@ class Camera:
     quaternion_wxyz: "Quadruple | None" = None
     on_tool: bool = False
     reliable: bool = False
+    together_s: float = 0.005
 
 
 @dataclass(frozen=True)
@@ -157,6 +159,7 @@ class Ros:
 
     Attributes:
         world: Frame of TF that is the world of the profile, for cameras that TF places.
+        tf: Topic of TF; that of frames that are fixed has the same name and `_static`.
         controller_manager: Node of ros2_control whose controllers are watched; empty where there is none.
     """
 
@@ -167,6 +170,7 @@ class Ros:
     use_sim_time: bool = False
     wait_s: float = 10.0
     world: str = "world"
+    tf: str = "/tf"
     controller_manager: str = ""
     joint_states: JointStates = JointStates()
     gripper: "Gripper | None" = None

@@ -2,6 +2,7 @@
 
 from bisect import bisect_left
 from collections import deque
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,15 +20,15 @@ Values = NDArray[np.float64]  # (7,) position [m] and quaternion w, x, y, z
 
 
 class Transforms:
-    """What /tf and /tf_static say; raises `SettingsError` where tf2_msgs is not installed."""
+    """What a topic and its `_static` say; raises `SettingsError` where tf2_msgs is not installed."""
 
-    def __init__(self, node: Node, clock: RosClock) -> None:
+    def __init__(self, node: Node, topic: str, clock: RosClock) -> None:
         self._clock = clock
         self._steps: dict[str, tuple[str, deque[tuple[float, Values]]]] = {}  # by frame: its parent, and the course
         kind = load_installed("tf2_msgs/msg/TFMessage", "a camera without position_m")
         fixed = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        node.create_subscription(kind, "/tf_static", lambda each: self._take(each, is_fixed=True), fixed)
-        node.create_subscription(kind, "/tf", lambda each: self._take(each, is_fixed=False), 100)
+        for name, quality, is_fixed in ((f"{topic}_static", fixed, True), (topic, QoSProfile(depth=100), False)):
+            node.create_subscription(kind, name, partial(self._take, is_fixed=is_fixed), quality)
 
     def locate(self, world: str, frame: str, moment_s: float) -> "Array | None":
         """`world_T_frame` (4, 4) at a moment of the robot's clock; None where no chain of transforms has it."""

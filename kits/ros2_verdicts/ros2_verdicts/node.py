@@ -3,7 +3,8 @@
 import json
 import math
 import threading
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -13,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -26,6 +28,7 @@ RECEIVED = (*(f"sensor_msgs/msg/{name}" for name in _TYPES), "tf2_msgs/msg/TFMes
 _LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _PICTURES = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 _STATES = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+_HAS_TIMES = hasattr(Subscription, "CallbackType")  # of reception; not in Humble
 _LEVELS = {"true": DiagnosticStatus.OK, "false": DiagnosticStatus.ERROR, "unknown": DiagnosticStatus.WARN}
 
 
@@ -86,13 +89,18 @@ class VerdictNode(Node):  # type: ignore[misc,unused-ignore]  # a ROS distributi
             except ImportError:
                 self.get_logger().warning(f"{topic}: {package} is not installed; it is left out")
                 continue
-            is_latched = topic.endswith("tf_static")
+            is_lens, is_fixed = name == "CameraInfo", topic.endswith("tf_static")
+            found = self.get_publishers_info_by_topic(topic) if is_lens else ()
+            is_latched = is_fixed or any(each.qos_profile.durability == _LATCHED.durability for each in found)
             quality = _LATCHED if is_latched else _STATES if name in {"JointState", "TFMessage"} else _PICTURES
-            receive = partial(self._receive, topic, types[0], is_latched=is_latched)
-            self.create_subscription(kind, topic, receive, quality, raw=True)
+            receive = partial(self._receive, topic, types[0], is_lens or is_fixed)
+            callback = receive if _HAS_TIMES else partial(receive, times={})
+            self.create_subscription(kind, topic, callback, quality, raw=True)
 
-    def _receive(self, topic: str, kind: str, data: bytes, *, is_latched: bool) -> None:
-        now_ns = self.get_clock().now().nanoseconds
+    def _receive(self, topic: str, kind: str, is_latched: bool, data: bytes, times: Mapping[str, int]) -> None:
+        received_ns = times.get("received_timestamp", 0)
+        waited_ns = max(0, time.time_ns() - received_ns) if received_ns else 0  # for this thread, on a busy machine
+        now_ns = self.get_clock().now().nanoseconds - waited_ns
         self._recent.keep(Message(topic, kind, now_ns, data), is_latched=is_latched)
 
     def _begin(self, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:

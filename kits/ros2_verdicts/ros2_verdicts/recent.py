@@ -24,7 +24,7 @@ class Message(NamedTuple):
 
 
 class Recent:
-    """Keeps messages, from any thread; of a latched topic the latest of each frame, from before the beginning as well.
+    """Keeps messages, from any thread; of a latched topic the latest (of each frame), from before the beginning too.
 
     A clock that jumps back makes a new beginning.
     """
@@ -40,7 +40,7 @@ class Recent:
         """Add one; what is neither among the first nor among the last seconds any more is dropped."""
         with self._lock:
             if is_latched:
-                transforms = _TYPES.deserialize_cdr(message.data, message.type).transforms
+                transforms = getattr(_TYPES.deserialize_cdr(message.data, message.type), "transforms", ())
                 key = (message.topic, *(each.child_frame_id for each in transforms))
                 self._latched[key] = message
                 return

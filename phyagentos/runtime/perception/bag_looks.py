@@ -163,8 +163,10 @@ class BagLooks:
         rgb, depth_m, lens = decode_color(taken), decode_depth(depth), info.message
         if rgb is None or depth_m is None or not rgb.shape[:2] == depth_m.shape == (lens.height, lens.width):
             return "picture, depth and camera_info differ in size, or their bytes are damaged"
-        (fx, _, cx), (_, fy, cy), _ = np.reshape(lens.k, (3, 3)).tolist()
-        if not min(fx, fy) > 0.0 or np.any(lens.d) or max(lens.binning_x, lens.binning_y) > 1 or lens.roi.width:
+        is_rectified = "image_rect" in camera.color  # its lens has the distortion that it had
+        (fx, _, cx, *_), (_, fy, cy, *_), _ = np.reshape(lens.p if is_rectified else lens.k, (3, -1)).tolist()
+        is_distorted = np.any(lens.d) and not is_rectified
+        if not min(fx, fy) > 0.0 or is_distorted or max(lens.binning_x, lens.binning_y) > 1 or lens.roi.width:
             return "its camera_info has no focal length, or a distortion, binning or window: record rectified pictures"
         made = Frame(
             camera=name,

@@ -3,6 +3,7 @@
 Nothing of it is believed here. Upstream: rosbags, which needs no ROS. Downstream: `bag_looks`.
 """
 
+import struct
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,6 +24,7 @@ PICTURES, TRANSFORMS = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImag
 EDGE_NS = 3_000_000_000  # pictures are read so long after the bag's begin, and so long before its end
 _CHANNELS = {"rgb8": (3, [0, 1, 2]), "bgr8": (3, [2, 1, 0]), "rgba8": (4, [0, 1, 2]), "bgra8": (4, [2, 1, 0])}
 _DEPTHS: dict[str, tuple[str, float]] = {"16UC1": ("u2", 0.001), "mono16": ("u2", 0.001), "32FC1": ("f4", 1.0)}
+_HEADER = struct.Struct("<iff")  # of compressed_depth_image_transport: a format, and two coefficients
 Array = NDArray[np.float64]
 RosMessage = Any  # rosbags makes its types, and those of its readers, as it runs
 
@@ -108,6 +110,9 @@ def read_bag(path: Path) -> Bag:
         for span in ((begin_ns, first_ns), (max(end_ns - EDGE_NS, first_ns), end_ns)):
             for topic, logged_ns, message in _iter_messages(reader, (INFO, *PICTURES), *span):
                 pictures[topic].append(Taken(_read_stamp(message.header), logged_ns, message))
+        for topic, logged_ns, message in _iter_messages(reader, (INFO,)):
+            if topic not in pictures:  # a lens that was published once, between both ends
+                pictures[topic].append(Taken(_read_stamp(message.header), logged_ns, message))
         for topic, logged_ns, message in _iter_messages(reader, (JOINTS,)):
             for name, position in zip(message.name, message.position, strict=False):
                 joints[topic][name].append((_read_stamp(message.header), logged_ns, [position]))
@@ -189,18 +194,21 @@ def _interpolate(a: Array, b: Array, share: float) -> Array:
 
 def find_kind(taken: Taken) -> str:
     """`color` or `depth`; else the encoding of a picture, which is not read."""
-    name = str(getattr(taken.message, "encoding", "") or getattr(taken.message, "format", ""))
-    if name in _DEPTHS:
-        return "depth"
-    is_color = not name.startswith((*_DEPTHS,)) and decode_color(taken) is not None
-    return "color" if is_color else f"encoding {name!r}"
+    name = _name_encoding(taken.message)
+    if name.startswith((*_DEPTHS,)):
+        return "depth" if decode_depth(taken) is not None else f"encoding {name!r}"
+    return "color" if decode_color(taken) is not None else f"encoding {name!r}"
+
+
+def _name_encoding(message: RosMessage) -> str:
+    return str(getattr(message, "encoding", "") or getattr(message, "format", ""))
 
 
 def decode_color(taken: Taken) -> NDArray[np.uint8] | None:
     """(height, width, 3), uint8; None where its bytes are no picture in colour."""
     message = taken.message
     if hasattr(message, "format"):
-        decoded = cv2.imdecode(np.asarray(message.data), cv2.IMREAD_COLOR)
+        decoded = _decompress(message.data, cv2.IMREAD_COLOR)
         return None if decoded is None else np.ascontiguousarray(decoded[..., ::-1])
     channels, order = _CHANNELS.get(message.encoding, (0, []))
     rows = _cut_rows(message, np.dtype(np.uint8), channels)
@@ -209,12 +217,33 @@ def decode_color(taken: Taken) -> NDArray[np.uint8] | None:
 
 def decode_depth(taken: Taken) -> NDArray[np.float32] | None:
     """(height, width) along z [m], NaN where nothing was measured; None where its bytes do not fill it."""
-    kind, unit_m = _DEPTHS[taken.message.encoding]
-    rows = _cut_rows(taken.message, np.dtype(kind).newbyteorder(">" if taken.message.is_bigendian else "<"), 1)
-    if rows is None:
+    message = taken.message
+    kind, unit_m = _DEPTHS[_name_encoding(message).split(";")[0]]
+    if hasattr(message, "format"):
+        depth_m = _decompress_depth(message, kind, unit_m)
+    else:
+        rows = _cut_rows(message, np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<"), 1)
+        depth_m = None if rows is None else rows.astype(np.float32) * np.float32(unit_m)
+    if depth_m is None:
         return None
-    depth_m = rows.astype(np.float32) * np.float32(unit_m)
     return np.where(np.isfinite(depth_m) & (depth_m > 0.0), depth_m, np.float32(np.nan))
+
+
+def _decompress_depth(message: RosMessage, kind: str, unit_m: float) -> NDArray[np.float32] | None:
+    """Of `compressedDepth`: a header, then a PNG of numbers, or of the inverse of fractions; [m]."""
+    data = np.asarray(message.data)
+    has_header = "compressedDepth" in message.format and len(data) > _HEADER.size
+    raw = _decompress(data[_HEADER.size if has_header else 0 :], cv2.IMREAD_UNCHANGED)
+    if raw is None or raw.dtype != np.uint16 or raw.ndim != 2 or (kind == "f4" and not has_header):
+        return None
+    if kind != "f4":
+        return raw.astype(np.float32) * np.float32(unit_m)
+    _, a, b = _HEADER.unpack(data[: _HEADER.size].tobytes())
+    return np.where(raw > 0, a / np.maximum(raw - np.float32(b), 1.0), 0.0).astype(np.float32)
+
+
+def _decompress(data: NDArray[np.uint8], kind: int) -> NDArray[Any] | None:
+    return cv2.imdecode(np.asarray(data), kind) if len(data) else None
 
 
 def _cut_rows(message: RosMessage, kind: np.dtype[np.generic], channels: int) -> NDArray[np.generic] | None:

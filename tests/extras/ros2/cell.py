@@ -32,15 +32,27 @@ KITS = os.pathsep.join(str(ROOT / "kits" / each) for each in ("ros2", "target_se
 MESSAGES = ROOT / "build" / "ros2" / "messages" / "lib"
 SCENE = "tabletop/cubes_and_trays"
 CAMERAS = ("overhead", "left", "right", "wrist")
-COMPRESSED, METRES = "left", "right"
+VIEWS = {
+    "overhead": ("rgb8", "16UC1"),
+    "left": ("jpeg", "16UC1"),
+    "right": ("rgb8", "32FC1"),
+    "wrist": ("rgb8", "16UC1"),
+}  # encodings of colours and depths
+OTHER_VIEWS = {"overhead": ("bgr8", "16UC1"), "left": ("png", "16UC1/compressedDepth"),
+               "right": ("bgra8", "32FC1/compressedDepth"), "wrist": ("rgba8", "32FC1")}  # fmt: skip
+OTHER_HABITS = {"speeds": "nan", "states_every": 3, "extra": ["lift", "pan"], "late_s": 0.03, "best_effort": True,
+                "lens": "latched"}  # fmt: skip
 PREFIX, NAMESPACE = "fr_", "cell"
 CONTROL_PERIOD_S, STEP_S = 0.1, 0.02  # for a machine that does other work besides
-CAMERA_HZ, MAX_AGE_S = 5, 0.6  # three periods of a camera; the shipped ones have 25 Hz and 0.3 s
+CAMERA_HZ, PERIODS = 5, 3  # how many of a camera a picture may be old; the shipped ones have 25 Hz and 0.3 s
 HELD = ("ROS_DOMAIN_ID", "PATH", "HOME")
 CLOCK = SystemClock()
 
 
-def write_project(folder, *, kind="trajectory", hand=True, cameras=CAMERAS, endpoint="ws://127.0.0.1:1", **ros2):
+def write_project(
+    folder, *, kind="trajectory", hand=True, cameras=CAMERAS, views=VIEWS, camera_hz=CAMERA_HZ,
+    endpoint="ws://127.0.0.1:1", **ros2,
+):  # fmt: skip
     """A project whose panda is behind ROS 2, with cameras of 640 x 480 pixels; ros2.yaml is drafted and edited."""
     robot, settings = folder / "robots" / "panda", folder / "protocol"
     shutil.copytree(ROOT / "robots" / "panda", robot)
@@ -63,16 +75,16 @@ def write_project(folder, *, kind="trajectory", hand=True, cameras=CAMERAS, endp
     for name in [name for name in sensors["sensors"] if name not in (*cameras, "joint_state")]:
         del sensors["sensors"][name]
     for name in cameras:
-        sensors["sensors"][name] |= {"rate_hz": CAMERA_HZ}
+        sensors["sensors"][name] |= {"rate_hz": camera_hz}
         sensors["sensors"][name]["camera"] |= {"width": 640, "height": 480}
     (settings / "sensors.yaml").write_text(yaml.safe_dump(sensors))
     perception = yaml.safe_load((settings / "perception.yaml").read_text())
-    perception["embedded"]["max_age_s"] = MAX_AGE_S
+    perception["embedded"]["max_age_s"] = PERIODS / camera_hz
     perception["pipelines"]["world_state"]["sensors"] = list(cameras)
     (settings / "perception.yaml").write_text(yaml.safe_dump(perception))
     with contextlib.chdir(folder):
         draft_ros2("panda")
-    _edit_ros2(robot, settings, kind, hand, cameras, ros2)
+    _edit_ros2(robot, settings, kind, hand, {name: views[name] for name in cameras}, ros2)
     return folder
 
 
@@ -80,7 +92,7 @@ def _edit(path, **changes):
     path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | changes, sort_keys=False))
 
 
-def _edit_ros2(robot, settings, kind, hand, cameras, changes):
+def _edit_ros2(robot, settings, kind, hand, views, changes):
     given = yaml.safe_load((robot / "ros2.yaml").read_text())
     topic = {"trajectory": "arm_controller/joint_trajectory", "forward": "arm_controller/commands"}[kind]
     given |= {"namespace": NAMESPACE, "use_sim_time": True, "controller": {"kind": kind, "topic": topic}}
@@ -89,12 +101,12 @@ def _edit_ros2(robot, settings, kind, hand, cameras, changes):
     given["gripper"] |= {"topic": "hand_controller/commands"} if hand else {}
     for name, joint in given["joints"].items():
         joint["name"] = PREFIX + name
-    given["cameras"] = {name: _place(robot, settings, name) for name in cameras}
+    given["cameras"] = {name: _place(robot, settings, name, *views[name]) for name in views}
     given["controller"] |= changes.pop("controller", {})
     (robot / "ros2.yaml").write_text(yaml.safe_dump(given | changes, sort_keys=False))
 
 
-def _place(robot, settings, name):
+def _place(robot, settings, name, color, depth):
     """A camera in the world, or on the tool, as a calibration would say."""
     profile, folder = read_profile(robot / "target.yaml")
     scene = compile_scene(((profile, folder),), read_placed(Library.open(), SCENE), 1)
@@ -107,12 +119,19 @@ def _place(robot, settings, name):
         tool = scene.data.site(profile.tcp)
         back = tool.xmat.reshape(3, 3).T
         position_m, turn = back @ (position_m - tool.xpos), back @ turn
-    color = f"{name}/color/compressed" if name == COMPRESSED else f"{name}/color"
     return {
-        "color": color, "depth": f"{name}/depth", "info": f"{name}/camera_info", "on_tool": is_on_tool,
+        **name_topics(name, color, depth), "info": f"{name}/camera_info", "on_tool": is_on_tool,
         "position_m": [float(each) for each in position_m], "reliable": True,
         "quaternion_wxyz": [float(each) for each in compute_quaternion(turn)],
     }  # fmt: skip
+
+
+def name_topics(name, color, depth):
+    """Of colours and depths in these encodings."""
+    is_compressed, transport = color in {"jpeg", "png"}, depth.partition("/")[2]
+    topics = {"color": [f"{name}/color", *(["compressed"] if is_compressed else [])]}
+    topics["depth"] = [f"{name}/depth", *([transport] if transport else [])]
+    return {key: "/".join(parts) for key, parts in topics.items()}
 
 
 def write_plant(folder, project, seed, cameras=CAMERAS):
@@ -179,16 +198,18 @@ class Cell:
     """The emulated robot and the kit before it, in one DDS domain."""
 
     def __init__(
-        self, folder, project, python, domain, *, seed=1, pace=1.0, cameras=CAMERAS, camera_hz=CAMERA_HZ, **options
-    ):
+        self, folder, project, python, domain, *, seed=1, pace=1.0, cameras=CAMERAS, views=VIEWS, camera_hz=CAMERA_HZ,
+        **options,
+    ):  # fmt: skip
         self.folder, self.project, self.python, self.domain = folder, project, python, str(domain)
         self.key, self.stop_file, self.log = make_key(), folder / "stop", folder / "receive-panda.jsonl"
         plant = write_plant(folder / "plant", project, seed, cameras)
-        views = {name: {"compressed": name == COMPRESSED, "metres": name == METRES} for name in cameras}
+        shown = {name: [*views[name], name_topics(name, *views[name])] for name in cameras}
         given = {
-            "namespace": NAMESPACE, "prefix": PREFIX, "seed": seed, "pace": pace, "cameras": views,
+            "namespace": NAMESPACE, "prefix": PREFIX, "seed": seed, "pace": pace, "cameras": shown,
             "camera_hz": camera_hz, "kind": "trajectory", "hand": True,
-            "controller": {"begins_at_desired": True}, "ros2_control": None, "eyes": self._find_eyes(), **options,
+            "controller": {"begins_at_desired": True}, "ros2_control": None, "habits": {},
+            "eyes": self._find_eyes(), **options,
         }  # fmt: skip
         command = [python, HERE / "emulator.py", plant, json.dumps(given)]
         is_built = given["ros2_control"] is not None  # its messages are

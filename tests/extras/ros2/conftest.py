@@ -35,7 +35,7 @@ def make_cell(tmp_path, pytestconfig, find_python):
         if project is None:
             project = folder / "project"
             project.mkdir()
-            parts = {name: options[name] for name in ("kind", "hand") if name in options}
+            parts = {name: options[name] for name in ("kind", "hand", "views", "camera_hz") if name in options}
             write_project(project, cameras=options.get("cameras", ()), **parts, **options.pop("ros2", {}))
         given = {"cameras": (), **options}
         made.append(Cell(folder, project, python or find_python(), domain, **given))

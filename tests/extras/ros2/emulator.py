@@ -1,6 +1,6 @@
 """A node with a robot's topics before MuJoCo; run by the Python of a ROS environment.
 
-    python emulator.py FOLDER OPTIONS      # OPTIONS in JSON; FOLDER is written by `plant.py`
+    python emulator.py FOLDER OPTIONS      # OPTIONS in JSON; FOLDER is written by `cell.py`
 
 Lines on standard input act on the world as a person or a fault would, or ask for its truth; each is answered by a line
 of JSON. The world runs no faster than `pace` times real time, and waits for its cameras.
@@ -10,10 +10,12 @@ import array
 import json
 import pickle
 import queue
+import struct
 import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from pathlib import Path
 
 import mujoco
@@ -21,7 +23,7 @@ import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
 from std_msgs.msg import Bool, Float64MultiArray
@@ -34,6 +36,15 @@ from trajectory_controller import TrajectoryController
 BEGIN_S = 1000.0  # of the robot's clock
 CONTROL_STEPS, REPORT_STEPS, TF_STEPS = 2, 4, 20  # physics steps of 2 ms: 250 Hz, 125 Hz, 25 Hz
 CAMERAS_BEHIND_S = 0.06
+HABITS = {
+    "speeds": "measured",  # or `nan`, or none
+    "states_every": 1,  # reports
+    "extra": [],  # joints of other machines
+    "late_s": 0.0,  # states are sent so much later than their stamp
+    "best_effort": False,  # states
+    "lens": "repeated",  # or `latched`: once, without coefficients of a distortion
+}
+KINDS = {"rgb8": [0, 1, 2], "bgr8": [2, 1, 0], "rgba8": [0, 1, 2, 0], "bgra8": [2, 1, 0, 0]}
 
 
 def as_bytes(values):
@@ -80,7 +91,7 @@ class Plant:
 class Robot(Node):
     def __init__(self, plant, options):
         super().__init__("robot", namespace=options["namespace"])
-        self.plant, self.options = plant, options
+        self.plant, self.options, self.habits = plant, options, HABITS | options["habits"]
         self.names, q = [options["prefix"] + name for name in (*plant.joints, *plant.fingers)], plant.measure()[0]
         n = len(plant.joints) if options["hand"] else len(q)
         self.controller = TrajectoryController(self.names[:n], q[:n], **options["controller"])
@@ -89,7 +100,9 @@ class Robot(Node):
         self.stopped_at_s, self.stops, self.late_s = None, 0, []
         self._rng = np.random.default_rng(7)
         self._clock_topic = self.create_publisher(Clock, "/clock", 1)
-        self._states = self.create_publisher(JointState, "joint_states", 10)
+        quality = ReliabilityPolicy.BEST_EFFORT if self.habits["best_effort"] else ReliabilityPolicy.RELIABLE
+        self._states = self.create_publisher(JointState, "joint_states", QoSProfile(depth=10, reliability=quality))
+        self._late = deque()  # when a message of states is to be sent, and the message
         if options["kind"] == "trajectory":
             self.create_subscription(JointTrajectory, "arm_controller/joint_trajectory", self.take, 10)
         else:
@@ -101,33 +114,34 @@ class Robot(Node):
             self.create_subscription(Float64MultiArray, "hand_controller/commands", self.move_hand, 10)
         self.create_service(Trigger, "stop", self.stop)
         self.create_subscription(Bool, "stop", self.stop, 1)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        lens = latched if self.habits["lens"] == "latched" else 2
         self.views = {
             name: (
-                self.create_publisher(
-                    CompressedImage if each["compressed"] else Image, f"{name}/{self.color(each)}", 2
-                ),
-                self.create_publisher(Image, f"{name}/depth", 2),
-                self.create_publisher(CameraInfo, f"{name}/camera_info", QoSProfile(depth=2)),
+                self.create_publisher(self.find_kind(topics["color"]), topics["color"], 2),
+                self.create_publisher(self.find_kind(topics["depth"]), topics["depth"], 2),
+                self.create_publisher(CameraInfo, f"{name}/camera_info", lens),
             )
-            for name, each in options["cameras"].items()
+            for name, (_color, _depth, topics) in options["cameras"].items()
         }
+        self.has_lens = set()
 
-    def add_ros2_control(self, gripper, frames):
+    def add_ros2_control(self, gripper, frames, tf):
         import ros2_control
 
         n = len(self.controller.joints)
         claims = {"arm_controller": self.names[:n], "hand_controller": self.names[n:]}
         self.manager = ros2_control.ControllerManager(self, claims)
         self.gripper = ros2_control.GripperAction(self, gripper, (0.0, self.plant.about["opened_m"]))
-        self.frames = ros2_control.Frames(self, frames, self.stamp)
+        self.frames = ros2_control.Frames(self, frames, self.stamp, tf)
 
     @property
     def is_idle(self):
         return self.is_stopped or (self.manager is not None and self.manager.states["arm_controller"] != "active")
 
     @staticmethod
-    def color(camera):
-        return "color/compressed" if camera["compressed"] else "color"
+    def find_kind(topic):
+        return CompressedImage if "/compressed" in topic else Image
 
     @property
     def now_s(self):
@@ -188,11 +202,17 @@ class Robot(Node):
             q[self.poison] = np.nan
         effort = np.zeros(len(q))
         effort[n:] = self.plant.finger_force / (len(q) - n)
-        order = self._rng.permutation(len(q))
-        message = JointState(name=[self.names[each] for each in order])
+        extra, nothing = self.habits["extra"], np.zeros(len(self.habits["extra"]))
+        names, rows = [*extra, *self.names], [np.append(nothing, each) for each in (q, qd, effort)]
+        order = self._rng.permutation(len(names))
+        message = JointState(name=[names[each] for each in order])
         message.header.stamp = self.stamp(self.now_s)
-        message.position, message.velocity, message.effort = q[order], qd[order], effort[order]
-        self._states.publish(message)
+        message.position, message.velocity, message.effort = (each[order] for each in rows)
+        if self.habits["speeds"] != "measured":
+            message.velocity = np.full(len(order), np.nan) if self.habits["speeds"] == "nan" else []
+        self._late.append((self.now_s + self.habits["late_s"], message))
+        while self._late and self._late[0][0] <= self.now_s:
+            self._states.publish(self._late.popleft()[1])
 
     def tell_frames(self):
         quaternion, tool = np.zeros(4), self.plant.data.site(self.plant.about["tcp"])
@@ -202,22 +222,52 @@ class Robot(Node):
     def show(self, name, moment_s, rgb, depth_m, lens):
         color_topic, depth_topic, info_topic = self.views[name]
         head = self.stamp(BEGIN_S + moment_s + self.shift_s)
+        color, depth, _topics = self.options["cameras"][name]
         height, width = depth_m.shape
-        if self.options["cameras"][name]["compressed"]:
-            import cv2
-
-            color = CompressedImage(format="jpeg", data=as_bytes(cv2.imencode(".jpg", rgb[..., ::-1])[1]))
-        else:
-            color = Image(height=height, width=width, encoding="rgb8", step=3 * width, data=as_bytes(rgb))
-        if self.options["cameras"][name]["metres"]:
-            raw, kind, size = depth_m.astype("<f4"), "32FC1", 4
-        else:
-            raw, kind, size = np.nan_to_num(depth_m * 1000.0).round().astype("<u2"), "16UC1", 2
-        depth = Image(height=height, width=width, encoding=kind, step=size * width, data=as_bytes(raw))
-        info = CameraInfo(height=height, width=width, k=lens)
-        for topic, message in ((info_topic, info), (color_topic, color), (depth_topic, depth)):
+        size = {"height": height, "width": width}
+        made = [(color_topic, encode_color(rgb, color, size)), (depth_topic, encode_depth(depth_m, depth, size))]
+        if self.habits["lens"] == "repeated":
+            made.insert(0, (info_topic, CameraInfo(k=lens, d=[0.0] * 5, **size)))
+        elif name not in self.has_lens:
+            self.has_lens.add(name)
+            made.insert(0, (info_topic, CameraInfo(k=lens, **size)))
+        for topic, message in made:
             message.header.stamp, message.header.frame_id = head, f"{name}_optical_frame"
             topic.publish(message)
+
+
+def encode_color(rgb, encoding, size):
+    if encoding in KINDS:
+        with_alpha = rgb[..., KINDS[encoding]]
+        rows = np.ascontiguousarray(with_alpha).reshape(size["height"], -1)
+        filled = np.pad(rows, ((0, 0), (0, 8)))  # rows may be longer than pictures are wide
+        return Image(encoding=encoding, step=filled.shape[1], data=as_bytes(filled), **size)
+    import cv2
+
+    return CompressedImage(
+        format=f"rgb8; {encoding} compressed bgr8", data=compress(cv2, f".{encoding}", rgb[..., ::-1])
+    )
+
+
+def compress(cv2, kind, picture):
+    return as_bytes(cv2.imencode(kind, np.ascontiguousarray(picture))[1])
+
+
+def encode_depth(depth_m, encoding, size):
+    kind, _, transport = encoding.partition("/")
+    raw, header = depth_m.astype("<f4"), bytes(12)
+    if kind == "16UC1":
+        raw = np.nan_to_num(depth_m * 1000.0).round().astype("<u2")
+    elif transport:  # of the inverse, as compressed_depth_image_transport does
+        a, b = 100.0 * 101.0, 1.0 - 101.0 * 100.0 / 10.0
+        raw, header = np.nan_to_num(a / depth_m + b).round().astype("<u2"), struct.pack("<iff", 0, a, b)
+    if not transport:
+        return Image(encoding=kind, step=raw.itemsize * size["width"], data=as_bytes(raw), **size)
+    import cv2
+
+    made = CompressedImage(format=f"{kind}; compressedDepth png")
+    made.data = array.array("B", header) + compress(cv2, ".png", raw)
+    return made
 
 
 class Eyes:
@@ -292,7 +342,7 @@ class World:
             mujoco.mj_step(plant.model, plant.data, CONTROL_STEPS)
             count += 1
             robot.tick()
-            if count % (REPORT_STEPS // CONTROL_STEPS) == 0:
+            if count % (REPORT_STEPS // CONTROL_STEPS * robot.habits["states_every"]) == 0:
                 robot.report()
             if robot.frames is not None and count % (TF_STEPS // CONTROL_STEPS) == 0:
                 robot.tell_frames()

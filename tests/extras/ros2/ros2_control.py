@@ -15,6 +15,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from tf2_msgs.msg import TFMessage
 
+LATE = 50  # transforms that move come before those that are fixed
 REACHED_M, STALLED_M_S, STALLED_S = 0.001, 0.002, 0.2
 
 
@@ -87,26 +88,26 @@ class GripperAction:
 
 
 class Frames:
-    """`world` to `tool` as it moves, and the optical frame of each camera in one of them."""
+    """`world` to `tool` as it moves, and the optical frame of each camera in one of them, some seconds later."""
 
-    def __init__(self, node, cameras, make_stamp):
+    def __init__(self, node, cameras, make_stamp, topic):
         self._make_stamp = make_stamp
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._moving = node.create_publisher(TFMessage, "/tf", 10)
-        self._fixed = node.create_publisher(TFMessage, "/tf_static", latched)
-        self._fixed.publish(
-            TFMessage(
-                transforms=[
-                    self._make(
-                        0.0, "tool" if each["on_tool"] else "world", f"{name}_optical_frame",
-                        each["position_m"], each["quaternion_wxyz"],
-                    )
-                    for name, each in cameras.items()
-                ]
-            )
-        )  # fmt: skip
+        self._moving = node.create_publisher(TFMessage, topic, 10)
+        self._fixed = node.create_publisher(TFMessage, f"{topic}_static", latched)
+        self._cameras, self._due = cameras, LATE
 
     def tell(self, now_s, position_m, quaternion_wxyz):
+        self._due -= 1
+        if not self._due:
+            made = [
+                self._make(
+                    0.0, "tool" if each["on_tool"] else "world", f"{name}_optical_frame",
+                    each["position_m"], each["quaternion_wxyz"],
+                )
+                for name, each in self._cameras.items()
+            ]  # fmt: skip
+            self._fixed.publish(TFMessage(transforms=made))
         self._moving.publish(TFMessage(transforms=[self._make(now_s, "world", "tool", position_m, quaternion_wxyz)]))
 
     def _make(self, now_s, parent, child, position_m, quaternion_wxyz):

@@ -6,16 +6,16 @@ import pytest
 from phyagentos.geometry import compute_rotation
 from phyagentos.runtime.targets import wire
 from phyagentos.testing import DriverSubject
-from tests.extras.ros2.cell import CAMERAS, CLOCK, SCENE
+from tests.extras.ros2.cell import CAMERAS, OTHER_HABITS, OTHER_VIEWS, SCENE
 from tests.following import wait_until
 
 pytestmark = pytest.mark.extras
 
 
-@pytest.fixture
-def seen(make_cell):
+@pytest.fixture(params=[{}, {"views": OTHER_VIEWS, "habits": OTHER_HABITS}], ids=["usual", "other habits"])
+def seen(request, make_cell):
     """A cell with four cameras, and a client that has frames of all."""
-    cell = make_cell(cameras=CAMERAS)
+    cell = make_cell(cameras=CAMERAS, **request.param)
     client = DriverSubject(open=cell.reach, scene=SCENE, noise=0.01, set_stop=lambda _: None).serve().begin()
     wait_until(lambda: len(client.ask(wire.Capture()).frames) == len(CAMERAS), "frames of all cameras", 60.0)
     return cell, client
@@ -61,8 +61,10 @@ def test_frames_have_the_moments_of_their_exposures_and_no_count_that_ros_has_no
     _cell, client = seen
     assert not client.ask(wire.Describe()).counts_frames
     before, now = client.ask(wire.Capture()).frames, client.ask(wire.Observe())
-    CLOCK.sleep(2.0)
-    after = client.ask(wire.Capture()).frames
+    moments_s = {each.camera: each.time_s for each in before}
+    shown = lambda: client.ask(wire.Capture()).frames  # noqa: E731
+    wait_until(lambda: all(each.time_s > moments_s[each.camera] for each in shown()), "later frames of all", 60.0)
+    after = shown()
     assert all(each.number < 0 for each in (*before, *after))
     assert all(now.time_s - 2.0 < each.time_s <= now.time_s + 0.02 for each in before)
     assert all(late.time_s > early.time_s for early, late in zip(before, after, strict=True))

@@ -3,13 +3,15 @@
 import pytest
 
 from phyagentos.testing import DRIVER_CHECKS, DriverSubject
-from tests.extras.ros2.cell import SCENE
+from tests.extras.ros2.cell import OTHER_HABITS, SCENE
 
 pytestmark = pytest.mark.extras
 
+OTHERS = {"begins_at_desired": False, "ignores_velocities": True}
 ROBOTS = {
     "trajectories of all joints": {"hand": False},
     "from the measured state": {"controller": {"begins_at_desired": False}, "ros2": {"controller": {"stamp": "zero"}}},
+    "other habits": {"hand": False, "habits": OTHER_HABITS, "controller": OTHERS},
     "positions, and a topic that stops": {"kind": "forward", "ros2": {"stop": {"topic": "stop"}}},
 }
 

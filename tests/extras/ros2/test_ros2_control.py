@@ -26,19 +26,20 @@ def make_robot(make_cell, tmp_path, find_python):
     if not (MESSAGES / "libcontroller_manager_msgs__rosidl_generator_c.so").exists():
         pytest.skip("needs the built messages: make test-extras")
 
-    def make(action=ACTIONS[0], cameras=()):
+    def make(action=ACTIONS[0], cameras=(), tf="/tf"):
         project = tmp_path / f"project-{action}"
         project.mkdir()
         path = write_project(project, cameras=cameras) / "robots" / "panda" / "ros2.yaml"
         given = yaml.safe_load(path.read_text())
         del given["gripper"]["topic"]
         given["gripper"] |= {"action": "hand_controller/gripper_cmd", "action_type": f"control_msgs/action/{action}"}
-        given["controller_manager"] = "controller_manager"
+        given |= {"controller_manager": "controller_manager", "tf": tf}
         frames = {}
         for name, camera in given["cameras"].items():
             frames[name] = {each: camera.pop(each) for each in ("on_tool", "position_m", "quaternion_wxyz")}
         path.write_text(yaml.safe_dump(given, sort_keys=False))
-        return make_cell(project=project, cameras=cameras, ros2_control={"gripper": action, "frames": frames}, seed=1)
+        added = {"gripper": action, "frames": frames, "tf": tf}
+        return make_cell(project=project, cameras=cameras, ros2_control=added, seed=1)
 
     return make
 
@@ -132,8 +133,9 @@ def test_preflight_names_an_inactive_controller(make_robot, tmp_path, paos, monk
     assert "controller 'arm_controller' is inactive; there are joint_state_broadcaster (active)" in checked.out
 
 
-def test_tf_places_cameras_in_the_world_and_on_the_moving_tool(make_robot):
-    cell = make_robot(cameras=SEEN)
+@pytest.mark.parametrize("tf", ["/tf", "tf"], ids=["global", "of its namespace"])
+def test_tf_places_cameras_in_the_world_and_on_the_moving_tool(make_robot, tf):
+    cell = make_robot(cameras=SEEN, tf=tf)
     client = open_client(cell)
     wait_until(lambda: len(client.ask(wire.Capture()).frames) == len(SEEN), "frames of both cameras", 60.0)
     for command in client.plan():

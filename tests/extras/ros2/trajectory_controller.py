@@ -1,6 +1,7 @@
 """What a joint_trajectory_controller does with messages of its topic, without ROS: which it refuses, where it goes.
 
-Written from the documentation of ros2_controllers. Splines: linear without velocities, cubic with; a trajectory begins
+Written from the documentation of ros2_controllers. Splines: linear without velocities (or
+where they are ignored), cubic with; a trajectory begins
 at the measured state, or at the desired one with `interpolate_from_desired_state`.
 """
 
@@ -12,8 +13,9 @@ TOLERANCE_RAD = 0.3  # of the path; beyond it the controller holds
 
 
 class TrajectoryController:
-    def __init__(self, joints, q, *, allows_end_velocity=False, begins_at_desired=False):
+    def __init__(self, joints, q, *, allows_end_velocity=False, begins_at_desired=False, ignores_velocities=False):
         self.joints, self._allows, self._begins_at_desired = list(joints), allows_end_velocity, begins_at_desired
+        self._is_linear = ignores_velocities
         self.desired, self.velocity = np.array(q, dtype=float), np.zeros(len(q))
         self.counts = Counter()
         self._points = []  # (moment, q, qd or None), the first is where it began
@@ -34,7 +36,7 @@ class TrajectoryController:
         q, qd = (self.desired, self.velocity) if self._begins_at_desired else measured
         began = (now_s, np.array(q), np.array(qd))
         coming = [
-            (start_s + after_s, np.array(q)[order], np.array(qd)[order] if len(qd) else None)
+            (start_s + after_s, np.array(q)[order], np.array(qd)[order] if len(qd) and not self._is_linear else None)
             for after_s, q, qd in points
         ]
         self._points = [began, *(each for each in coming if each[0] > now_s)]

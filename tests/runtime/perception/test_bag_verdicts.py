@@ -82,10 +82,36 @@ def test_the_verdict_names_its_frames_and_keeps_them(judge):
         assert read_stored_look(found.evidence / entry.file, entry.sha256).captures
 
 
-@pytest.mark.parametrize(("color", "depth"), [("bgr8", "32FC1"), ("png", "16UC1"), ("jpeg", "16UC1")])
+@pytest.mark.parametrize(
+    ("color", "depth"), [
+        ("bgr8", "32FC1"), ("png", "16UC1"), ("jpeg", "16UC1"), ("rgba8", "16UC1/compressedDepth"),
+        ("rgb8", "32FC1/compressedDepth"),
+    ],
+)  # fmt: skip
 def test_pictures_and_depths_of_other_encodings_are_read(judge, color, depth):
     found, _ = judge(IN, Recorder(rate_hz=5.0, color=color, depth=depth))
     assert found.verdict is Truth.TRUE
+
+
+def test_a_lens_and_places_that_are_published_once_and_joints_of_others_are_no_trouble(judge, monkeypatch):
+    monkeypatch.setattr("phyagentos.runtime.perception.bag_reader.EDGE_NS", 500_000_000)
+    habits = Recorder(rate_hz=5.0, lens_once_s=1.0, static_s=1.2, extra=("lift_joint", "pan_joint"))
+    found, _ = judge(IN, habits)
+
+    assert (found.verdict, found.left_out) == (Truth.TRUE, ())
+
+
+def test_rectified_pictures_have_the_projection_of_their_lens(judge):
+    found, _ = judge(IN, Recorder(rate_hz=5.0, rectified=True))
+    assert (found.verdict, found.left_out) == (Truth.TRUE, ())
+
+
+def test_a_picture_without_bytes_is_left_out(judge, monkeypatch):
+    empty = lambda *_: (True, np.zeros((0, 1), np.uint8))  # noqa: E731
+    monkeypatch.setattr("tests.bags.cv2.imencode", empty)
+    found, _ = judge(IN, Recorder(rate_hz=5.0, color="jpeg"))
+    assert found.verdict is Truth.UNKNOWN
+    assert any("encoding 'jpeg' is not read" in each for each in found.left_out)
 
 
 def test_a_world_that_changed_after_the_last_picture_is_unknown(judge):
