@@ -20,6 +20,7 @@ from phyagentos.protocol.predicates.meaning import read_statement
 from phyagentos.protocol.predicates.predicate import find_entities, parse_predicate
 
 STATEMENTS_MAX = 400  # in a schema; more are left to the checks of the answer
+_ENDED = {Meaning.INSIDE, Meaning.ON}  # what is ended by bringing the object elsewhere
 _KEPT = {Meaning.UPRIGHT: "{}", Meaning.MOVED: "not {}"}  # what may have to hold all through
 
 
@@ -46,9 +47,16 @@ def _narrow(texts: list[str], request: str, vocabulary: Vocabulary) -> list[str]
 
 
 def list_wanted(vocabulary: Vocabulary) -> list[str]:
-    """Statements that a skill can bring about, about objects that are fit for them; `on` a tray is `inside` it."""
-    texts = (text for each in get_predicate_library() if not each.is_number for text in _iter_filled(each, vocabulary))
-    return [text for text in texts if not any(_iter_lacks(text, vocabulary))]
+    """Statements that a skill can bring about or end, of objects that are fit for them; `on` a tray is `inside` it."""
+    each_text = [
+        (each, text)
+        for each in get_predicate_library()
+        if not each.is_number
+        for text in _iter_filled(each, vocabulary)
+        if not any(_iter_lacks(text, vocabulary))
+    ]
+    ended = [f"not {text}" for each, text in each_text if each.meaning in _ENDED]
+    return [*(text for _, text in each_text), *ended]
 
 
 def list_kept(vocabulary: Vocabulary) -> list[str]:
