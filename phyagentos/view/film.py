@@ -1,4 +1,4 @@
-"""A session as a film of still pictures, drawn from its evidence when asked: for a browser that draws no 3D scene."""
+"""A session as a film of still pictures, drawn from its evidence on request, for a browser that draws no 3D scene."""
 
 import io
 from collections import OrderedDict

@@ -350,8 +350,8 @@ class Discourse:
         if not head and not any(adjectives <= thing.words for thing in found):
             found = self.list_fitting(Slot.MOVED if slot is Slot.PLACE and is_generic else slot)
             # `on the big one` means no floor
-            found = [thing for thing in found if adjectives or thing.kind not in SURFACES]
-        found = [thing for thing in found if adjectives <= thing.words and unlike.isdisjoint(thing.words)]
+            found = [each for each in found if adjectives or each.kind not in SURFACES]
+        found = [each for each in found if adjectives <= each.words and unlike.isdisjoint(each.words)]
         parts = [child for child in list_children(plain) if child.data != "head"]
         # `the largest cube on the tray` is of those on the tray
         for part in sorted(parts, key=lambda part: part.data not in _OWNED):
