@@ -19,6 +19,7 @@ from phyagentos.protocol.capabilities.library import find_shipped_root
 
 PAGES = Path("docs") / "howto"  # below what ships
 _MOST_PAGES, _MOST_COMMANDS, _MOST_TYPED, _NEAR = 3, 4, 6, 0.3
+_NAME_WEIGHT = 6.0  # of the words of a file name: `stop` is about stopping before it is about going on after a stop
 _STOP_WORDS = frozenset(
     re.findall(
         r"\w+",
@@ -64,7 +65,7 @@ def explain(
 
 
 def read_page(path: Path) -> Entry:
-    """A how-to page; its title, file name and the line of keywords (`Also: …`) count four times as much as its text."""
+    """A how-to page; title and keywords (`Also: …`) count four times as much as its text, its file name six times."""
     text = path.read_text(encoding="utf-8")
     title, _, body = text.partition("\n")
     prose = re.sub(r"```.*?```|<!--.*?-->|^\|.*?$", "", body, flags=re.DOTALL | re.MULTILINE)
@@ -72,9 +73,8 @@ def read_page(path: Path) -> Entry:
     keywords = next((each for each in paragraphs if each.startswith("Also: ")), "")
     about = next((each for each in paragraphs if each != keywords), "")
     typed = [line[2:].split("  #")[0].strip() for line in body.splitlines() if line.startswith("$ ")]
-    return Found(title=title.lstrip("# "), about=about, commands=tuple(typed[:_MOST_TYPED]), file=str(path)), weigh(
-        f"{title} {path.stem} {keywords}", body
-    )
+    found = Found(title=title.lstrip("# "), about=about, commands=tuple(typed[:_MOST_TYPED]), file=str(path))
+    return found, weigh(f"{title} {keywords}", body) | dict.fromkeys(stem_words(path.stem), _NAME_WEIGHT)
 
 
 def rank(stems: Sequence[str], entries: Sequence[Entry]) -> list[Found]:

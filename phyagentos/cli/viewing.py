@@ -37,11 +37,13 @@ def view(
     with needs_extra("view", "paos view"):
         import uvicorn
 
+        from phyagentos.assembly.graphics import choose_graphics
         from phyagentos.view.access import Access
         from phyagentos.view.site import open_places
     ends = Event()
     build = open_places(workspace, ends, allows_actions=allow_actions, runs={path.name: path for path in run or ()})
     os.nice(NICE)
+    choose_graphics()  # for pictures that stand in place of a scene
     listening, scenes = socket.create_server((host, port)), socket.create_server((host, 0))
     number, beside = (each.getsockname()[1] for each in (listening, scenes))
     names = {host, socket.gethostname()} if host not in {"127.0.0.1", "localhost"} else {"127.0.0.1", "localhost"}

@@ -9,6 +9,7 @@ import msgspec
 from phyagentos.errors import DefinitionError, ExecutionError, needs_extra
 from phyagentos.protocol.documents.markdown import format_value
 from phyagentos.protocol.documents.plain_data import Fields
+from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.view.documents import Documents
 from phyagentos.view.panels import Panel, Query
 from phyagentos.view.quantities import format_measure, name_quantity
@@ -50,16 +51,17 @@ class PanelRenderer:
 
     def render(self, panel: Panel, query: Query) -> str:
         """HTML of the inside of a panel; where its documents cannot be read, what is wrong with them."""
-        version = tuple(getattr(self.documents.version, name) for name in panel.follows)
-        key = (panel.name, query, version)
+        status = self.documents.find_session(query.session, query.goal)
+        own = (status.contract.id, status.updated_at) if status is not None else None
+        version = (own if name == "session" else getattr(self.documents.version, name) for name in panel.follows)
+        key = (panel.name, query, *version)
         if key not in self._known:
-            self._known[key] = self._render(panel, query)
+            self._known[key] = self._render(panel, query, status)
             for old in list(self._known)[:-_KEPT]:
                 self._known.pop(old, None)
         return self._known[key]
 
-    def _render(self, panel: Panel, query: Query) -> str:
-        status = self.documents.find_session(query.session, query.goal)
+    def _render(self, panel: Panel, query: Query, status: SessionStatus | None) -> str:
         names = {
             "w": self.documents.given,
             "id": status.contract.id if status is not None else "SESSION",

@@ -33,7 +33,7 @@ from phyagentos.view.comparison import list_moved
 from phyagentos.view.documents import BUNDLES_KEPT, Documents
 from phyagentos.view.frames import read_frames
 from phyagentos.view.plots import draw_map, draw_plots
-from phyagentos.view.story import Picture, find_decisive, find_pictures, list_phases
+from phyagentos.view.story import Picture, find_decisive, find_pictures, list_moments, list_phases
 from phyagentos.view.timeline import measure_length, read_timeline
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class Panel:
         file: What it is read from, relative to the workspace; `{id}` is the session.
         command: What prints the same; `{id}` likewise, and `{w}` the workspace.
         read: The values of its template.
-        follows: Parts of `Version` with which it changes.
+        follows: Parts of `Version` with which it changes; `session` is the latest record of the session that it shows.
         place: Where it stands on a wide page.
         empty: A value of its template without which there is nothing to show; such a panel is absent.
     """
@@ -120,7 +120,8 @@ def _read_headline(documents: Documents, query: Query, status: Session) -> Field
 
 def _read_timeline(documents: Documents, query: Query, status: Session) -> Fields:
     goal = _choose_goal(documents, query, status)
-    timeline = read_timeline(documents, goal) if goal is not None else None
+    chosen = status.contract.id if status is not None else ""
+    timeline = read_timeline(documents, goal, chosen) if goal is not None else None
     is_there = timeline is not None and (timeline.lanes or timeline.waiting)
     return {"timeline": timeline if is_there else None, "status": status}
 
@@ -255,7 +256,8 @@ def _read_scene(documents: Documents, _: Query, status: Session) -> Fields:
     times = {"before": bundle.before, "after": bundle.after} if bundle is not None else {}
     shown = find_pictures(bundle.folder) if bundle is not None else []
     at = [(each, world.time_s if (world := times[each.label]) is not None else 0.0) for each in shown]
-    return {"status": status if has_scene else None, "pictures": at}
+    moments = list_moments(bundle, status.execution) if bundle is not None and status is not None else []
+    return {"status": status if has_scene else None, "pictures": at, "moments": moments}
 
 
 def _read_guard(documents: Documents, _: Query, status: Session) -> Fields:
@@ -328,6 +330,7 @@ def _read_questions(documents: Documents, _: Query, __: Session) -> Fields:
 
 
 _JOURNAL, _BEATS, _FILES, _STAGE = "journal", "beats", "files", "stage"
+_OWN = ("session",)
 _LIVE = (_JOURNAL, _BEATS)
 PANELS = (
     Panel(name="headline", title="Run", file="TASK.md", command="paos graph -w {w}", read=_read_headline,
@@ -341,21 +344,21 @@ PANELS = (
     Panel(name="scene", title="Scene", file="evidence/{id}/motion.npz", command="paos render {id} -w {w}",
           read=_read_scene, follows=_LIVE, empty="status"),
     Panel(name="distance", title="Distance to the criterion", file="evidence/{id}/motion.npz",
-          command="paos why {id} -w {w}", read=_read_distance, empty="distance"),
+          command="paos why {id} -w {w}", read=_read_distance, follows=_OWN, empty="distance"),
     Panel(name="motion", title="Motion", file="evidence/{id}/trajectory.npz", command="paos render {id} -w {w}",
-          read=_read_motion, empty="plots"),
+          read=_read_motion, follows=_OWN, empty="plots"),
     Panel(name="map", title="Map", file="evidence/{id}/trajectory.npz", command="paos why {id} -w {w}", read=_read_map,
-          empty="map"),
+          follows=_OWN, empty="map"),
     Panel(name="frames", title="Camera frames", file="evidence/{id}/looks.json",
           command="paos verify {id} -w {w} --from-frames", read=_read_frames, empty="frames"),
     Panel(name="world", title="Objects", file="evidence/{id}/environment_after.json",
           command="paos context -w {w}", read=_read_world, follows=(_JOURNAL, _FILES), empty="world"),
     Panel(name="statechart", title="Statechart", file="sessions/", command="paos lifecycle", read=_read_statechart,
-          empty="status"),
+          follows=_OWN, empty="status"),
     Panel(name="tree", title="Behaviour tree", file="evidence/{id}/trace.jsonl", command="paos tree show {skill}",
-          read=_read_tree, follows=_LIVE, place=Place.RIGHT, empty="has_run"),
+          read=_read_tree, follows=(*_OWN, _BEATS), place=Place.RIGHT, empty="has_run"),
     Panel(name="guard", title="Guard", file="evidence/{id}/events.jsonl", command="paos why {id} -w {w}",
-          read=_read_guard, place=Place.RIGHT, empty="events"),
+          read=_read_guard, follows=_OWN, place=Place.RIGHT, empty="events"),
     Panel(name="goal", title="Goal", file="TASK.md", command="paos graph -w {w}", read=_read_goal, place=Place.RIGHT,
           empty="goal"),
     Panel(name="sessions", title="Sessions", file="SESSIONS.md", command="paos graph -w {w}", read=_read_sessions,

@@ -136,6 +136,8 @@ def _add_sockets(app: FastAPI, documents: Documents, access: Access) -> None:
         except (DefinitionError, ExecutionError, KeyError, OSError, ValueError) as error:
             await socket.close(1011, str(error)[:100])
             return
+        except asyncio.CancelledError:  # the server ends while the scene is made
+            return
         STAGES[viewer] = stage
         try:
             await _relay(socket, stage.socket, wanted)

@@ -18,6 +18,7 @@ from phyagentos.protocol.sessions.looks import read_picture
 from phyagentos.view import actions, comparison, scenes
 from phyagentos.view.access import Access, hash_source
 from phyagentos.view.documents import Documents, Version
+from phyagentos.view.film import add_film
 from phyagentos.view.pages import PanelRenderer, render
 from phyagentos.view.panels import PANELS, Place, Query
 
@@ -124,6 +125,7 @@ def build_app(
     add_runs(app, lambda: runs or {})
     _add_files(app, documents)
     scenes.add_scenes(app, documents, access)
+    add_film(app, documents)
     if allows_actions:
         _add_actions(app, documents, access)
     return app

@@ -7,12 +7,14 @@ from pathlib import Path
 from urllib.parse import quote
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, PICTURE_BEFORE
+from phyagentos.protocol.sessions.evidence import MOTION, PICTURE_AFTER, PICTURE_BEFORE, Bundle
 from phyagentos.protocol.sessions.looks import LookRole, iter_whole_frames
+from phyagentos.protocol.sessions.session import Execution
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion
 from phyagentos.protocol.world.truth import Truth
 
+MOMENTS = 25  # of a film of still pictures
 _SHOWN = {LookRole.START: "before", LookRole.END: "after"}
 
 
@@ -79,3 +81,10 @@ def find_decisive(attempt: Attempt | None) -> Criterion | None:
     criteria = attempt.criteria if attempt is not None else ()
     order = (Truth.FALSE, Truth.UNKNOWN, Truth.TRUE)
     return min(criteria, key=lambda each: order.index(each.truth), default=None)
+
+
+def list_moments(bundle: Bundle, execution: Execution | None) -> list[float]:
+    """Simulated times of a film of still pictures, evenly over a session [s]; empty where no motion was kept."""
+    if execution is None or bundle.before is None or not (bundle.folder / MOTION).is_file():
+        return []
+    return [bundle.before.time_s + execution.sim_time_s * index / (MOMENTS - 1) for index in range(MOMENTS)]

@@ -7,7 +7,7 @@ evenly over the time in which its session ran.
 import contextlib
 import datetime
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 from phyagentos.clock import compute_seconds
@@ -19,7 +19,8 @@ from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus, Relation, get_step_name
 from phyagentos.view.documents import Documents
 
-BARS_MARKED = 40  # with more, evidence is not read for marks
+BARS_MARKED = 40  # with more, evidence is not read for marks, and neighbours that are too narrow to hit are one bar
+SLIVER = 0.01  # of the whole time: what is too narrow
 TICKS = 8  # of the axis, at most
 _ROUND_S = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600, 86400)
 _S = SessionState
@@ -50,12 +51,13 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """One session.
+    """One session; of many that are too narrow to hit, some neighbours of one state.
 
     Attributes:
         name: Its id without the goal.
         spans: Growing, one after another; empty while it waits.
         sim_s: First and last simulated time of what it ran; equal where that is not known.
+        number: Of sessions, the first of which `status` is.
     """
 
     status: SessionStatus
@@ -63,6 +65,7 @@ class Bar:
     spans: tuple[Span, ...]
     marks: tuple[Mark, ...] = ()
     sim_s: tuple[float, float] = (0.0, 0.0)
+    number: int = 1
 
     @property
     def from_s(self) -> float:
@@ -133,21 +136,23 @@ def measure_length(documents: Documents, goal: GoalStatus) -> tuple[str, float]:
     if any(each.state not in FINAL_STATES and each.claimed_by for each in sessions):
         beat = datetime.datetime.fromtimestamp(documents.version.beats / 1e9, datetime.UTC)
         ends.append(beat.isoformat(timespec="microseconds").replace("+00:00", "Z"))
-    return began, max((compute_seconds(began, each) for each in ends if each), default=0.0)
+    return began, compute_seconds(began, max(ends)) if began else 0.0
 
 
 def _list_sessions(documents: Documents, goal: GoalStatus) -> list[SessionStatus]:
     return [each for each in documents.ledger.sessions.values() if each.contract.goal == goal.id]
 
 
-def read_timeline(documents: Documents, goal: GoalStatus) -> Timeline:
-    """The timeline of a goal so far."""
+def read_timeline(documents: Documents, goal: GoalStatus, chosen: str = "") -> Timeline:
+    """The timeline of a goal so far; the chosen session has a bar of its own."""
     sessions, (began, length_s) = _list_sessions(documents, goal), measure_length(documents, goal)
     bars = [_read_bar(documents, status, began, length_s, marks=len(sessions) <= BARS_MARKED) for status in sessions]
     lanes: dict[str, list[Bar]] = {}
     for bar in bars:
         if bar.spans:
             lanes.setdefault(bar.status.contract.target, []).append(bar)
+    if len(sessions) > BARS_MARKED:
+        lanes = {target: _fold(row, SLIVER * length_s, chosen) for target, row in lanes.items()}
     by_id = {bar.status.contract.id: bar for bar in bars if bar.spans}
     links = [
         Link(each.relation, by_id[each.session], by_id[each.child])
@@ -163,6 +168,24 @@ def read_timeline(documents: Documents, goal: GoalStatus) -> Timeline:
     ]
     waiting = [bar for bar in bars if not bar.spans]
     return Timeline(began, length_s, dict(sorted(lanes.items())), waiting, links, requests)
+
+
+def _fold(bars: list[Bar], narrow_s: float, chosen: str) -> list[Bar]:
+    """Neighbours of one state that are narrow together as one bar; the chosen session alone."""
+    folded: list[Bar] = []
+    for bar in sorted(bars, key=lambda each: each.from_s):
+        last = folded[-1] if folded else bar
+        is_alike = last.status.state == bar.status.state and chosen not in (
+            last.status.contract.id,
+            bar.status.contract.id,
+        )
+        if last is not bar and is_alike and bar.to_s - last.from_s <= narrow_s:
+            name, end_s = last.name.partition(" … ")[0], max(last.to_s, bar.to_s)
+            span = Span("running", last.from_s, end_s)
+            folded[-1] = replace(last, name=f"{name} … {bar.name}", spans=(span,), number=last.number + 1)
+        else:
+            folded.append(bar)
+    return folded
 
 
 def _read_bar(documents: Documents, status: SessionStatus, began: str, length_s: float, *, marks: bool) -> Bar:

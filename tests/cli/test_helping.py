@@ -47,6 +47,7 @@ def test_a_page_is_shown_with_its_first_lines_and_its_commands_and_commands_besi
     assert shown[1].startswith("  One run. --speed is the share")
     assert "    $ paos init mine" in shown
     assert "paos estop " in paos("help", "emergency", "stop").out
+    assert paos("help", "stop").out.startswith("Stop everything")
 
 
 def test_without_words_it_is_the_help_of_all_commands(paos):

@@ -167,7 +167,7 @@ def list_facts(workspace, panel):
             return [], []
 
 
-SILENT = {"guard"}  # it has not intervened
+SILENT = {"guard", "map", "questions"}  # it has not intervened, an arm has no map, and no criterion is for a person
 
 
 def test_a_panel_that_has_nothing_to_show_is_absent(page):
@@ -242,6 +242,12 @@ def test_without_webgl_the_pictures_stand_in_place_of_the_scene(browser, shown):
     page.locator(".flat figure img").first.wait_for()
     page.locator("#panel-scene input.cursor").press("End")
     await_true(page, "document.querySelector('.flat figure.now img').alt === 'The world after the session'")
+    page.locator("#panel-scene input.cursor").fill("500")
+    drawn = "document.querySelector('.flat figure.now[data-drawn] img')"
+    await_true(page, f"{drawn}?.naturalWidth === 800")  # a picture of that moment, drawn from the evidence
+    middle = page.evaluate(f"{drawn}.src")
+    page.locator("#panel-scene input.cursor").fill("900")
+    await_true(page, f"{drawn}?.naturalWidth === 800 && {drawn}.src !== '{middle}'")
     assert not page.locator("#panel-scene iframe").is_visible()
     shoot(page, "flat")
     visits.end()

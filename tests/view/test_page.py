@@ -192,6 +192,29 @@ def test_nothing_is_answered_without_the_token_or_under_another_name(open_page, 
     assert access.token not in client.get("/", headers={"authorization": f"Bearer {access.token}"}).text
 
 
+def test_a_moment_that_cannot_be_drawn_is_said_and_hides_nothing_else(open_page):
+    client = open_page()
+    for path in ("/moments/unknown/0", "/moments/tidy-7.a/0", "/moments/tidy-7.a/99", "/moments/..%2f..%2fetc/0"):
+        assert client.get(path).status_code == 404
+    assert "data-drawn" not in client.get("/").text  # its evidence holds no motion
+    del client.headers["authorization"]
+    assert client.get("/moments/tidy-7.a/0").status_code == 401
+
+
+def test_a_panel_of_one_session_is_drawn_anew_with_the_records_of_that_alone(documents, desk):
+    first = desk.submit("b")
+    documents.refresh()
+    renderer = PanelRenderer(documents, lambda: {"actions": False, "live": True})
+    panel = next(each for each in PANELS if each.name == "statechart")
+    before = renderer.render(panel, Query(session=first))
+    desk.submit("c")
+    documents.refresh()
+    assert renderer.render(panel, Query(session=first)) is before
+    desk.execute(first)
+    documents.refresh()
+    assert renderer.render(panel, Query(session=first)) != before
+
+
 def test_the_stream_sends_each_panel_at_first(open_page):
     client = open_page()
     got = []

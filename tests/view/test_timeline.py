@@ -6,7 +6,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.tasks import Relation
 from phyagentos.store.journal import Entry, Journal
-from phyagentos.view.timeline import Timeline, read_timeline
+from phyagentos.view.timeline import BARS_MARKED, SLIVER, Timeline, read_timeline
 from tests.view.conftest import HOSTILE
 from tests.view.test_page import read, see
 
@@ -55,6 +55,22 @@ def test_a_session_without_a_worker_waits_and_a_request_of_an_operator_is_marked
     timeline = read_timeline(documents, documents.find_goal())
     assert timeline.waiting == []
     assert [(mark.kind, mark.text) for mark in timeline.requests] == [("request", "cancel by person")]
+
+
+def test_many_narrow_neighbours_of_one_state_are_one_bar_and_the_chosen_one_stays_alone(documents, desk):
+    ids = [desk.submit(f"n{number}") for number in range(BARS_MARKED + 10)]
+    with_hand = Journal(desk.workspace.root, side=Side.OPERATOR, by="person", clock=SystemClock())
+    with_hand.read_new()
+    with_hand.commit([Entry(id, "cancel", {"reason": "supper"}) for id in ids])  # at one moment
+    with_hand.close()
+    documents.refresh()
+    goal = documents.find_goal()
+    bars = read_timeline(documents, goal, ids[20]).lanes["panda"]
+    sliver_s = SLIVER * read_timeline(documents, goal).length_s
+    assert sum(bar.number for bar in bars) == len(documents.ledger.sessions)
+    assert [bar.number for bar in bars if bar.status.contract.id == ids[20]] == [1]
+    assert all(bar.to_s - bar.from_s <= sliver_s for bar in bars if bar.number > 1)
+    assert any(bar.number > 1 and " … " in bar.name for bar in bars)
 
 
 @pytest.mark.parametrize(

@@ -19,12 +19,15 @@ SIDES: Mapping[str, tuple[float, float]] = {
 }  # direction in the world for the robot, which looks along x
 GAP_M = 0.04  # between two objects that are put side by side
 BESIDE_M = 0.15  # between the middles of objects that are next to each other
+_ORDERS_MAX = 6  # to choose from
 _APART_M, _ALIKE = 0.01, 0.05  # places, and shares of a size, that are taken for equal
 _SIZES: Mapping[str, Callable[[Thing], float]] = {
     "large": lambda body: math.prod(body.half_m),
     "small": lambda body: -math.prod(body.half_m),
     "tall": lambda body: body.half_m[2],
     "long": lambda body: max(body.half_m[:2]),
+    "top": lambda body: body.at_m[2] if body.at_m else 0.0,
+    "bottom": lambda body: -body.at_m[2] if body.at_m else 0.0,
 }
 
 
@@ -35,12 +38,35 @@ def list_most(bodies: Sequence[Thing], kind: str, view: float, reference: Vector
     """
     if not bodies or any(body.at_m is None for body in bodies):
         return [body.name for body in bodies]
+    if kind == "middle":
+        return _list_middle(bodies)
     if kind in _SIZES:
         sizes = {body.name: _SIZES[kind](body) for body in bodies}
         most = max(sizes.values())
         return [name for name, size in sizes.items() if most - size <= _ALIKE * abs(most)]
     ranks = {body.name: _rank(body, kind, view, reference) for body in bodies}
     return [name for name, rank in ranks.items() if max(ranks.values()) - rank <= _APART_M]
+
+
+def _list_middle(bodies: Sequence[Thing]) -> list[str]:
+    """The middle one of an odd number, along the axis on which they are farthest apart; all where there is none."""
+    columns = [[body.at_m[axis] for body in bodies if body.at_m is not None] for axis in (0, 1)]
+    axis = max((0, 1), key=lambda each: max(columns[each]) - min(columns[each]))
+    ordered = sorted(bodies, key=lambda body: columns[axis][bodies.index(body)])
+    return [each.name for each in (bodies if len(bodies) % 2 == 0 else [ordered[len(bodies) // 2]])]
+
+
+def list_by_size(bodies: Sequence[Thing]) -> list[list[str]]:
+    """Names from the largest to the smallest; one order for each of those that are alike, none of more than a few."""
+    orders: list[list[str]] = [[]]
+    for _ in bodies:
+        rest = [[body for body in bodies if body.name not in order] for order in orders]
+        orders = [
+            [*order, name]
+            for order, left in zip(orders, rest, strict=True)
+            for name in list_most(left, "large", 1.0, None)
+        ]
+    return orders if len(orders) <= _ORDERS_MAX else []
 
 
 def list_beside(bodies: Sequence[Thing], kind: str, view: float, owner: Thing) -> list[str]:
@@ -69,6 +95,16 @@ def find_beside(body: Thing, owner: Thing, others: Sequence[Thing]) -> Vector | 
     return max(
         points, key=lambda point: min((math.dist(point[:2], at[:2]) for at in around), default=0.0), default=None
     )
+
+
+def find_between(body: Thing, ends: Sequence[Thing]) -> Vector | None:
+    """The point half-way between two objects [m]; None where an object has no room there, or without places."""
+    (one, other), at_m = (each.at_m for each in ends), body.at_m
+    if one is None or other is None or at_m is None:
+        return None
+    room_m = math.dist(one[:2], other[:2]) - sum(math.hypot(*each.half_m[:2]) for each in ends)
+    middle_m = (round((one[0] + other[0]) / 2, 3), round((one[1] + other[1]) / 2, 3), at_m[2])
+    return middle_m if room_m >= 2 * math.hypot(*body.half_m[:2]) else None
 
 
 def shift(at_m: Vector, side: str, view: float, by_m: float) -> Vector:

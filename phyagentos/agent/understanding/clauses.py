@@ -4,12 +4,20 @@ Upstream: a reading. Downstream: the embedded understander. One method a rule of
 each object stand in the lexicon. Clauses are steps where the request says an order, or where they exclude each other.
 """
 
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
-from phyagentos.agent.understanding.bearings import SIDES, VIEWS, find_beside, list_beside, place_beside, shift
+from phyagentos.agent.understanding.bearings import (
+    SIDES,
+    VIEWS,
+    find_beside,
+    find_between,
+    list_beside,
+    list_by_size,
+    place_beside,
+    shift,
+)
 from phyagentos.agent.understanding.nouns import (
     NUMBERS,
     Discourse,
@@ -21,17 +29,13 @@ from phyagentos.agent.understanding.nouns import (
     has_token,
     list_children,
 )
-from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind, list_opposites
+from phyagentos.agent.understanding.steps import Step, get_object, list_flipped, rename, says
+from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
 from phyagentos.agent.understanding.vocabulary import REGION, ROLE, SURFACES, read_lexicon
 from phyagentos.geometry import Vector
-from phyagentos.protocol.predicates.library import ArgumentKind, Meaning
-from phyagentos.protocol.predicates.meaning import list_kinds, read_statement
-from phyagentos.protocol.predicates.predicate import find_entities, find_formula
-from phyagentos.protocol.predicates.syntax import Call, Not, render
+from phyagentos.protocol.predicates.library import Meaning
 
 SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
-_PUT = (Meaning.INSIDE, Meaning.ON)
-Step = Sequence[str]
 
 
 @dataclass(slots=True, kw_only=True)
@@ -40,6 +44,7 @@ class Clauses(Discourse):
 
     Attributes:
         placed: Objects that the latest placement has put.
+        left: Vessels that the latest clause takes something out of: what `put the others in` means.
         again: Whether the goal before is meant, and objects that this time are excepted.
     """
 
@@ -48,6 +53,7 @@ class Clauses(Discourse):
     placed: tuple[str, ...] = ()
     again: bool = False
     excepted: list[str] = field(default_factory=list)
+    left: tuple[str, ...] = ()
     _verb: str = ""
     _wiped: str = ""
 
@@ -60,7 +66,7 @@ class Clauses(Discourse):
     def _read_group(self, group: Node) -> list[Step]:
         """One step, or one a clause where these exclude each other."""
         clauses = [step for clause in list_children(group) for step in self._read_steps(clause)]
-        flipped = {each for step in clauses[1:] for text in step for each in _list_flipped(text)}
+        flipped = {each for step in clauses[1:] for text in step for each in list_flipped(text)}
         if any(text in flipped for step in clauses for text in step):
             return clauses
         return [[text for step in clauses for text in step]]
@@ -94,7 +100,9 @@ class Clauses(Discourse):
         constraint = constraint or meaning.get("constraint", False)
         slot = Slot(meaning["slot"])
         texts = []
-        for name in self.resolve(things, slot, forbids=constraint).names:
+        names = self.resolve(things, slot, forbids=constraint).names
+        self.spared += names if constraint else ()
+        for name in names:
             thing = self.get(name)
             owner = thing.part_of if slot is Slot.OPENS and not thing.opens and thing.part_of else name
             if rule == "press" and self.get(owner).opens != "slide":
@@ -127,6 +135,21 @@ class Clauses(Discourse):
             self.lack(RequestProblemKind.SENTENCE, things)
         return wanted
 
+    def _read_put_together(self, clause: Node, things: Node) -> Step:
+        """Of two objects the second beside the first."""
+        names = self.resolve(things, Slot.MOVED).names
+        beside = self._stand_beside(names[1], clause, names[0]) if len(names) == 2 else ""
+        return [beside] if beside else self.lack(RequestProblemKind.CAPABILITY, clause)
+
+    def _read_put_between(self, clause: Node, things: Node, *ends: Node) -> Step:
+        """At the point half-way between two objects, where there is room for one more."""
+        names = self.resolve(things, Slot.MOVED).names
+        owners = [self.get(name) for end in ends for name in self.resolve_one(end, Slot.PLACE).names]
+        if len(names) != 1 or len(owners) != 2:
+            return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
+        point_m = find_between(self.get(names[0]), owners)
+        return [self._stand_at(names[0], point_m)] if point_m else self.lack(RequestProblemKind.FIT, clause, ())
+
     def _read_put_back(self, _: Node, things: Node) -> Step:
         """To where the scene has it at first: what it stands in or on there, else the table."""
         ground = next((each.name for each in self.list_fitting(Slot.PLACE) if each.kind in SURFACES), "")
@@ -154,10 +177,11 @@ class Clauses(Discourse):
         standing = (each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), named))
         names = self._put(Named(names=named if all(self.get(name).movable for name in named) else tuple(standing)))
         gives = has_token(clause, "give") or has_token(clause, "hand_over")
-        fixed = [each for each in self.list_fitting(Slot.PLACE) if not each.movable]
+        fixed = [each for each in self.list_fitting(Slot.PLACE) if not each.movable and each.kind != REGION]
         places = [each.name for each in fixed if each.has_interior or (gives and each.kind in SURFACES)]
         single = places if len(places) == 1 else []
-        chosen = single or self.ask(QuestionKind.WHERE, clause, places)
+        others = places or [each.name for each in fixed if each.kind not in SURFACES]
+        chosen = single or self.ask(QuestionKind.WHERE, clause, others)
         self.reasons += [f"{self.quote(clause)}: {name} is all that takes objects here" for name in single]
         return [self._relate(name, place) for place in chosen for name in names]
 
@@ -198,12 +222,15 @@ class Clauses(Discourse):
         self.moved.append(name)
         return f"at({name}, ({', '.join(f'{each:.3g}' for each in point_m)}), 0.04)"  # as near as skills promise
 
-    def _read_instead(self, clause: Node, meant: Node) -> Step:
+    def _read_instead(self, clause: Node, *said: Node) -> Step:
         """The last goal with another object, or another place: `no, the blue one`, `no, into the blue tray`."""
+        meant = said[-1]  # what it is not stands before it
         before = self.list_past()
         if not before:
             return self.lack(RequestProblemKind.PAST, clause)
         past = self.vocabulary.past[-1].accept
+        if meant.data == "things" and (place := self._find_fixed(meant)):
+            return [self._relate(name, place) for name in self._put(Named(names=tuple(before)))]
         if meant.data != "things":
             places = self._find_places(meant)
             found = ((name, self._find_place(name, meant, places)) for name in before)
@@ -211,7 +238,13 @@ class Clauses(Discourse):
         names = self._resolve_after(before, meant)
         if len(names) != len(before):  # which of several is another one
             return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
-        return [_rename(text, dict(zip(before, names, strict=True))) for text in past]
+        return [rename(text, dict(zip(before, names, strict=True))) for text in past]
+
+    def _find_fixed(self, things: Node) -> str:
+        """The place that a phrase names, as `the blue tray`; empty where it is about objects that can be moved."""
+        plains = list(things.find_data("plain"))
+        names = [] if len(plains) != 1 or self._read_head(plains[0])[0] == "" else self.list_alike(plains[0])
+        return names[0] if len(names) == 1 and not (self.get(names[0]).movable or self.get(names[0]).opens) else ""
 
     def _resolve_after(self, before: Sequence[str], things: Node) -> tuple[str, ...]:
         """Objects of a phrase that goes on from the last goal: `the other one` is none of those."""
@@ -224,9 +257,9 @@ class Clauses(Discourse):
         before = self.list_past()
         if not self._verb and before and (has_token(clause, "same_with") or len(self.recent) == 1):
             self.again = True
-            last = [text for text in self.vocabulary.past[-1].accept if _get_object(text) == before[-1]]
+            last = [text for text in self.vocabulary.past[-1].accept if get_object(text) == before[-1]]
             names = self._resolve_after(before, things)
-            return [_rename(text, {before[-1]: name}) for name in names for text in last]
+            return [rename(text, {before[-1]: name}) for name in names for text in last]
         if has_token(clause, "same_with") and not before:
             return self.lack(RequestProblemKind.PAST, clause)
         if self._verb not in {"open", "close", "press"}:
@@ -235,18 +268,24 @@ class Clauses(Discourse):
 
     def _read_wish_place(self, placing: Node, things: Node, *more: Node, heaps: bool = False) -> Step:
         self._verb = "put"
+        if any(self.is_loose(plain) for plain in things.find_data("plain")):  # what has no names is poured
+            return self._fill(
+                placing, self.resolve(things, Slot.LOOSE), self._find_places(list_children(placing)[-1]).names
+            )
         *_, dest = (each for each in more if each.data not in {"source", "except"})  # one before it was corrected
         objects = self.resolve(things, Slot.MOVED)
         self.unmet = self.unmet if objects.by_colour else ""
         if (source := find_child(placing, "source")) is not None:
             objects = self.restrict(objects, list_children(source)[0])
-        names = self.remove(objects.names, placing, Slot.MOVED)
+        names = self.remove(objects.names, placing, Slot.MOVED, objects.spare)
         unmet = self.unmet
         places = self._find_places(dest, by_colour=has_token(placing, "of_its_colour"))
         self.unmet = unmet
         self._put(replace(objects, names=names))
         if heaps and len(names) > 1:
             self.ask(QuestionKind.ORDER, placing, ())
+        if any(find_child(noun, "all") for noun in list_children(dest)) and objects.spare and len(names) == 1:
+            return self._spread((*names, *objects.spare), dest, places)
         wanted = []
         for name in names:
             if place := self._find_place(name, dest, places):
@@ -256,6 +295,15 @@ class Clauses(Discourse):
         if not wanted and self.left_out and places.by_colour:
             return self.lack(RequestProblemKind.THING, "; ".join(self.left_out.values()), places.names)
         return wanted
+
+    def _spread(self, names: Sequence[str], dest: Node, places: Named) -> Step:
+        """One of several objects in each of several places, as any will do."""
+        if len(places.names) > len(names):
+            return self.lack(RequestProblemKind.THING, places.words, names)
+        pairs = [*zip(names, places.names, strict=False)]
+        self.chosen += [name for name, _ in pairs if name not in self.chosen]
+        self._put(Named(names=tuple(name for name, _ in pairs)))
+        return [self._locate(name, dest, place) for name, place in pairs]
 
     def _place_beside(self, name: str, dest: Node, place: str) -> str:
         """At a point on that side of an object, as no predicate says `left of`; empty where that is open or unknown."""
@@ -279,7 +327,7 @@ class Clauses(Discourse):
         """What a destination names; every coloured place with an interior where it says only the colour."""
         match dest.data:
             case "inside_it":
-                return Named(names=self.find_it(dest, Slot.VESSEL))
+                return Named(names=self.left or self.find_it(dest, Slot.VESSEL))
             case "on_top":
                 if len(self.placed) != 1:
                     self.lack(RequestProblemKind.SENTENCE, dest)
@@ -325,13 +373,26 @@ class Clauses(Discourse):
 
     def list_alike(self, plain: Node, slot: Slot = Slot.MOVED) -> list[str]:
         """Names of all objects that a phrase fits; of `object` those that fit the slot."""
+        if self.is_loose(plain):
+            return [*self.lack(RequestProblemKind.CAPABILITY, plain)]
         return [each.name for each in self._find_candidates(plain, slot, "")[0]]
 
     def list_placed(self, names: Iterable[str], dest: Node) -> dict[str, str]:
         """Of each object the statement that it is at a destination, at one of several."""
-        places = self._find_places(dest).names
+        places = self._find_any_places(dest)
         texts = {name: [self._locate(name, dest, place) for place in places if place != name] for name in names}
         return {name: " or ".join(each) for name, each in texts.items() if each}
+
+    def list_contents(self, dest: Sequence[Node]) -> dict[str, str]:
+        """Of each vessel of a destination, or of all that hold any, the statement that something is in it."""
+        names = self._find_any_places(dest[0]) if dest else [each.name for each in self.list_fitting(Slot.LOOSE)]
+        return {name: f"contains({name})" for name in names}
+
+    def _find_any_places(self, dest: Node) -> tuple[str, ...]:
+        """The places of a destination: of `in a tray` every one, as neither question nor prohibition chooses one."""
+        any_of = [noun for noun in dest.find_data("quantified") if find_child(noun, "any")]
+        plains = [plain for noun in any_of for plain in list_children(noun) if plain.data == "plain"]
+        return tuple(self.list_alike(plains[0], Slot.PLACE)) if plains else self._find_places(dest).names
 
     def list_most(self, nouns: Sequence[Node], last: Node) -> list[str]:
         """Names of those that are most so: of a noun, else of all that can be moved."""
@@ -350,9 +411,11 @@ class Clauses(Discourse):
 
     # doing other objects
 
-    def _read_take(self, _: Node, things: Node, source: Node) -> Step:
+    def _read_take(self, clause: Node, things: Node, source: Node, *_: Node) -> Step:
         objects = self.restrict(self.resolve(things, Slot.MOVED), source)
+        objects = replace(objects, names=self.remove(objects.names, clause, Slot.MOVED))
         places = self.resolve_aside(source, Slot.PLACE)
+        self.left = tuple(name for name in places.names if self.get(name).has_interior)
         is_all = [each.data for each in list_children(things)] == ["everything"]  # that is to clear it
         names = ("*",) if self._put(objects) and is_all else objects.names
         return [f"not {self._relate(name, place)}" for name in names for place in places.names]
@@ -370,10 +433,13 @@ class Clauses(Discourse):
     def _read_pour(self, clause: Node, *parts: Node) -> Step:
         things, source = find_child(clause, "things"), find_child(clause, "source")
         poured = self.resolve(things, Slot.LOOSE) if things is not None else Named()
-        sources = self.resolve_one(list_children(source)[0], Slot.VESSEL).names if source else poured.names
+        if source:
+            poured = replace(poured, names=self.resolve_one(list_children(source)[0], Slot.VESSEL).names)
         into = next(each for each in parts if each.data not in {"things", "source"})
-        receivers = self.resolve_one(into, Slot.VESSEL).names
-        held = self.get(sources[0]).contents if len(sources) == 1 else 0
+        return self._fill(clause, poured, self.resolve_one(into, Slot.VESSEL).names)
+
+    def _fill(self, clause: Node, poured: Named, receivers: Iterable[str]) -> Step:
+        held = self.get(poured.names[0]).contents if len(poured.names) == 1 else 0
         if not held:
             self.lack(RequestProblemKind.FIT, clause, (thing.name for thing in self.list_fitting(Slot.LOOSE)))
         if not poured.number:
@@ -412,8 +478,26 @@ class Clauses(Discourse):
         return [self._relate(upper, lower) for lower, upper in steps]
 
     def _read_heap(self, clause: Node, things: Node) -> Step:
-        self.resolve(things, Slot.MOVED)
-        return self.ask(QuestionKind.ORDER, clause, ())
+        """A tower in the order of sizes; a question where no order is said, or where two are alike."""
+        names = self.resolve(things, Slot.MOVED).names
+        rises, sinks = has_token(clause, "largest_first"), has_token(clause, "smallest_first")
+        orders = list_by_size([self.get(name) for name in names]) if rises or sinks else []
+        said = {
+            f"from below: {', '.join(order)}": order for order in (order[:: 1 if rises else -1] for order in orders)
+        }
+        chosen = [*said] if len(said) == 1 else self.ask(QuestionKind.ORDER, clause, said)
+        return [self._relate(upper, lower) for each in chosen for lower, upper in pairwise(said[each])]
+
+    def _read_clear_except(self, _: Node, place: Node, exception: Node) -> Step:
+        """All that stands there, but what is excepted, is to be elsewhere."""
+        places = self.resolve_aside(place, Slot.PLACE).names
+        spared = self.resolve_except(exception, Slot.ANY)
+        self.spared += spared
+        standing = self._list_standing(self.list_fitting(Slot.MOVED), places)
+        gone = [each.name for each in standing if each.name not in spared]
+        return [f"not {self._relate(name, at)}" for at in places for name in gone] or self.lack(
+            RequestProblemKind.THING, exception
+        )
 
     def _read_swap(self, clause: Node, things: Node, *other: Node) -> Step:
         names = self.resolve(things, Slot.MOVED).names
@@ -441,6 +525,19 @@ class Clauses(Discourse):
         self.excepted += [name for each in exceptions for name in self.resolve_except(each, Slot.ANY)]
         return []
 
+    def _read_again_without(self, clause: Node, things: Node, *_: Node) -> Step:
+        """The last goal but for one object; after a verb, as in `press the red button but not the green one`, never."""
+        if self._verb in {"open", "close", "press"}:
+            return self._say("never_open" if self._verb == "open" else "never_close", things, constraint=True)
+        if not (before := self.list_past()):
+            return self.lack(RequestProblemKind.PAST, clause)
+        self.heads[Slot.MOVED] = next(iter(sorted(self.get(before[-1]).heads)))
+        names = self.resolve(things, Slot.MOVED).names
+        if not {*names} <= {*before}:
+            return self.lack(RequestProblemKind.PAST, clause)
+        self.again, self.excepted = True, [*self.excepted, *names]
+        return []
+
     # states that are wished for, or reached
 
     def _read_wish_state(self, _: Node, things: Node, state: Node) -> Step:
@@ -462,9 +559,9 @@ class Clauses(Discourse):
 
     def _read_until(self, _: Node, command: Node, condition: Node) -> Step:
         done, until = self._read_texts(command), self._read_texts(condition)
-        filled = {_get_object(text) for text in until if _says(text, Meaning.CONTAINS)}
+        filled = {get_object(text) for text in until if says(text, Meaning.CONTAINS)}
         return [
-            *(each for each in done if not _says(each, Meaning.CONTAINS) or _get_object(each) not in filled),
+            *(each for each in done if not says(each, Meaning.CONTAINS) or get_object(each) not in filled),
             *until,
         ]
 
@@ -482,9 +579,14 @@ class Clauses(Discourse):
         found = ((name, self._find_place(name, kept, places)) for name in names)
         return self._keep(self._locate(name, kept, place) for name, place in found if place)
 
+    def _read_keep_out(self, clause: Node, things: Node, place: Node) -> Step:
+        names = self.resolve(things, Slot.MOVED).names
+        places = self.resolve_one(place, Slot.PLACE).names
+        return self._keep(f"not {self._relate(name, place)}" for name in names for place in places)
+
     def _read_never_put(self, _: Node, things: Node, dest: Node) -> Step:
         names = self.resolve(things, Slot.MOVED, forbids=True).names
-        places = self._find_places(dest).names
+        places = self._find_any_places(dest)
         if dest.data in SIDES:
             return self.lack(RequestProblemKind.CAPABILITY, dest)
         return self._keep(f"not {self._locate(name, dest, place)}" for name in names for place in places)
@@ -502,55 +604,6 @@ class Clauses(Discourse):
         return wanted or self.lack(RequestProblemKind.FIT, clause)
 
 
-def finish(steps: Sequence[Step]) -> tuple[tuple[tuple[str, ...], ...], tuple[str, ...]]:
-    """Steps before the last, and what must be true at the end: the last one, and of the others what it leaves true."""
-    lasting: dict[str, None] = {}
-    put = [{_get_object(text) for text in step if _says(text, *_PUT)} for step in steps]
-    cleaned = []
-    for n, step in enumerate(steps):
-        later = set().union(*put[n:])  # to pick up, or to take out, is a part of putting down
-        taken = {text for text in step if _says(text, Meaning.HOLDING) and _get_object(text) in later}
-        taken |= {text for text in step if _says(text, *_PUT, is_true=False) and _get_object(text) in put[n]}
-        kept = dict.fromkeys(text for text in step if text not in taken)
-        gone = {text for text in lasting if _says(text, *_PUT) and _get_object(text) in put[n] and text not in kept}
-        gone |= {text for text in lasting if _passes(text) or not kept.keys().isdisjoint(_list_flipped(text))}
-        lasting = {text: None for text in lasting if text not in gone} | kept
-        cleaned.append(tuple(kept))
-    return tuple(step for step in cleaned[:-1] if step), tuple(lasting)
-
-
 def _find_side(levels: Sequence[Node], side: str) -> set[int]:
     """Which ends of a tower are said to be at a side: 0 the first, -1 the last."""
     return {end for end in (0, -1) if levels and has_token(levels[end], side)}
-
-
-def _says(text: str, *meanings: Meaning, is_true: bool = True) -> bool:
-    """Whether a text says one of these of its object, or that it is not so."""
-    formula = find_formula(text)
-    body = formula.body if isinstance(formula, Not) else formula
-    return isinstance(formula, Not) is not is_true and read_statement(body).meaning in meanings
-
-
-def _get_object(text: str) -> str:
-    """What a predicate is about, the first object that it names."""
-    return next(iter(find_entities(text)), "")
-
-
-def _rename(text: str, names: Mapping[str, str]) -> str:
-    """A text about other objects."""
-    return re.sub(r"[A-Za-z_]\w*", lambda found: names.get(found[0], found[0]), text)
-
-
-def _passes(text: str) -> bool:
-    """Whether it is about the robot, or what a look shows: no step has to leave that true."""
-    formula = find_formula(text)
-    is_of_robot = isinstance(formula, Call) and list_kinds(formula)[:1] == (ArgumentKind.TARGET,)
-    return is_of_robot or _says(text, Meaning.VISIBLE)
-
-
-def _list_flipped(text: str) -> list[str]:
-    """States of the same object that exclude this one."""
-    formula = find_formula(text)
-    return (
-        [render(replace(formula, name=name)) for name in list_opposites(formula)] if isinstance(formula, Call) else []
-    )

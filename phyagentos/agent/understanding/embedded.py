@@ -4,10 +4,11 @@ import re
 from collections.abc import Mapping
 
 from phyagentos.agent.goals.spec import WantedGoal
-from phyagentos.agent.understanding.clauses import Clauses, finish
+from phyagentos.agent.understanding.clauses import Clauses
 from phyagentos.agent.understanding.inquiries import read_inquiry
 from phyagentos.agent.understanding.nouns import Node, list_children
 from phyagentos.agent.understanding.reading import Readings, read_request
+from phyagentos.agent.understanding.steps import finish
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,

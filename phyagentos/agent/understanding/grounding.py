@@ -20,6 +20,7 @@ from phyagentos.protocol.predicates.meaning import read_statement
 from phyagentos.protocol.predicates.predicate import find_entities, parse_predicate
 
 STATEMENTS_MAX = 400  # in a schema; more are left to the checks of the answer
+_ENDED = {Meaning.INSIDE, Meaning.ON}  # what is ended by bringing the object elsewhere
 _KEPT = {Meaning.UPRIGHT: "{}", Meaning.MOVED: "not {}"}  # what may have to hold all through
 
 
@@ -33,6 +34,10 @@ def choose_statements(request: str, vocabulary: Vocabulary) -> dict[str, Fields]
     named = list(_iter_named(request, vocabulary))
     said = replace(vocabulary, postures=_find_postures(request, vocabulary))
     wanted, kept = (_narrow(texts(said), request, vocabulary) for texts in (list_wanted, list_kept))
+    if not {*read_lexicon()["ending"]["words"]}.isdisjoint(
+        words
+    ):  # else a model could choose the contrary of what is said
+        wanted += _narrow(list_ended(said), request, vocabulary)
     wanted = [text for text in wanted if all(names & _find(text) for _, names in named)] or wanted
     if len(wanted) + len(kept) > STATEMENTS_MAX or any(word.isdigit() or word in NUMBERS[2:] for word in words):
         return {"wanted": {"type": "string"}, "kept": {"type": "string"}}
@@ -47,8 +52,19 @@ def _narrow(texts: list[str], request: str, vocabulary: Vocabulary) -> list[str]
 
 def list_wanted(vocabulary: Vocabulary) -> list[str]:
     """Statements that a skill can bring about, about objects that are fit for them; `on` a tray is `inside` it."""
-    texts = (text for each in get_predicate_library() if not each.is_number for text in _iter_filled(each, vocabulary))
-    return [text for text in texts if not any(_iter_lacks(text, vocabulary))]
+    return [text for _, text in _iter_wanted(vocabulary)]
+
+
+def list_ended(vocabulary: Vocabulary) -> list[str]:
+    """Statements about places that end when the object is brought elsewhere, as what is not to be so any more."""
+    return [f"not {text}" for each, text in _iter_wanted(vocabulary) if each.meaning in _ENDED]
+
+
+def _iter_wanted(vocabulary: Vocabulary) -> Iterator[tuple[PredicateDefinition, str]]:
+    for each in get_predicate_library():
+        for text in () if each.is_number else _iter_filled(each, vocabulary):
+            if not any(_iter_lacks(text, vocabulary)):
+                yield each, text
 
 
 def list_kept(vocabulary: Vocabulary) -> list[str]:

@@ -10,8 +10,8 @@ import msgspec
 
 from phyagentos.agent.understanding.bearings import SIDES
 from phyagentos.agent.understanding.clauses import Clauses
-from phyagentos.agent.understanding.nouns import Node, Slot, list_children
-from phyagentos.agent.understanding.understanding import Inquiry, InquiryKind
+from phyagentos.agent.understanding.nouns import Node, Slot, find_child, has_token, list_children
+from phyagentos.agent.understanding.understanding import Inquiry, InquiryKind, RequestProblemKind
 from phyagentos.agent.understanding.vocabulary import read_lexicon
 from phyagentos.protocol.predicates.evaluation import Evaluation
 from phyagentos.protocol.predicates.predicate import parse_predicate
@@ -19,6 +19,7 @@ from phyagentos.protocol.predicates.relations import find_places
 from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
+from phyagentos.wording import format_length
 
 _WORDS = {Truth.TRUE: "yes", Truth.FALSE: "no", Truth.UNKNOWN: "unknown"}
 
@@ -37,25 +38,49 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
     match str(question.data), parts:
         case "ask_state", [things, state]:
             slot = Slot(read_lexicon()["meanings"][state.data]["slot"])
-            statements = _say_state(said, said.resolve(things, slot).names, state)
+            kind, names = _resolve(said, things, slot)
+            statements = _say_state(said, names, state)
         case "ask_which_state", [plain, state]:
             slot = Slot(read_lexicon()["meanings"][state.data]["slot"])
             statements = _say_state(said, said.list_alike(plain, slot), state)
-        case "ask_place", [things, dest]:
-            statements = said.list_placed(said.resolve(things, Slot.ANY).names, dest)
+        case "ask_place", [things, *dests]:
+            kind, names = _resolve(said, things, Slot.ANY)
+            places = [each if each.data in _PLACES else Node(dests[0].data, [each]) for each in dests]  # `in A or B`
+            placed = [said.list_placed(names, each) for each in places]
+            statements = {name: " or ".join(each[name] for each in placed if name in each) for name in placed[0]}
         case "ask_which", [*nouns, dest]:
             some = said.list_alike(nouns[0]) if nouns else [each.name for each in said.list_fitting(Slot.MOVED)]
             is_side = dest.data in SIDES
             kind = InquiryKind.SIDE if is_side else kind
             statements = said.list_beside(some, dest) if is_side else said.list_placed(some, dest)
+        case "ask_count", [plain, *dest] if said.is_loose(plain):
+            kind, statements = InquiryKind.CONTENTS, said.list_contents(dest)
         case "ask_count", [plain, *dest]:
             some = said.list_alike(plain)
             statements = said.list_placed(some, dest[0]) if dest else dict.fromkeys(some, "")
+        case "ask_distance", [one, other]:
+            names, others = (said.resolve_one(noun, Slot.ANY).names for noun in (one, other))
+            statements = {name: f"near({name}, {each})" for name in names for each in others if name != each}
         case "ask_named", [*nouns, last]:
             statements = dict.fromkeys(said.list_most(nouns, last), "")
         case _, [things]:
             statements = dict.fromkeys(said.resolve(things, Slot.ANY).names, "")
+    if has_token(question, "untrue"):
+        statements = {name: f"not ({text})" for name, text in statements.items()}
     return Inquiry(kind=kind, words=said.text.strip(" ;"), statements=statements)
+
+
+def _resolve(said: Clauses, things: Node, slot: Slot) -> tuple[InquiryKind, Iterable[str]]:
+    """The objects that a question is about, and what it wants to know: of `a cube`, of how many it is so.
+
+    A question chooses none of several, as a goal does.
+    """
+    left_open = [noun for noun in list_children(things) if any(find_child(noun, each) for each in _OPEN)]
+    if not left_open:
+        return InquiryKind.WHETHER, said.resolve(things, slot).names
+    if len(list_children(things)) > 1:
+        return InquiryKind.WHETHER, said.lack(RequestProblemKind.SENTENCE, things)
+    return InquiryKind.COUNT, said.list_alike(list_children(left_open[0])[-1], slot)
 
 
 def _say_state(said: Clauses, names: Iterable[str], state: Node) -> dict[str, str]:
@@ -63,6 +88,8 @@ def _say_state(said: Clauses, names: Iterable[str], state: Node) -> dict[str, st
     return {name: form.format(name, at="inside" if said.get(name).has_interior else "on") for name in names}
 
 
+_PLACES = {"into", "onto", "to", "beside", "inside_it", *SIDES}
+_OPEN = ("any", "number", "exactly", "half", "some")  # quantities that leave open which objects are meant
 _KINDS = {
     "ask_state": InquiryKind.WHETHER,
     "ask_place": InquiryKind.WHETHER,
@@ -71,6 +98,7 @@ _KINDS = {
     "ask_which_state": InquiryKind.WHICH,
     "ask_named": InquiryKind.WHICH,
     "ask_count": InquiryKind.COUNT,
+    "ask_distance": InquiryKind.DISTANCE,
     "ask_colour": InquiryKind.COLOUR,
     "ask_why": InquiryKind.WHY,
     "ask_abilities": InquiryKind.ABILITIES,
@@ -89,6 +117,14 @@ def answer(inquiry: Inquiry, world: Environment) -> Answer:
         case InquiryKind.WHETHER:
             worst = min(found.values(), key=lambda each: each.order)
             return Answer(answer=_WORDS[worst.truth], evidence=evidence)
+        case InquiryKind.CONTENTS:
+            return Answer(answer="; ".join(_count(name, each) for name, each in found.items()), evidence=evidence)
+        case InquiryKind.DISTANCE:
+            apart = {
+                name: format_length(float(each.measured["distance_m"])) for name, each in found.items() if each.measured
+            }
+            lines = (f"{name} is {apart.get(name, 'at an unknown distance')} away" for name in found)
+            return Answer(answer="; ".join(lines), evidence=evidence)
         case InquiryKind.WHERE:
             return Answer(answer="; ".join(_locate(name, world) for name in inquiry.statements))
         case InquiryKind.COLOUR:
@@ -102,6 +138,11 @@ def answer(inquiry: Inquiry, world: Environment) -> Answer:
 
 def _evaluate(text: str, world: Environment) -> Evaluation:
     return parse_predicate(text).evaluate(View(now=world, initial=world))
+
+
+def _count(name: str, found: Evaluation) -> str:
+    least, most = (found.measured.get(each) for each in ("least", "most"))
+    return f"{name}: {'unknown' if least is None else least if least == most else f'{least} to {most}'}"
 
 
 def _locate(name: str, world: Environment) -> str:

@@ -52,6 +52,7 @@ class Named:
     Attributes:
         by_colour: Each object takes the one of its own colour.
         rest: Objects of the same noun that the phrase excludes by `only` or `exactly`.
+        spare: Objects that would have done as well, where the choice was left open.
         number: The number in it, 0 without one.
     """
 
@@ -59,6 +60,7 @@ class Named:
     words: str = ""
     by_colour: bool = False
     rest: tuple[str, ...] = ()
+    spare: tuple[str, ...] = ()
     only: bool = False
     number: int = 0
 
@@ -70,6 +72,7 @@ class Discourse:
     Attributes:
         recent: Objects that each clause named, the latest clause last.
         moved: Everything that some clause puts somewhere, in order.
+        spared: Everything that some clause says to leave as it is: `the others` are none of it.
         heads: The last noun of each slot.
         unmet: A phrase with `only`, `exactly` or `of its colour`, until a clause says what becomes of it.
     """
@@ -84,6 +87,7 @@ class Discourse:
     unsaid: list[str] = field(default_factory=list)
     recent: list[list[str]] = field(default_factory=lambda: [[]])
     moved: list[str] = field(default_factory=list)
+    spared: list[str] = field(default_factory=list)
     heads: dict[Slot, str] = field(default_factory=dict)
     unmet: str = ""
 
@@ -136,21 +140,33 @@ class Discourse:
         names = tuple(dict.fromkeys(name for each in named for name in each.names))
         alike = self._list_alike(self.heads.get(slot, "")) if any(each.only for each in named) else []
         rest = (*(thing.name for thing in alike), *(name for each in named for name in each.rest))
+        spare = tuple(name for each in named for name in each.spare if name not in names)
         return Named(
-            names=self.remove(names, things, slot),
+            names=self.remove(names, things, slot, spare),
+            spare=spare,
             words=self.quote(things),
             by_colour=any(each.by_colour for each in named),
             rest=tuple(name for name in rest if name not in names),
             number=named[0].number,
         )
 
-    def remove(self, names: tuple[str, ...], phrase: Node, slot: Slot) -> tuple[str, ...]:
-        """The names without those of a phrase's exceptions, each of which has to be among them."""
+    def remove(self, names: tuple[str, ...], phrase: Node, slot: Slot, spare: Sequence[str] = ()) -> tuple[str, ...]:
+        """The names without those of a phrase's exceptions, each of which has to be among them or those to spare.
+
+        Of `two cubes, but not the red one` a spare one takes its place.
+        """
         for exception in (child for child in list_children(phrase) if child.data == "except"):
             excepted = self.resolve_except(exception, slot)
-            if names and not set(excepted) <= set(names):
+            number, fresh = len(names) if spare else 0, [name for name in spare if name not in excepted]
+            if names and not set(excepted) <= {*names, *spare}:
                 self.lack(RequestProblemKind.THING, exception, names)
             names = tuple(name for name in names if name not in excepted)
+            more = fresh[: max(number - len(names), 0)]
+            if len(names) + len(more) < number:
+                self.lack(RequestProblemKind.THING, phrase, (*names, *more))
+            self.reasons += [f"{self.quote(exception)}: {name} instead" for name in more]
+            self.chosen = [name for name in (*self.chosen, *more) if name not in excepted]
+            names += tuple(more)
         return names
 
     def resolve_except(self, exception: Node, slot: Slot) -> tuple[str, ...]:
@@ -196,7 +212,7 @@ class Discourse:
             found = [name for name in before if name not in self.recent[-1] and slot.takes(self.get(name))]
             if found:
                 return (found[0],) if len(found) == 1 else self.ask(QuestionKind.WHICH, phrase, found)
-        if before := [name for name in self.list_past() if slot.takes(self.get(name))]:
+        if before := [name for name in self.list_past(is_place=slot is Slot.VESSEL) if slot.takes(self.get(name))]:
             return (before[0],) if len(before) == 1 else self.ask(QuestionKind.WHICH, phrase, before)
         return self.lack(RequestProblemKind.SENTENCE, phrase)
 
@@ -207,16 +223,17 @@ class Discourse:
             self.heads[slot] = head
         return self.resolve_one(meant, slot).names
 
-    def list_past(self) -> list[str]:
-        """Objects that the last goal is about, as far as they are here."""
+    def list_past(self, *, is_place: bool = False) -> list[str]:
+        """Objects that the last goal is about, or their places, as far as they are here."""
         texts = self.vocabulary.past[-1].accept if self.vocabulary.past else ()
-        named = dict.fromkeys(name for text in texts for name in find_entities(text)[:1])
+        named = dict.fromkeys(name for text in texts for name in find_entities(text)[is_place : is_place + 1])
         return [name for name in named if name in self.vocabulary.things]
 
     def find_them(self, noun: Node, _: Slot) -> tuple[str, ...]:
         """The movable objects of the latest clause with several; else all that were moved."""
         groups = [tuple(name for name in before if self.get(name).movable) for before in reversed(self.recent[:-1])]
         found = next((group for group in groups if len(group) > 1), tuple(dict.fromkeys(self.moved)))
+        found = found or tuple(name for name in self.list_past() if self.get(name).movable)
         return found if len(found) > 1 else self.lack(RequestProblemKind.SENTENCE, noun)
 
     def find_everything(self, noun: Node, slot: Slot) -> tuple[str, ...]:
@@ -229,15 +246,16 @@ class Discourse:
         return tuple(thing.name for thing in found) or self.lack(RequestProblemKind.THING, noun)
 
     def find_everything_else(self, noun: Node, slot: Slot) -> tuple[str, ...]:
-        """All that fits and was not moved."""
-        return tuple(name for name in self.find_everything(noun, slot) if name not in self.moved)
+        """All that fits, and of which nothing was said."""
+        return tuple(name for name in self.find_everything(noun, slot) if name not in (*self.moved, *self.spared))
 
     def find_others(self, noun: Node, slot: Slot) -> tuple[str, ...]:
-        """Those that were not moved, of a noun or of the last one."""
-        plain, head = find_child(noun, "plain"), self.heads.get(slot, "")
+        """Those of which nothing was said, of a noun or of the last one."""
+        plain, head = find_child(noun, "plain"), self._find_earlier(slot)
         found = self._list_alike(head) if head else self.list_fitting(slot)
         found = self._find_candidates(plain, slot, "")[0] if plain is not None else found
-        names = tuple(each.name for each in found if each.name not in self.moved) if self.moved else ()
+        named = {*self.moved, *self.spared}
+        names = tuple(each.name for each in found if each.name not in named) if named else ()
         return names or self.lack(RequestProblemKind.THING, noun, (each.name for each in found))
 
     def _resolve_parts(self, parts: Sequence[Node], slot: Slot, **how: bool) -> list[Named]:
@@ -264,11 +282,20 @@ class Discourse:
             kind = "the" if is_pair and quantity.data == "both" else str(quantity.data)
             said = next((str(each) for each in quantity.children if get_type(each) == "number"), "zero")
             number = NUMBERS.index(said) if said in NUMBERS else int(said)
+            if kind == "all_but":
+                kind, number = "number", max(len(found) - number, 0)
+            if kind == "half":
+                whole = self._count_contents(found) if slot is Slot.LOOSE else len(found)
+                kind, number = "some" if whole % 2 else "number", whole // 2
             if has_token(
                 quantity, "other"
             ):  # than what was moved; of places, than where the object of this clause stands
                 recent = self.recent[-1]
-                before = {self.get(each).stands for each in recent} if slot is Slot.PLACE else {*self.moved, *recent}
+                before = (
+                    {self.get(each).stands for each in recent}
+                    if slot is Slot.PLACE
+                    else {*self.moved, *self.spared, *recent}
+                )
                 found = tuple(name for name in found if name not in before) if before & {*found} else ()
         if slot is Slot.LOOSE:
             is_all = kind == "all" and not number
@@ -303,31 +330,47 @@ class Discourse:
         if number < len(named.names):
             self.chosen += names
             self.reasons.append(f"{named.words}: {', '.join(names)}, as any of {', '.join(named.names)} will do")
-        return Named(names=names, rest=named.names if keeps_rest else ())
+        return Named(
+            names=names,
+            rest=named.names if keeps_rest else (),
+            spare=tuple(name for name in ordered if name not in names),
+        )
 
     def _find_candidates(self, plain: Node, slot: Slot, lent: str) -> tuple[list[Thing], bool, bool]:
         """Objects that a noun with its words fits, whether it is a plural, and whether each goes by colour."""
-        adjectives = {str(token) for token in plain.children if get_type(token) in {"adj", "elliptic"}}
+        adjectives, unlike = _read_adjectives(plain)
         by_colour = has_token(plain, "matching") or has_token(plain, "of_its_colour")
         head, is_plural, is_generic = self._read_head(plain)
-        if head == LOOSE and slot is Slot.LOOSE and not self._list_alike(head):
+        if slot is Slot.LOOSE and self.is_loose(plain):
             return self.list_fitting(slot), True, False
-        before = lent or self.heads.get(slot, "")
+        before = lent or self._find_earlier(slot)
         is_one_of = bool(lent) or len(self._list_alike(before)) > 1  # `the green one` is no bottle where there is one
         self.heads |= {slot: head} if head else {}
         found = [] if is_generic else self._list_alike(head or (before if is_one_of else ""))
         if not head and not any(adjectives <= thing.words for thing in found):
             found = self.list_fitting(Slot.MOVED if slot is Slot.PLACE and is_generic else slot)
-        found = [thing for thing in found if adjectives <= thing.words]
+            # `on the big one` means no floor
+            found = [each for each in found if adjectives or each.kind not in SURFACES]
+        found = [each for each in found if adjectives <= each.words and unlike.isdisjoint(each.words)]
         parts = [child for child in list_children(plain) if child.data != "head"]
         # `the largest cube on the tray` is of those on the tray
         for part in sorted(parts, key=lambda part: part.data not in _OWNED):
             found = self._filter(found, part)
         return found, is_plural, by_colour
 
+    def is_loose(self, plain: Node) -> bool:
+        """Whether a phrase means nameless contents of vessels."""
+        return self._read_head(plain)[0] == LOOSE and not self._list_alike(LOOSE)
+
+    def _find_earlier(self, slot: Slot) -> str:
+        """The noun that `the big ones` stands for: the last of the slot, else of another one if several fit."""
+        own = self.heads.get(slot, "")
+        others = (head for head in reversed(self.heads.values()) if sum(map(slot.takes, self._list_alike(head))) > 1)
+        return own if len(self._list_alike(own)) > 1 else next(others, own)
+
     def _guess(self, plain: Node, names: Sequence[str]) -> str:
         """The likeliest of several: `green` alone is the green cube rather than a bottle of green glass."""
-        adjectives = {str(token) for token in plain.children if get_type(token) in {"adj", "elliptic"}}
+        adjectives = _read_adjectives(plain)[0]
         called = [name for name in names if adjectives and adjectives <= {*name.split("_")}]
         return called[0] if len(called) == 1 else ""
 
@@ -374,6 +417,14 @@ class Discourse:
         """Those that stand in or on any of some objects as the scene begins; where none is said it is the table."""
         has_surface = any(self.get(name).kind in SURFACES for name in owners)
         return [thing for thing in found if thing.stands in owners or (not thing.stands and has_surface)]
+
+
+def _read_adjectives(plain: Node) -> tuple[set[str], set[str]]:
+    """Words that an object of a phrase has, and those that it must not have: `that is not yellow`."""
+    words = {kind: {str(token) for token in plain.children if get_type(token) == kind} for kind in ("adj", "elliptic")}
+    return (
+        (words["adj"], words["elliptic"]) if has_token(plain, "untrue") else (words["adj"] | words["elliptic"], set())
+    )
 
 
 def _list_tokens(tree: Node) -> list[Token]:

@@ -37,6 +37,8 @@ _SHORT = (  # contractions and spellings
     (r"(\d)(cm|mm|m|°)\b", r"\1 \2"),
     (r"(?:,| and|, and) ([^,;.!?]+?) (?:afterwards|after that)\s*(?=$|[.;!])", r" then \1"),
     (r"\bgray\b", "grey"),
+    (r"\bcenter", "centre"),
+    (r"\b(nearest|closest|farthest|furthest|away)( to| from)? (?:the robot|yourself)\b", r"\1\2 you"),
     (r"_", " "),
     (r"(?<!\d)[.!:?]+|[.!:?]+(?!\d)", " ; "),
     (r"([,;()&])", r" \1 "),
@@ -44,6 +46,7 @@ _SHORT = (  # contractions and spellings
     (r",?\s*\b(after that|then|afterwards|finally|next)\s*,", r" \1 "),
     (r",\s*(except|except for|apart from|but not) ([^,;]+),", r" \1 \2 "),
     (r"\bnothing else (is |gets |should be |may be )?(moved|moves|touched)\b", "do not move anything else"),
+    (r",? and nothing else\s*(?=$|[.;!])", " and do not move anything else"),
 )
 
 

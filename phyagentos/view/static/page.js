@@ -56,6 +56,7 @@ document.addEventListener("click", (event) => { if (event.target.id === "play") 
 // Where nothing draws in 3D, pictures stand in place of the scene.
 const canvas = document.createElement("canvas");
 if (!(canvas.getContext("webgl2") || canvas.getContext("webgl"))) document.documentElement.classList.add("flat-only");
+document.addEventListener("error", (event) => event.target.closest?.("figure[data-drawn]")?.remove(), true); // no graphics where the page is served
 const move = (to) => { share = Math.min(Math.max(to, 0), 1); follow(); };
 document.addEventListener("input", (event) => { if (event.target.matches("input.cursor")) move(event.target.value / 1000); });
 document.addEventListener("pointermove", (event) => {

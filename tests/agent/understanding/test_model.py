@@ -8,6 +8,7 @@ from dataclasses import replace
 import msgspec
 import pytest
 
+from phyagentos.agent.understanding.grounding import choose_statements
 from phyagentos.agent.understanding.model import ModelUnderstander, replay_answers, write_answers
 from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, RequestProblemKind, Understood
 from phyagentos.clock import SystemClock
@@ -241,3 +242,13 @@ def test_a_goal_rests_on_the_model_alone_where_no_word_names_anything_here(serve
     found = [ask(serve(RIGHT), request) for request in ("sing about the moon", "mete el cubo rojo", REQUEST)]
 
     assert [each.is_grounded for each in found] == [False, False, True]
+
+
+def test_a_model_may_end_a_place_only_where_a_word_of_the_request_does():
+    vocabulary = get_vocabulary()
+    ended = choose_statements("kindly unload the red cube, out of the red tray", vocabulary)["wanted"]["enum"]
+    put = choose_statements("pop the red cube in the red tray", vocabulary)["wanted"]["enum"]
+
+    assert "not inside(red_cube, red_tray)" in ended
+    assert "inside(red_cube, red_tray)" in put
+    assert not [text for text in put if text.startswith("not")]
