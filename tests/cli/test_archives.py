@@ -3,7 +3,6 @@
 import fcntl
 import io
 import json
-import os
 import tarfile
 from pathlib import Path
 
@@ -71,10 +70,10 @@ def flip(data):
 def test_a_damaged_archive_is_refused_and_leaves_no_folder(paos, root, damage):
     paos("archive", root, "demo.tar.gz")
     Path("demo.tar.gz").write_bytes(damage(Path("demo.tar.gz").read_bytes()))
-    before = sorted(os.listdir())
+    before = sorted(Path().iterdir())
     done = paos("restore", "demo.tar.gz", "back")
     assert (done.code, "UNREADABLE_FILE" in done.err) == (ExitCode.INVALID_INPUT, True), done.err
-    assert sorted(os.listdir()) == before
+    assert sorted(Path().iterdir()) == before
 
 
 def repack(change=lambda member, data: data, more=()):
