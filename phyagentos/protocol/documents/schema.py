@@ -30,6 +30,7 @@ from phyagentos.protocol.documents.yaml_scalars import (
 from phyagentos.protocol.documents.yaml_syntax import QUOTE_OPEN, explain
 
 Address = tuple[str | int, ...]
+_Mapping = dict[Any, Any]
 ModelT = TypeVar("ModelT", bound="Authored")
 SHOWN = 12  # values of a list that a message shows
 SALVAGE_ROUNDS = 4  # dropping a value may make its owner incomplete, and so on up
@@ -266,9 +267,9 @@ def _rename(data: Any, path: Address, missing: Any, errors: Sequence[Any]) -> tu
     return (*owner, key), (*owner, nearest)
 
 
-def _find_owner(data: Any, path: Address) -> tuple[dict[Any, Any], str | int]:
+def _find_owner(data: Any, path: Address) -> tuple[_Mapping, str | int]:
     """The innermost mapping on the way to a value, and its key that leads there; an empty one where there is none."""
-    owner: dict[Any, Any] = {}
+    owner: _Mapping = {}
     key: str | int = ""
     for step in _strip_tags(data, path):
         owner, key = (data, step) if isinstance(data, dict) else (owner, key)

@@ -123,7 +123,7 @@ def compute_grasp_width(entity: Entity, tcp: Pose, pad_m: float, opening_m: floa
 
     It is measured along lines within `pad_m` of the tool centre point, between solids as near as pads do that are
     `opening_m` apart: of a bowl held at its rim, the far rim is not. Where lines differ, as on a slope, pads touch
-    where it is as thick as they are apart; a solid that is not a box counts as the box around it.
+    where it is as thick as they are apart; a solid that is neither box nor ball counts as the box around it.
     """
     direction, solids, widths = rotate(tcp.quaternion_wxyz, AXES[1]), [], []
     near_m = math.hypot(opening_m / 2 + pad_m, pad_m, pad_m)
@@ -131,16 +131,24 @@ def compute_grasp_width(entity: Entity, tcp: Pose, pad_m: float, opening_m: floa
         middle, half_m = to_parent(entity.pose, shape.pose.position_m), compute_half_box(shape)
         if math.dist(middle, tcp.position_m) <= near_m + math.hypot(*half_m):
             turn = multiply(entity.pose.quaternion_wxyz, shape.pose.quaternion_wxyz)
-            solids.append((Pose(middle, turn), half_m, rotate(invert_rotation(turn), direction)))
+            cross = _cross_ball if shape.kind is ShapeKind.SPHERE else _cross
+            solids.append((cross, Pose(middle, turn), half_m, rotate(invert_rotation(turn), direction)))
     if not solids:
         return None
     for aside_m, deep_m in product((-pad_m, -pad_m / 2, 0.0, pad_m / 2, pad_m), repeat=2):
         start = to_parent(tcp, (aside_m, 0.0, deep_m))
-        spans = [_cross(to_child(pose, start), along, half_m) for pose, half_m, along in solids]
+        spans = [cross(to_child(pose, start), along, half_m) for cross, pose, half_m, along in solids]
         ends = [span for span in spans if span and all(abs(end) <= opening_m / 2 + pad_m for end in span)]
         if ends and min(low for low, _ in ends) <= 0.0 <= max(high for _, high in ends):
             widths.append(max(high for _, high in ends) - min(low for low, _ in ends))
     return min(widths, key=lambda width_m: abs(width_m - opening_m), default=None)
+
+
+def _cross_ball(start: Vector, along: Vector, half_m: Vector) -> tuple[float, float] | None:
+    """The same of a ball whose radius is each of `half_m`."""
+    nearest_m = -sum(at * way for at, way in zip(start, along, strict=True))
+    square = nearest_m**2 + half_m[0] ** 2 - sum(at * at for at in start)
+    return None if square <= 0.0 else (nearest_m - math.sqrt(square), nearest_m + math.sqrt(square))
 
 
 def _cross(start: Vector, along: Vector, half_m: Vector) -> tuple[float, float] | None:

@@ -188,15 +188,10 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
         balls[color] = max(radius_m, ball.shapes[0].size_m[0]), count + 1  # of larger ones fewer are seen
     of_things = {color for thing in things.values() for color in thing.colors}
     palette = np.array(list(surfaces.colors), dtype=np.float64).reshape(-1, 3)
-    loose = {thing.colors[0] for thing in things.values() if thing.template.movable}
-    for name, thing in things.items():
-        own = thing.colors[0]
-        same = {each for each in loose if is_same_color(palette[own], palette[each])}
-        things[name] = replace(thing, shades=tuple(sorted(same | {own})))
     return Inventory(
         scene=spec.scene,
         prior=prior,
-        things=things,
+        things=_find_shades(things, palette),
         articulated=articulated,
         known=known,
         map_parts=parts,
@@ -208,6 +203,17 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
         balls={} if balls.keys() & (of_things | map_colors) else balls,
         regions=_list_regions(spec, prior),
     )
+
+
+def _find_shades(things: Mapping[str, ObjectModel], palette: Array) -> dict[str, ObjectModel]:
+    """The same objects, which know the colours that light may make of theirs."""
+    loose = {thing.colors[0] for thing in things.values() if thing.template.movable}
+    found = dict(things)
+    for name, thing in things.items():
+        main = thing.colors[0]
+        same = {each for each in loose if is_same_color(palette[main], palette[each])}
+        found[name] = replace(thing, shades=tuple(sorted(same | {main})))
+    return found
 
 
 def iter_like_map(spec: SceneSpec) -> Iterator[tuple[Entity, bool]]:

@@ -7,7 +7,7 @@ import pytest
 from phyagentos.clock import SystemClock
 from phyagentos.geometry import to_child
 from phyagentos.protocol.world.entity_geometry import compute_grasp_width
-from phyagentos.protocol.world.environment import Mechanism, Pose, Shape, ShapeKind
+from phyagentos.protocol.world.environment import Entity, Mechanism, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.grasps import find_grasps, foresee_payload
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
@@ -366,3 +366,14 @@ def test_a_handle_under_another_one_is_taken_from_its_front(planner, build, tabl
 
     assert isinstance(answer, Approaches), answer
     assert answer.approaches[0].label.startswith("front")
+
+
+def test_a_ball_is_as_thick_between_the_pads_as_it_is_there():
+    """Fingers had slipped up to the crown of a ball; the box around it was too wide to be between them, so none was."""
+    shape = Shape(ShapeKind.SPHERE, (0.034,), Pose((0.0, 0.0, 0.0)))
+    ball = Entity(name="ball", kind="ball", pose=Pose((0.5, 0.0, 0.034)), shapes=(shape,))
+    crown = Pose((0.5, 0.0, 0.073), (0.0, 1.0, 0.0, 0.0))  # pointing down, 5 mm above the ball
+    assert compute_grasp_width(ball, crown, 0.012, 0.034) == pytest.approx(0.034, abs=0.008)
+    assert compute_grasp_width(ball, Pose((0.5, 0.0, 0.09), crown.quaternion_wxyz), 0.012, 0.034) is None
+    middle = Pose((0.5, 0.0, 0.034), crown.quaternion_wxyz)
+    assert compute_grasp_width(ball, middle, 0.012, 0.08) == pytest.approx(0.068, abs=1e-6)
