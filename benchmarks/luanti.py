@@ -5,8 +5,8 @@ planned by amounts from the game's book, and run on the target `player` by the o
 reads the server's inventory after the last session. One world and one life for each task.
 
 Given to the agent: nodes along lines of view up to 16 nodes long, as symbols and without need of light; what it saw
-before; the recipes, drops and times of digging of the game. Nothing of what lies behind other nodes is known to it.
-The land lies at a height where the game's own table has all ores (kits/luanti). Debian ships no creatures and no
+before; the recipes, drops and times of digging of the game. Nothing of what is behind other nodes is known to it.
+The land is at a height where the game's own table has all ores (kits/luanti). Debian ships no creatures and no
 hunger for this game: damage is by falls, lava and drowning, and night falls.
 """
 

@@ -1,4 +1,4 @@
-"""What was seen of a world of nodes, and ways through it by walking, digging, bridging and building up.
+"""What was seen of a world of nodes, and routes through it by walking, digging, bridging and building up.
 
 A cell is a node by its integers x, y (up) and z. The player stands in the cell of its feet and fills the one above.
 What was never seen counts as ground that can be dug; it is looked at before the next step, and the route made anew.

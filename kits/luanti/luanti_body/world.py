@@ -65,7 +65,7 @@ class CallRefused(Exception):
 
 
 class Link:
-    """Calls of the mod in a server, one line of JSON each way."""
+    """Calls of the mod in a server, one line of JSON in each direction."""
 
     def __init__(self, port: int, is_alive: Callable[[], bool]) -> None:
         end = time.monotonic() + START_S

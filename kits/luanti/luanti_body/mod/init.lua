@@ -215,7 +215,7 @@ local function add(stack)
 	if not rest:is_empty() then minetest.add_item(at, rest) end
 end
 
--- Silver of moreores has no other setting than a depth: here the same ore lies in lifted land, too.
+-- Silver of moreores has no other setting than a depth: here the same ore is in lifted land, too.
 local height = tonumber(minetest.settings:get("water_level"))
 for _, ore in pairs(table.copy(minetest.registered_ores)) do
 	if ore.ore == "moreores:mineral_silver" then
