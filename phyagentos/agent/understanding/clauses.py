@@ -25,6 +25,7 @@ from phyagentos.agent.understanding.nouns import (
     Node,
     Slot,
     find_child,
+    find_side,
     get_type,
     has_token,
     list_children,
@@ -379,16 +380,11 @@ class Clauses(Discourse):
 
     def list_placed(self, names: Iterable[str], dest: Node) -> dict[str, str]:
         """Of each object the statement that it is at a destination, at one of several."""
-        places = self._find_any_places(dest)
+        places = self.find_any_places(dest)
         texts = {name: [self._locate(name, dest, place) for place in places if place != name] for name in names}
         return {name: " or ".join(each) for name, each in texts.items() if each}
 
-    def list_contents(self, dest: Sequence[Node]) -> dict[str, str]:
-        """Of each vessel of a destination, or of all that hold any, the statement that something is in it."""
-        names = self._find_any_places(dest[0]) if dest else [each.name for each in self.list_fitting(Slot.LOOSE)]
-        return {name: f"contains({name})" for name in names}
-
-    def _find_any_places(self, dest: Node) -> tuple[str, ...]:
+    def find_any_places(self, dest: Node) -> tuple[str, ...]:
         """The places of a destination: of `in a tray` every one, as neither question nor prohibition chooses one."""
         any_of = [noun for noun in dest.find_data("quantified") if find_child(noun, "any")]
         plains = [plain for noun in any_of for plain in list_children(noun) if plain.data == "plain"]
@@ -463,7 +459,7 @@ class Clauses(Discourse):
         on = self.resolve_one(bases[0], Slot.PLACE).names if bases else ()
         named = [self.resolve_one(list_children(level)[0], Slot.MOVED).names for level in levels]
         names = [each[0] for each in named if len(each) == 1]
-        lowest, highest = (_find_side(levels, f"side_{side}") for side in ("bottom", "top"))
+        lowest, highest = (find_side(levels, f"side_{side}") for side in ("bottom", "top"))
         rises = has_token(clause, "from_bottom") or 0 in lowest or -1 in highest
         is_chain = has_token(clause, "onto") and not bases  # `red on green on blue`
         sinks = is_chain or has_token(clause, "from_top") or 0 in highest or -1 in lowest
@@ -586,7 +582,7 @@ class Clauses(Discourse):
 
     def _read_never_put(self, _: Node, things: Node, dest: Node) -> Step:
         names = self.resolve(things, Slot.MOVED, forbids=True).names
-        places = self._find_any_places(dest)
+        places = self.find_any_places(dest)
         if dest.data in SIDES:
             return self.lack(RequestProblemKind.CAPABILITY, dest)
         return self._keep(f"not {self._locate(name, dest, place)}" for name in names for place in places)
@@ -602,8 +598,3 @@ class Clauses(Discourse):
             wanted += [f"inside({each.name}, {name})" for each in self.list_fitting(Slot.ANY) if each.stands == name]
             wanted += [f"contains({name}, {contents})"] if contents else []
         return wanted or self.lack(RequestProblemKind.FIT, clause)
-
-
-def _find_side(levels: Sequence[Node], side: str) -> set[int]:
-    """Which ends of a tower are said to be at a side: 0 the first, -1 the last."""
-    return {end for end in (0, -1) if levels and has_token(levels[end], side)}

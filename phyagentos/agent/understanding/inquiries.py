@@ -45,7 +45,9 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
             statements = _say_state(said, said.list_alike(plain, slot), state)
         case "ask_place", [things, *dests]:
             kind, names = _resolve(said, things, Slot.ANY)
-            places = [each if each.data in _PLACES else Node(dests[0].data, [each]) for each in dests]  # `in A or B`
+            places = [
+                Node(dests[0].data, [each]) if each.data == "quantified" else each for each in dests
+            ]  # `in A or B`
             placed = [said.list_placed(names, each) for each in places]
             statements = {name: " or ".join(each[name] for each in placed if name in each) for name in placed[0]}
         case "ask_which", [*nouns, dest]:
@@ -54,7 +56,7 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
             kind = InquiryKind.SIDE if is_side else kind
             statements = said.list_beside(some, dest) if is_side else said.list_placed(some, dest)
         case "ask_count", [plain, *dest] if said.is_loose(plain):
-            kind, statements = InquiryKind.CONTENTS, said.list_contents(dest)
+            kind, statements = InquiryKind.CONTENTS, _list_contents(said, dest)
         case "ask_count", [plain, *dest]:
             some = said.list_alike(plain)
             statements = said.list_placed(some, dest[0]) if dest else dict.fromkeys(some, "")
@@ -83,12 +85,17 @@ def _resolve(said: Clauses, things: Node, slot: Slot) -> tuple[InquiryKind, Iter
     return InquiryKind.COUNT, said.list_alike(list_children(left_open[0])[-1], slot)
 
 
+def _list_contents(said: Clauses, dest: Iterable[Node]) -> dict[str, str]:
+    """Of each vessel of a destination, or of all that hold any, the statement that something is in it."""
+    places = [name for each in dest for name in said.find_any_places(each)]
+    return {name: f"contains({name})" for name in places or [each.name for each in said.list_fitting(Slot.LOOSE)]}
+
+
 def _say_state(said: Clauses, names: Iterable[str], state: Node) -> dict[str, str]:
     form = read_lexicon()["meanings"][state.data]["form"]
     return {name: form.format(name, at="inside" if said.get(name).has_interior else "on") for name in names}
 
 
-_PLACES = {"into", "onto", "to", "beside", "inside_it", *SIDES}
 _OPEN = ("any", "number", "exactly", "half", "some")  # quantities that leave open which objects are meant
 _KINDS = {
     "ask_state": InquiryKind.WHETHER,

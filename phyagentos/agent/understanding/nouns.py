@@ -447,6 +447,11 @@ def has_token(tree: Node, terminal: str) -> bool:
     return any(get_type(child) == terminal for child in tree.children)
 
 
+def find_side(levels: Sequence[Node], side: str) -> set[int]:
+    """Which ends of a tower are said to be at a side: 0 the first, -1 the last."""
+    return {end for end in (0, -1) if levels and has_token(levels[end], side)}
+
+
 def get_type(part: object) -> str:
     """The terminal of a word; empty for a phrase."""
     return part.type.lower() if isinstance(part, Token) else ""
