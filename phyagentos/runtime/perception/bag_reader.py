@@ -208,7 +208,7 @@ def decode_color(taken: Taken) -> NDArray[np.uint8] | None:
     """(height, width, 3), uint8; None where its bytes are no picture in colour."""
     message = taken.message
     if hasattr(message, "format"):
-        decoded = _decompress(message.data, cv2.IMREAD_COLOR)
+        decoded = cv2.imdecode(np.asarray(message.data), cv2.IMREAD_COLOR) if len(message.data) else None
         return None if decoded is None else np.ascontiguousarray(decoded[..., ::-1])
     channels, order = _CHANNELS.get(message.encoding, (0, []))
     rows = _cut_rows(message, np.dtype(np.uint8), channels)
@@ -233,17 +233,14 @@ def _decompress_depth(message: RosMessage, kind: str, unit_m: float) -> NDArray[
     """Of `compressedDepth`: a header, then a PNG of numbers, or of the inverse of fractions; [m]."""
     data = np.asarray(message.data)
     has_header = "compressedDepth" in message.format and len(data) > _HEADER.size
-    raw = _decompress(data[_HEADER.size if has_header else 0 :], cv2.IMREAD_UNCHANGED)
+    data, header = data[_HEADER.size if has_header else 0 :], data[: _HEADER.size].tobytes()
+    raw = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
     if raw is None or raw.dtype != np.uint16 or raw.ndim != 2 or (kind == "f4" and not has_header):
         return None
     if kind != "f4":
         return raw.astype(np.float32) * np.float32(unit_m)
-    _, a, b = _HEADER.unpack(data[: _HEADER.size].tobytes())
+    _, a, b = _HEADER.unpack(header)
     return np.where(raw > 0, a / np.maximum(raw - np.float32(b), 1.0), 0.0).astype(np.float32)
-
-
-def _decompress(data: NDArray[np.uint8], kind: int) -> NDArray[Any] | None:
-    return cv2.imdecode(np.asarray(data), kind) if len(data) else None
 
 
 def _cut_rows(message: RosMessage, kind: np.dtype[np.generic], channels: int) -> NDArray[np.generic] | None:
