@@ -44,7 +44,7 @@ OTHER_NAMES = {
     "WIRE_VERSION",
 }  # the system's, and attributes of classes
 OF_SQLITE = {"COMMIT", "DEFERRED", "IMMEDIATE", "ROLLBACK"}
-METAVARS = {"AREA", "BODY", "FILE", "GOAL", "MATERIAL", "MODEL", "PROPOSAL", "ROBOT", "SESSION", "TREE"}
+METAVARS = {"AREA", "BODY", "FILE", "FOLDER", "GOAL", "MATERIAL", "MODEL", "PROPOSAL", "ROBOT", "SESSION", "TREE"}
 OF_HTTP = {"POST"}
 TRACE = {"SUCCESS", "FAILURE"}  # py_trees' own words
 
