@@ -261,7 +261,11 @@ def test_what_cannot_be_put_there_is_told_before_anything_runs(monkeypatch, tmp_
         ("  last:", f"  {'n' * 81}:", r"20:3: INVALID_VALUE: found 'n{81}'; expected at most 80 lower-case letters"),
         ("yellow_cube]", f"{'v' * 100}]", r"15:5: INVALID_VALUE: found 'each-v{100}'; expected values that make"),
         ("skill: pick\n", "skill: pick\n        priority: 1000001\n", r"23:5: INVALID_VALUE: found 1000001"),
-        ("objective: Everything at once.", "objective: 2001-99-99", r"2:12: SYNTAX: found '2001-99-99' is no"),
+        (
+            "objective: Everything at once.",
+            "objective: 2001-99-99",
+            r"2:12: SYNTAX: found '2001-99-99', which is no date",
+        ),
         (
             'near: "${red.outputs.place_site}"',
             "near: [.nan, 0, 0]",
