@@ -27,16 +27,16 @@ def load(pytestconfig, folder):
 
 def test_lerobot_loads_frames_chunks_pictures_and_episodes(tmp_path, pytestconfig, data):  # noqa: F811
     write_dataset(data, CHOICE, tmp_path / "set", "1")
-    told = load(pytestconfig, tmp_path / "set")
-    assert (told["episodes"], told["frames"], told["fps"], told["task"]) == (3, 18, 25, "task 0")
-    assert told["forms"]["action"] == [10, 2]
-    assert told["forms"]["observation.environment_state"] == [7]
-    assert told["forms"]["observation.images.front"] == [3, 16, 32]
-    dark_and_light = np.array(told["pictures"]["observation.images.front"]) * 255.0
+    loaded = load(pytestconfig, tmp_path / "set")
+    assert (loaded["episodes"], loaded["frames"], loaded["fps"], loaded["task"]) == (3, 18, 25, "task 0")
+    assert loaded["forms"]["action"] == [10, 2]
+    assert loaded["forms"]["observation.environment_state"] == [7]
+    assert loaded["forms"]["observation.images.front"] == [3, 16, 32]
+    dark_and_light = np.array(loaded["pictures"]["observation.images.front"]) * 255.0
     assert np.allclose(dark_and_light, GREY, atol=6)
-    assert told["first_state"] == [0.0, 0.0]
-    assert told["origins"]["session_id"] == [f"goal-{number}.node" for number in range(3)]
-    assert {"action", "observation.state", "observation.images.front"} <= set(told["stats"])
+    assert loaded["first_state"] == [0.0, 0.0]
+    assert loaded["origins"]["session_id"] == [f"goal-{number}.node" for number in range(3)]
+    assert {"action", "observation.state", "observation.images.front"} <= set(loaded["stats"])
 
 
 def test_lerobot_loads_what_a_recorder_of_others_recorded_in_a_bag(tmp_path, pytestconfig):
@@ -47,11 +47,11 @@ def test_lerobot_loads_what_a_recorder_of_others_recorded_in_a_bag(tmp_path, pyt
     choice = Choice(cameras=("overhead", "left"))
     write_dataset(read_bags([bag], choice, TASK), choice, tmp_path / "set", "1")
 
-    told = load(pytestconfig, tmp_path / "set")
-    assert (told["episodes"], told["frames"], told["fps"], told["task"]) == (1, 10, 5, TASK)
-    assert told["forms"]["action"] == [10, 8]
-    assert told["forms"]["observation.images.overhead"] == told["forms"]["observation.images.left"]
-    assert np.abs(np.array(told["first_state"])[:7] - before[:7]).max() < 1e-5
-    assert told["origins"] == {"verdict": [""], "action": ["the state one step later"]}
-    first, last = told["pictures"]["observation.images.overhead"]
+    loaded = load(pytestconfig, tmp_path / "set")
+    assert (loaded["episodes"], loaded["frames"], loaded["fps"], loaded["task"]) == (1, 10, 5, TASK)
+    assert loaded["forms"]["action"] == [10, 8]
+    assert loaded["forms"]["observation.images.overhead"] == loaded["forms"]["observation.images.left"]
+    assert np.abs(np.array(loaded["first_state"])[:7] - before[:7]).max() < 1e-5
+    assert loaded["origins"] == {"verdict": [""], "action": ["the state one step later"]}
+    first, last = loaded["pictures"]["observation.images.overhead"]
     assert abs(first - last) > 1e-4, "the arm is elsewhere at the end"
