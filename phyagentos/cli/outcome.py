@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import IO
 
 from phyagentos.errors import DefinitionError, PhyAgentOSError, Problem, find_full_disk
-from phyagentos.plugins import PACKAGE
 from phyagentos.protocol.documents.plain_text import clean
 
 
@@ -140,7 +139,8 @@ def report_exception(error: BaseException) -> ExitCode:
         count = print_problems(error.problems)
         print_note(f"{count} problem{'s' if count != 1 else ''}")
         return ExitCode.INVALID_INPUT
-    if isinstance(error, ModuleNotFoundError) and (error.name or PACKAGE).partition(".")[0] != PACKAGE:
+    own = __name__.partition(".")[0]
+    if isinstance(error, ModuleNotFoundError) and (error.name or own).partition(".")[0] != own:
         print_note(
             f"paos: this needs {error.name}, which is not installed here; a client only reads workspaces and decides."
         )

@@ -86,14 +86,14 @@ def iter_rig_warnings(graph: GoalGraph, located: Located, rig: Rig) -> Iterator[
     named = {name: path for path, text in reversed(texts.items()) for name in find_entities(text)}
     for name in reversed([each for each in named if each in rig.scene.bodies and rig.cameras]):
         yield from _iter_of_body(name, located, named[name], rig)
-    for thing, is_own in iter_like_map(rig.scene) if rig.cameras else ():
-        thick_m, margin_m = compute_sides(thing)[0], MAP_M if is_own else MAP_LIKE_M
+    for body, is_own in iter_like_map(rig.scene) if rig.cameras else ():
+        thick_m, margin_m = compute_sides(body)[0], MAP_M if is_own else MAP_LIKE_M
         if thick_m < margin_m:
             thick, least = compare_lengths(thick_m, margin_m)
-            found = f"{thing.name!r}, {thick} thin and of a hue like what it may lie on: no camera tells them apart"
+            found = f"{body.name!r}, {thick} thin and of a hue like what it may lie on: no camera tells them apart"
             hint = "Give it another colour. Until a look has shown it, on() is unknown of what may stand on it."
             expected = f"another hue, or more than {least}"
-            yield located.problem("NOT_OBSERVED", named.get(thing.name, ("scene",)), found, expected, hint)
+            yield located.problem("NOT_OBSERVED", named.get(body.name, ("scene",)), found, expected, hint)
     formulas = ((path, find_formula(text)) for path, text in texts.items())
     calls = ((path, call) for path, formula in formulas if formula is not None for call in syntax.iter_calls(formula))
     for path, call in calls:
