@@ -36,6 +36,7 @@ GROUPS = {  # name -> help, module and functions
     "export": ("Trees, goals and sessions as files for the tools of others.", "exporting", EXPORTS),
     "evidence": ("Evidence bundles.", "keeping", ("verify", "prune")),
     "store": ("The journal of a workspace.", "keeping", ("check", "repair", "compact", "follow")),
+    "ros2": ("Goals as a ROS 2 action; verdicts on what topics show.", "ros2", ("serve", "watch")),
     "policy": ("Policies that carry out skills.", "policies", ("serve", "replay")),
     "bench": (
         "Suites of many episodes on the ordinary path.",
@@ -101,6 +102,7 @@ SECTIONS = {  # of the help -> name -> module and function, the first line of wh
         "restore": "keeping:restore",
         "evidence": GROUP,
         "store": GROUP,
+        "ros2": GROUP,
         "policy": GROUP,
         "bench": GROUP,
         "lifecycle": "showing:show_lifecycle",
@@ -113,7 +115,15 @@ MEMBERS = {  # of groups, as they are typed -> module and function
     for group, (_, module, functions) in GROUPS.items()
 }
 PLACES = COMMANDS | {f"{group} {name}": at for group, each in MEMBERS.items() for name, at in each.items()}
-SERVERS = ("watch", "view", "mcp", "policy serve", "tree serve")  # until Ctrl-C: without a result
+SERVERS = (
+    "watch",
+    "view",
+    "mcp",
+    "policy serve",
+    "tree serve",
+    "ros2 serve",
+    "ros2 watch",
+)  # until Ctrl-C: without a result
 HELP = """Robots run on sessions that are verified, not merely finished.
 
 \b

@@ -146,7 +146,7 @@ def calling(ros):
 @contextlib.contextmanager
 def serving(ros, workspace, *options):
     python, environment = ros
-    command = [python, "-m", "ros2_goals", str(workspace.root), "--paos", PAOS, *options]
+    command = [PAOS, "ros2", "serve", "-w", str(workspace.root), "--python", python, *options]
     process = subprocess.Popen(command, env=environment, cwd=ROOT)
     try:
         yield process

@@ -56,8 +56,8 @@ def start(ros, table, tmp_path):
     started = []
 
     def start(*accept, **options):
-        given = {"scene": SCENE, "paos": PAOS, "settings": tmp_path / "bag.yaml", "to": tmp_path / "to"} | options
-        command = [python, "-m", "ros2_verdicts", *(part for each in accept for part in ("--accept", each))]
+        given = {"scene": SCENE, "settings": tmp_path / "bag.yaml", "to": tmp_path / "to", "python": python} | options
+        command = [PAOS, "ros2", "watch", *(part for each in accept for part in ("--accept", each))]
         command += [part for name, value in given.items() for part in (f"--{name}", str(value))]
         process = subprocess.Popen(command, env=environment, cwd=ROOT, stderr=subprocess.PIPE, text=True)
         started.append(process)
@@ -70,12 +70,31 @@ def start(ros, table, tmp_path):
         assert process.returncode == 0, printed
 
 
+@pytest.fixture(scope="module")
+def long_bag(tmp_path_factory):
+    """Fifty seconds, in each half of which several verdicts can be formed; after 25 the red cube is in its tray."""
+    script = {25.0: lambda table: table.put_into("red_cube", "red_tray")}
+    return Recorder(rate_hz=2.5).record(Table(), tmp_path_factory.mktemp("recorded") / "run", script, until_s=50.0)
+
+
 @pytest.fixture
-def robot(ros, bag):
+def play(ros):
+    """A robot that plays a bag."""
     python, environment = ros
-    lines = Lines([python, Path(__file__).with_name("play_bag.py"), bag], environment)
-    yield lines
-    lines.end()
+    started = []
+
+    def play(bag):
+        started.append(Lines([python, Path(__file__).with_name("play_bag.py"), bag], environment))
+        return started[-1]
+
+    yield play
+    for each in started:
+        each.end()
+
+
+@pytest.fixture
+def robot(play, bag):
+    return play(bag)
 
 
 def ask(robot, service="verify"):
@@ -128,10 +147,11 @@ def test_a_new_beginning_is_what_later_looks_are_compared_with(start, robot):
     assert "moved" in message
 
 
-def test_verdicts_come_in_a_rhythm(start, robot):
+def test_verdicts_come_in_a_rhythm(start, play, long_bag):
     start(RED, every=2.0)
+    robot = play(long_bag)
     assert robot.wait("diagnostics", level=1)["because"].startswith("no message was received")
-    robot.say(play=9.0)
+    robot.say(play=50.0)
     for verdict in ("false", "true"):
         robot.wait("verdict", is_so=lambda each, verdict=verdict: json.loads(each["data"])["verdict"] == verdict)
 

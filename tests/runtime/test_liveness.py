@@ -46,8 +46,13 @@ def heart(tmp_path):
 
 @pytest.mark.parametrize(
     "says",
-    [lambda count: {"tick": count}, lambda count: {"sim_time_s": 0.1 * count}, lambda _: {"phase": "paused"}],
-    ids=["commands", "its simulated time goes on", "pauses"],
+    [
+        lambda count: {"tick": count},
+        lambda count: {"sim_time_s": 0.1 * count},
+        lambda _: {"phase": "paused"},
+        lambda _: {"phase": "looking"},
+    ],
+    ids=["commands", "its simulated time goes on", "pauses", "frames come"],
 )
 def test_one_that_beats_and_acts_or_rests_is_left_alone(heart, says):
     assert heart.beat_until_trouble(says)[0] is None

@@ -12,6 +12,7 @@ from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.evidence import BEFORE
 from phyagentos.protocol.sessions.evidence_manifest import check_bundle
+from phyagentos.protocol.sessions.heartbeats import find_heartbeat
 from phyagentos.protocol.sessions.session import Ended, Execution
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Entity, Environment, Pose
@@ -31,6 +32,7 @@ from phyagentos.runtime.worker.orders import (
     receive_answer,
 )
 from phyagentos.runtime.worker.worker import WorkerLoop
+from tests.following import wait_until
 
 from .test_watchdog import PLAN, TOOLS, make_session
 
@@ -55,7 +57,10 @@ class Steps:
     def run(self, session, epoch, plan, *, evidence, cancel, beat, await_lease) -> Execution:
         await_lease()
         self.told.append(f"begin {session.id}")
-        self.may_end.wait(10.0)
+        for _ in range(200):
+            self.on_frames()
+            if self.may_end.wait(0.05):
+                break
         reason = cancel()
         self.told.append(f"end {session.id}")
         return Execution(ended=Ended(reason) if reason else Ended.COMPLETED, evidence=evidence)
@@ -144,6 +149,14 @@ def test_a_check_that_comes_during_a_run_is_made_in_the_world_that_it_leaves(pla
 
     assert [answer.session for answer in answers] == ["g.a", "g.b", "g.b"]
     assert place.steps.told == ["check g.a", "begin g.a", "end g.a", "check g.b", "begin g.b", "end g.b"]
+
+
+def test_frames_of_slow_cameras_are_heartbeats(place):
+    place.ask(check("g.a"))
+    place.hear()
+    place.ask(run("g.a"), LEASE)
+
+    wait_until(lambda: find_heartbeat(place.root / "heartbeats", "panda").phase == "looking")
 
 
 def test_a_run_of_what_was_not_checked_last_moves_nothing(place):

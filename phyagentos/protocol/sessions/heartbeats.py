@@ -24,7 +24,8 @@ class Heartbeat(msgspec.Struct, frozen=True, kw_only=True):
         leaf: Path of the active leaf.
         q_rad: Measured joint positions while it executes [rad, m], in the order of the profile.
         gripper_width_m: Measured opening [m].
-        phase: `idle`, `loading`, `executing`, `thinking`, `paused`, `halting`, `observing`.
+        phase: `idle`, `loading`, `executing`, `thinking`, `paused`, `looking` (each beat
+            follows a frame), `halting`, `observing`.
     """
 
     target: str

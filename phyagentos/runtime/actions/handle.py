@@ -58,6 +58,7 @@ class TargetSessionHandle:
     Attributes:
         link: To the target; its `is_ending` says whether the session is to end.
         is_pausing: Whether the session is to rest; for skills without an end of a motion to rest at.
+        on_frames: Called as frames come: a look at several slow cameras takes many seconds.
         token: Of the epoch that begins next.
 
     Raises:
@@ -74,6 +75,7 @@ class TargetSessionHandle:
         sees_truth: bool = False,
     ) -> None:
         self.is_pausing: Callable[[], bool] = lambda: False
+        self.on_frames: Callable[[], None] = lambda: None
         self.token = b""
         self._is_stopped, self._collision, self._sees_truth = is_stopped, collision, sees_truth
         self._interventions: list[Intervention] = []
@@ -354,7 +356,9 @@ class TargetSessionHandle:
         self, cameras: tuple[str, ...] = (), crops: dict[str, wire.Crop] | None = None, every: int = 1
     ) -> wire.Frames:
         """The latest frames of these RGB-D cameras, all of them when none is named; time does not move."""
-        return self._ask(wire.Capture(cameras=cameras, crops=crops or {}, every=every))
+        frames = self._ask(wire.Capture(cameras=cameras, crops=crops or {}, every=every))
+        self.on_frames()
+        return frames
 
     def _ask(self, request: wire.RequestFor[ReplyT]) -> ReplyT:
         self._check_permitted(VERBS[type(request)].operation)

@@ -17,7 +17,7 @@ from phyagentos.runtime.supervision.target_phase import Phase
 
 LOOK_PERIOD_S = 0.2  # the watchdog reads no faster; a limit of seconds does not notice
 LOOK_MAX_S = 1.0  # a watchdog that was itself stopped for longer does not hold that against a worker
-_RESTING = frozenset({"idle", "paused", "loading"})  # no progress is expected
+_RESTING = frozenset({"idle", "paused", "loading", "looking"})  # no progress is expected
 START_S = 180.0  # until a worker is ready; a first one compiles its kinematics
 OBSERVE_S = 60.0  # to observe what a lost session left
 

@@ -28,9 +28,9 @@ class HeartbeatWriter:
         """
         self._publish(Heartbeat(target=self._beat.target, pid=self._beat.pid, phase=phase, **doing), at_once=at_once)
 
-    def beat_paused(self) -> None:
-        """Repeat the last beat in the phase `paused`."""
-        self._publish(msgspec.structs.replace(self._beat, phase="paused"))
+    def repeat(self, phase: str) -> None:
+        """Repeat the last beat in another phase: nothing has moved since."""
+        self._publish(msgspec.structs.replace(self._beat, phase=phase))
 
     def _publish(self, beat: Heartbeat, *, at_once: bool = False) -> None:
         now_s = self._clock.now_s()

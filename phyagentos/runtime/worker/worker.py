@@ -58,6 +58,7 @@ class WorkerLoop:
         self._handle, self._world = target.handle, target.world
         self._handle.link.is_ending = self._is_ending
         self._handle.is_pausing = lambda: self._is_paused
+        self._handle.on_frames = lambda: heartbeat.repeat("looking")
         self._examiner, self._runner, self._heartbeat = examiner, runner, heartbeat
         self._workspace, self._sealer = workspace, Sealer(workspace.evidence)
         self._clock = clock
@@ -200,7 +201,7 @@ class WorkerLoop:
         while self._stop is None and self._control.poll():
             self._obey(orders.receive_order(self._control))
         while self._is_paused and self._stop is None and self._handle.is_at_rest:
-            self._heartbeat.beat_paused()
+            self._heartbeat.repeat("paused")
             if self._control.poll(REST_S):
                 self._obey(orders.receive_order(self._control))
             if self._clock.now_s() > self._lease_until_s:
@@ -214,7 +215,7 @@ class WorkerLoop:
 
     def _is_ending(self) -> bool:
         """Whether the session has to end, while a motion of it waits for other targets."""
-        self._heartbeat.beat_paused()
+        self._heartbeat.repeat("paused")
         while self._stop is None and self._control.poll():
             self._obey(orders.receive_order(self._control))
         return self._stop is not None or self._clock.now_s() > self._lease_until_s
