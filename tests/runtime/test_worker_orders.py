@@ -157,6 +157,8 @@ def test_frames_of_slow_cameras_are_heartbeats(place):
     place.ask(run("g.a"), LEASE)
 
     wait_until(lambda: find_heartbeat(place.root / "heartbeats", "panda").phase == "looking")
+    place.steps.may_end.set()
+    assert isinstance(place.hear(), Finished)
 
 
 def test_a_run_of_what_was_not_checked_last_moves_nothing(place):
