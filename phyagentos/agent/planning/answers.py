@@ -28,6 +28,8 @@ class UnreachableReason(StrEnum):
     """Its parts and their order exclude each other."""
     AMOUNT = "amount"
     """It needs more of something than there is, and than can be made."""
+    MODEL = "model"
+    """The answers of a model were no plan."""
     TIME = "time"
     """No plan was found within the planner's limits; there may be one."""
 
@@ -54,6 +56,7 @@ _TEXTS = {
     UnreachableReason.CONSTRAINT: "{1} forbids every plan",
     UnreachableReason.CONTRADICTION: "these exclude each other, or their order does: {1}",
     UnreachableReason.AMOUNT: "amounts do not suffice; there would have to be {1} more",
+    UnreachableReason.MODEL: "the last answer of the model was no plan: {1}",
     UnreachableReason.TIME: "no plan was found within the planner's limits",
 }
 

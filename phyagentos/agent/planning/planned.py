@@ -4,7 +4,7 @@ Upstream: an author, or an understander of requests. Downstream: the file that a
 """
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
 
@@ -39,10 +39,12 @@ def plan_goal(
     world: Environment,
     without: Collection[Tried] = (),
     may_hold: bool = True,
+    solve: Callable[[PlanningProblem], Plan | ProvenUnsolvable | None] = solve,
 ) -> PlannedGoal | Unsolvable:
     """Plan a goal from a snapshot, or the start of a scene, `without` sessions that were tried in vain.
 
-    Without `may_hold` a plan puts down what it takes, unless the goal wants it in the hand, or there is no place.
+    Without `may_hold` a plan puts down what it takes, unless the goal wants it in the hand, or there is no place. What
+    `solve` answers has to be a plan of its problem.
 
     Raises:
         DefinitionError: A predicate cannot be parsed or planned for, or a target is unknown.

@@ -59,7 +59,7 @@ class BagLooks:
         """At the begin, shortly before the end, and at the end: none without the end, fewer where less is shown."""
         bag, lag_ns = self._bag, self._find_lag(self._bag.end_ns - EDGE_NS, self._bag.end_ns)
         self._drop_transforms(lag_ns)
-        if (last := self._look_back(scene, bag.end_ns - lag_ns, lag_ns, notes=True)) is None:
+        if (last := self._look_back(scene, bag.end_ns - lag_ns, lag_ns, self._gap_ns, notes=True)) is None:
             return []
         rest_ns = self.origin_ns + round(min(each.time_s for each in last.captures[0][1].frames) * 1e9) - REST_NS
         first_ns = max(taken[0].stamp_ns for each in self.cameras.values() if (taken := bag.pictures.get(each.color)))
@@ -113,9 +113,15 @@ class BagLooks:
             for name, each in chosen.items()
         }
 
-    def _look_back(self, scene: Scene, at_ns: int, lag_ns: int, *, notes: bool = False) -> Look | None:
-        """The newest usable frames up to a stamp, none older than allowed; `notes` keeps why cameras have none."""
-        found = {name: self._find_frame(name, camera, at_ns, lag_ns) for name, camera in self.cameras.items()}
+    def _look_back(
+        self, scene: Scene, at_ns: int, lag_ns: int, ahead_ns: int = 0, *, notes: bool = False
+    ) -> Look | None:
+        """The newest usable frames up to a stamp, or so little `ahead_ns` of it; none is older than allowed.
+
+        `notes` keeps why cameras have none. The end is known as well as messages take equally long.
+        """
+        cameras = self.cameras.items()
+        found = {name: self._find_frame(name, camera, at_ns, ahead_ns, lag_ns) for name, camera in cameras}
         if notes:
             self.left_out += [f"camera {name}: {each}" for name, each in found.items() if isinstance(each, str)]
         shown = [each for each in found.values() if not isinstance(each, str)]
@@ -133,11 +139,13 @@ class BagLooks:
             states=states,
         )
 
-    def _find_frame(self, name: str, camera: BagCamera, at_ns: int, lag_ns: int) -> tuple[Frame, TargetState] | str:
+    def _find_frame(
+        self, name: str, camera: BagCamera, at_ns: int, ahead_ns: int, lag_ns: int
+    ) -> tuple[Frame, TargetState] | str:
         why, pictures = "", self._bag.pictures.get(camera.color, ())
         for taken in sorted(pictures, key=lambda each: -each.stamp_ns):
             reason = explain_clock(taken.logged_ns - taken.stamp_ns, lag_ns, self._how)
-            if reason or at_ns - self._age_ns <= taken.stamp_ns <= at_ns:
+            if reason or at_ns - self._age_ns <= taken.stamp_ns <= at_ns + ahead_ns:
                 frame = reason or self._make_frame(name, camera, taken)
                 if not isinstance(frame, str):
                     return frame

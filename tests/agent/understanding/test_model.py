@@ -8,8 +8,9 @@ from dataclasses import replace
 import msgspec
 import pytest
 
+from phyagentos.agent.context.dialogue import replay_answers, write_answers
 from phyagentos.agent.understanding.grounding import choose_statements
-from phyagentos.agent.understanding.model import ModelUnderstander, replay_answers, write_answers
+from phyagentos.agent.understanding.model import ModelUnderstander
 from phyagentos.agent.understanding.understanding import Ambiguous, Impossible, RequestProblemKind, Understood
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError

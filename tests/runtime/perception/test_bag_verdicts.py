@@ -128,6 +128,13 @@ def test_single_frames_that_are_lost_change_no_verdict(judge):
     assert judge(IN, lost)[0].verdict is Truth.TRUE
 
 
+def test_messages_that_took_less_time_at_the_end_hide_no_picture(judge):
+    recorder = Recorder(rate_hz=1.0, late_s=lambda topic, time_s: 0.005 if time_s > UNTIL_S - 0.1 else 0.045)
+    found, _ = judge(IN, recorder)
+
+    assert found.left_out == ()
+
+
 def test_one_look_does_not_show_that_an_object_rests(judge):
     late = Recorder(rate_hz=10.0, drops=lambda topic, time_s: "image" in topic and time_s < 1.9)
     found, _ = judge(IN, late)
