@@ -1,6 +1,7 @@
 """Says from a recorded simulator state whether a cube lies in a tray, and the like.
 
-It loads `scene.mjb` and `terminal.npz` with MuJoCo and numpy, each no larger than its file; nothing that acted is imported.
+It loads `scene.mjb` and `terminal.npz` with MuJoCo and numpy, a model no larger than its file; nothing of the framework
+that acted is imported.
 """
 
 from pathlib import Path
