@@ -24,6 +24,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from benchmarks.runner import finish, run, show
+from phyagentos.assembly.graphics import choose_graphics
 from phyagentos.bench.report import Threshold
 from phyagentos.errors import DefinitionError
 from phyagentos.operations import robots
@@ -82,6 +83,7 @@ def try_model(file: Path, *, is_tried: bool) -> Row:
 
 def _send(file: Path, folder: Path, is_tried: bool, out: Connection) -> None:
     os.chdir(folder)
+    choose_graphics()
     with redirect_stdout(StringIO()):
         out.send(try_model(file, is_tried=is_tried))
 

@@ -28,7 +28,10 @@ from phyagentos.runtime.motion.requests import (
 CELLS = 10  # of the map, from the base to the end of the reach
 FRONT_RAD = np.radians(40.0)  # to either side of the x axis, for the band of distances
 HOLD_S, RETURNS, REST_S = 5.0, 5, 1.0
+DRAWS = 5 * RETURNS  # of postures, of which some are not free
 LAG_MAX_RAD, RETURN_MAX_M, SLIP_MAX_M = 0.05, 0.001, 0.003
+FLOOR, FLOOR_M = "floor", (3.0, 3.0, 0.02)  # and its half sizes
+TOOL = "`tool` (see paos robot render), `mount_position_m`, the height of its base"
 CUBE, SHARE, LARGEST_M = "cube", 0.6, 0.04  # what is grasped: this share of the opening, at most so wide
 FAR_M = 2.5  # where it stands for a robot that takes nothing
 Cells = Mapping[tuple[float, float], bool]
@@ -36,11 +39,12 @@ Cells = Mapping[tuple[float, float], bool]
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One measurement; `is_well` where nothing of it would fail a session."""
+    """One measurement; `is_well` where nothing of it would fail a session; `change` is what of a profile decides it."""
 
     what: str
     measured: str
     is_well: bool = True
+    change: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,33 +68,40 @@ def run_trial(profile: TargetProfile, folder: Path) -> Trial:
         shown = f"{band_m[0]:.2f} to {band_m[1]:.2f} m in front" if band_m else "nowhere in front"
         findings += [
             Finding(
-                "grasps of a cube on the level of the base", f"{shown}, {share:.0%} of the map", band_m is not None
+                "grasps of a cube on the level of the base",
+                f"{shown}, {share:.0%} of the map",
+                band_m is not None,
+                f"{TOOL}, or another hand",
             ),
             Finding("opening", f"0 to {profile.gripper.max_width_m * 1e3:.0f} mm, as its pads open in the model"),
         ]
     middle_m = float(np.mean(band_m)) if band_m else FAR_M
     reached = [at for at, found in cells.items() if found]
     place = min(reached, key=lambda at: abs(at[0] - middle_m) + abs(at[1]), default=(FAR_M, FAR_M))
-    physics = Physics.alone(profile, folder, _build_scene(half_m or LARGEST_M, place), seed=0)
+    scene, bodies = _build_scene(half_m or LARGEST_M, (*place, _find_level(profile)))
+    physics = Physics.alone(profile, folder, scene, seed=0)
     physics.start(0.3)
-    findings += [*_try_returns(planner, physics), *(_try_hold(planner, physics, half_m, place) if band_m else ())]
+    findings += _try_returns(planner, physics, World(bodies))
+    findings += _try_hold(planner, physics, half_m, bodies) if band_m else ()
     return Trial(tuple(findings), band_m, _draw(cells, band_m))
+
+
+def _find_level(profile: TargetProfile) -> float:
+    """Height at which objects stand [m]: that of the base, or of what its column stands on."""
+    return 0.0 if profile.stands_on_column else profile.mount_position_m[2]
 
 
 def _map_grasps(planner: MotionPlanner, half_m: float) -> Cells:
     """Whether a cube of `half_m` can be taken at places (x, y) [m] around the base, from home."""
-    reach_m, (x0, y0, z0) = measure_reach(planner.robot), planner.robot.profile.mount_position_m
+    reach_m, (x0, y0, _) = measure_reach(planner.robot), planner.robot.profile.mount_position_m
     line = np.round(np.linspace(-reach_m, reach_m, 2 * CELLS + 1), 3).tolist()
     places = [(x + x0, y + y0) for x in line for y in line if 0.1 * reach_m < np.hypot(x, y) <= reach_m]
-    height_m = 0.0 if planner.robot.profile.stands_on_column else z0
-    return {at: _find_grasps(planner, half_m, (*at, height_m + half_m)) is not None for at in places}
+    level_m = _find_level(planner.robot.profile)
+    return {at: _find_grasps(planner, _list_bodies(half_m, (*at, level_m))) is not None for at in places}
 
 
-def _find_grasps(planner: MotionPlanner, half_m: float, position_m: tuple[float, float, float]) -> Approaches | None:
-    cube = Entity(name=CUBE, kind=CUBE, pose=Pose(position_m), shapes=(Shape(ShapeKind.BOX, (half_m,) * 3),))
-    answer = planner.answer(
-        FindGrasps(world=World((cube,)), object=CUBE, q_rad=planner.robot.home_rad, seed=0, count=1)
-    )
+def _find_grasps(planner: MotionPlanner, bodies: tuple[Entity, ...]) -> Approaches | None:
+    answer = planner.answer(FindGrasps(world=World(bodies), object=CUBE, q_rad=planner.robot.home_rad, seed=0, count=1))
     return answer if isinstance(answer, Approaches) else None
 
 
@@ -106,18 +117,29 @@ def find_band(cells: Cells) -> tuple[float, float] | None:
     return max(spans)[1:] if spans else None
 
 
-def _build_scene(half_m: float, at: tuple[float, float]) -> SceneSpec:
-    """A wide floor on the level of the base, and a cube on it."""
-    floor = {"kind": "floor", "fixed": True, "material": "wood", "place": {"position_m": (0.0, 0.0, -0.02)},
-             "shapes": [{"kind": "box", "size_m": (3.0, 3.0, 0.02)}]}  # fmt: skip
-    cube = {"kind": CUBE, "material": "wood", "mass_kg": 0.05, "place": {"position_m": (*at, half_m)},
-            "shapes": [{"kind": "box", "size_m": (half_m,) * 3}]}  # fmt: skip
-    materials = {"wood": {"surface": "wood", "rgba": (0.8, 0.7, 0.5, 1.0)}}
-    bodies = {"floor": floor, CUBE: cube}
-    camera = {"position_m": (1.5, 1.5, 1.0), "target_m": (0.0, 0.0, 0.3)}
-    return SceneSpec.model_validate(
-        {"scene": "trial", "materials": materials, "bodies": bodies, "cameras": {"c": camera}}
+def _list_bodies(half_m: float, foot_m: tuple[float, float, float]) -> tuple[Entity, ...]:
+    """A wide floor, and a cube that stands on it at `foot_m`."""
+    x, y, level_m = foot_m
+    solids = {FLOOR: (FLOOR_M, (0.0, 0.0, level_m - FLOOR_M[2])), CUBE: ((half_m,) * 3, (x, y, level_m + half_m))}
+    return tuple(
+        Entity(name=name, kind=name, pose=Pose(at), movable=name == CUBE, shapes=(Shape(ShapeKind.BOX, size_m),))
+        for name, (size_m, at) in solids.items()
     )
+
+
+def _build_scene(half_m: float, foot_m: tuple[float, float, float]) -> tuple[SceneSpec, tuple[Entity, ...]]:
+    """The same as a scene, and as planning has it."""
+    bodies = _list_bodies(half_m, foot_m)
+    written = {
+        each.name: {"kind": each.kind, "fixed": not each.movable, "material": "wood", "mass_kg": 0.05,
+                    "place": {"position_m": each.pose.position_m},
+                    "shapes": [{"kind": "box", "size_m": each.shapes[0].size_m}]}
+        for each in bodies
+    }  # fmt: skip
+    materials = {"wood": {"surface": "wood", "rgba": (0.8, 0.7, 0.5, 1.0)}}
+    camera = {"position_m": (1.5, 1.5, 1.0), "target_m": (0.0, 0.0, 0.3)}
+    scene = {"scene": "trial", "materials": materials, "bodies": written, "cameras": {"c": camera}}
+    return SceneSpec.model_validate(scene), bodies
 
 
 def _follow(physics: Physics, rows: Trajectory, width_m: float) -> float:
@@ -131,42 +153,48 @@ def _follow(physics: Physics, rows: Trajectory, width_m: float) -> float:
     return lag_rad
 
 
-def _move(planner: MotionPlanner, q_rad: Array, goal_rad: Array) -> Trajectory | None:
-    answer = planner.answer(PlanMove(world=World(()), q_rad=q_rad, goals_rad=goal_rad[None], seed=0))
+def _move(planner: MotionPlanner, world: World, q_rad: Array, goal_rad: Array) -> Trajectory | None:
+    answer = planner.answer(PlanMove(world=world, q_rad=q_rad, goals_rad=goal_rad[None], seed=0))
     return answer.trajectory if isinstance(answer, Motion) else None
 
 
-def _try_returns(planner: MotionPlanner, physics: Physics) -> list[Finding]:
+def _try_returns(planner: MotionPlanner, physics: Physics, world: World) -> list[Finding]:
     """From home to postures around it and back: how far joints lag, and how far apart the returns are."""
     home, width_m = planner.robot.home_rad, planner.robot.profile.gripper.max_width_m
     low, high = np.maximum(home - 0.5, planner.robot.q_min_rad), np.minimum(home + 0.5, planner.robot.q_max_rad)
-    lags, tools, rng = [], [], np.random.default_rng(0)
-    for _ in range(RETURNS):
-        goal = rng.uniform(low, high)
-        if (out := _move(planner, home, goal)) is not None and (back := _move(planner, goal, home)) is not None:
+    lags, tools = list[float](), list[Array]()
+    for goal in np.random.default_rng(0).uniform(low, high, (DRAWS, len(home))):
+        if len(tools) == RETURNS:
+            break
+        out, back = _move(planner, world, home, goal), _move(planner, world, goal, home)
+        if out is not None and back is not None:
             lags += [_follow(physics, out, width_m), _follow(physics, back, width_m)]
             tools.append(np.array(physics.data.site(planner.robot.profile.tcp).xpos))
     if not tools:
-        return [Finding("motions around home", "none was planned", is_well=False)]
-    spread_m = float(np.linalg.norm(np.ptp(tools, axis=0)))
+        return [Finding("motions around home", "none was planned", is_well=False, change="`home_rad`, `parked_rad`")]
+    spread_m, lag_rad = float(np.linalg.norm(np.ptp(tools, axis=0))), max(lags)
+    servos = "`stiffness_nm_rad`, `damping_nms_rad`, `armature_kg_m2`"
     return [
-        Finding("joints behind their set-points", f"at most {max(lags) * 1e3:.1f} mrad", max(lags) < LAG_MAX_RAD),
-        Finding(f"{len(tools)} returns to home", f"within {spread_m * 1e3:.2f} mm", spread_m < RETURN_MAX_M),
-    ]
+        Finding("joints behind their set-points", f"at most {lag_rad * 1e3:.1f} mrad", lag_rad < LAG_MAX_RAD,
+                f"{servos}; `velocity_rad_s`, `acceleration_rad_s2`, `torque_nm`"),
+        Finding(f"{len(tools)} returns to home", f"within {spread_m * 1e3:.2f} mm", spread_m < RETURN_MAX_M, servos),
+    ]  # fmt: skip
 
 
-def _try_hold(planner: MotionPlanner, physics: Physics, half_m: float, at: tuple[float, float]) -> list[Finding]:
+def _try_hold(planner: MotionPlanner, physics: Physics, half_m: float, bodies: tuple[Entity, ...]) -> list[Finding]:
     """Take the cube, lift it, and hold it."""
     what, home, gripper = (
         f"holds a cube of {2e3 * half_m:.0f} mm",
         planner.robot.home_rad,
         planner.robot.profile.gripper,
     )
-    found = _find_grasps(planner, half_m, (*at, half_m))
+    change = "`pad_boxes`, `gripper.force_n`, `gripper.palm_depth_m`, `tool` (see paos robot render)"
+    found = _find_grasps(planner, bodies)
     line = found.approaches[0].line_rad if found is not None else home[None]
-    over, down, up = _move(planner, home, line[0]), planner.answer(TimeLine(line)), planner.answer(TimeLine(line[::-1]))
+    over = _move(planner, World(bodies), home, line[0])
+    down, up = planner.answer(TimeLine(line)), planner.answer(TimeLine(line[::-1]))
     if over is None or not isinstance(down, Motion) or not isinstance(up, Motion):
-        return [Finding(what, "no motion to it was planned", is_well=False)]
+        return [Finding(what, "no motion to it was planned", is_well=False, change=f"`home_rad`; {TOOL}")]
     _follow(physics, over, gripper.max_width_m)
     _follow(physics, down.trajectory, gripper.max_width_m)
     close_s = gripper.max_width_m / gripper.speed_m_s + gripper.close_time_s
@@ -176,20 +204,19 @@ def _try_hold(planner: MotionPlanner, physics: Physics, half_m: float, at: tuple
     _follow(physics, up.trajectory, 0.0)
     tool, cube = physics.data.site(planner.robot.profile.tcp), physics.data.body(CUBE)
     before = np.array(cube.xpos - tool.xpos)
-    lifted_m = float(cube.xpos[2]) - half_m
+    lifted_m = float(cube.xpos[2] - bodies[1].pose.position_m[2])
     physics.step(round(HOLD_S / planner.robot.profile.physics_step_s))
     slip_m = float(np.linalg.norm(cube.xpos - tool.xpos - before))
     if lifted_m < half_m:
-        return [Finding(what, "it was not lifted", is_well=False)]
-    return [
-        Finding(what, f"lifted {lifted_m * 1e2:.0f} cm, {HOLD_S:g} s, slid {slip_m * 1e3:.1f} mm", slip_m < SLIP_MAX_M)
-    ]
+        return [Finding(what, "it was not lifted", is_well=False, change=change)]
+    measured = f"lifted {lifted_m * 1e2:.0f} cm, {HOLD_S:g} s, slid {slip_m * 1e3:.1f} mm"
+    return [Finding(what, measured, slip_m < SLIP_MAX_M, change)]
 
 
 def _draw(cells: Cells, band_m: tuple[float, float] | None, size: int = 480) -> bytes:
     """PNG from above, x to the right and y up: green where a grasp was found, red where none was."""
     image = Image.new("RGB", (size, size), "white")
-    pen, far_m = ImageDraw.Draw(image), 1.1 * max((abs(each) for at in cells for each in at), default=1.0)
+    pen, far_m = ImageDraw.Draw(image), 1.2 * max((abs(each) for at in cells for each in at), default=1.0)
     dot = 0.35 * size / (2 * CELLS + 1)
     for (x, y), found in cells.items():
         u, v = size / 2 * (1 + x / far_m), size / 2 * (1 - y / far_m)

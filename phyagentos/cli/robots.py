@@ -19,7 +19,8 @@ from phyagentos.operations.robots import DraftedProfile, KnownRobot, ProfileChec
 from phyagentos.operations.ros2 import DraftedSettings, draft_ros2
 from phyagentos.wording import count
 
-FAR_M, LEAST = 1.0, 0.5  # how far a robot reaches that needs no smaller scenes; how small they become
+ENOUGH_M = 0.85  # reach that needs no smaller scenes: they are laid out for an arm of 0.9
+FAR_M, LEAST = 1.0, 0.5  # reach of scenes as they are, with a margin; how small they become
 NEARER = 0.4  # of what it then lacks
 Name = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a target, as `paos robot list` prints it.")]
 
@@ -61,13 +62,15 @@ def try_(
     """Try a robot alone in simulation: reach of grasps, opening, lag, returns, hold; exit code 1 if one is not well."""
     found = robots.try_robot(robot, to)
     rows = [(each.what, each.measured, "well" if each.well else "not well") for each in found.findings]
-    notes = [f"wrote {to}"]
+    notes = [f"wrote {to}", *(f"{each.what}: change {each.change}" for each in found.findings if each.change)]
     if found.band_m is not None:
         near_m, far_m = found.band_m
         nearer = f", move_m: [{NEARER * (far_m - LEAST):.3f}, 0, 0]" if far_m < LEAST * FAR_M else ""
-        placing = f" and placement: {{scale: {max(far_m / FAR_M, LEAST):.2f}{nearer}}}" if far_m < FAR_M else ""
+        placing = f" and placement: {{scale: {max(far_m / FAR_M, LEAST):.2f}{nearer}}}" if far_m < ENOUGH_M else ""
         notes.append(f"write into its profile: grasp_band_m: [{near_m:.2f}, {far_m:.2f}]{placing}")
         notes.append(f"next: paos run tidy_table --set targets.arm={robot}")
+    elif not found.takes:
+        notes.append("it has no hand that opens, so no grasp was tried: draft it anew with --hand, or write `gripper`")
     code = ExitCode.GOAL_MET if all(each.well for each in found.findings) else ExitCode.GOAL_NOT_MET
     return Reply(found, build_table(("", "measured", ""), rows), notes, code)
 

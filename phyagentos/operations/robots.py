@@ -46,20 +46,28 @@ class ProfileCheck(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Measured(msgspec.Struct, frozen=True, kw_only=True):
-    """One measurement of a trial; `well` where nothing of it would fail a session."""
+    """One measurement of a trial; `well` where nothing of it would fail a session.
+
+    `change` names what of the profile to change where it is not well.
+    """
 
     what: str
     measured: str
     well: bool
+    change: str = ""
 
 
 class RobotTrial(msgspec.Struct, frozen=True, kw_only=True):
-    """What a robot did alone in simulation; `band_m` is where it can take objects in front, none where it cannot."""
+    """What a robot did alone in simulation; `band_m` is where it can take objects in front, none where it cannot.
+
+    `takes` is whether it has a hand that opens.
+    """
 
     robot: str
     findings: tuple[Measured, ...]
     band_m: tuple[float, float] | None
     picture: Path
+    takes: bool = True
 
 
 class DraftedProfile(msgspec.Struct, frozen=True, kw_only=True):
@@ -148,10 +156,15 @@ def try_robot(robot: str, to: Path) -> RobotTrial:
 
     if problems := check_robot(robot).problems:
         raise DefinitionError(problems)
-    trial = run_trial(*read_profile(open_library().get_target(robot)))
+    profile, folder = read_profile(open_library().get_target(robot))
+    trial = run_trial(profile, folder)
     to.write_bytes(trial.picture)
-    findings = tuple(Measured(what=each.what, measured=each.measured, well=each.is_well) for each in trial.findings)
-    return RobotTrial(robot=robot, findings=findings, band_m=trial.band_m, picture=to)
+    findings = tuple(
+        Measured(what=each.what, measured=each.measured, well=each.is_well, change="" if each.is_well else each.change)
+        for each in trial.findings
+    )
+    takes = profile.end_effector == "opening"
+    return RobotTrial(robot=robot, findings=findings, band_m=trial.band_m, picture=to, takes=takes)
 
 
 def draft_robot(
@@ -177,7 +190,8 @@ def draft_robot(
         raise DefinitionError.of("INVALID_VALUE", "--name", repr(target), "small letters, digits and _")
     place = folder / "robots" / target / "target.yaml"
     if place.exists():
-        raise DefinitionError.of("WOULD_OVERWRITE", str(place), "a profile", "a new name", "Choose one with --name.")
+        hint = f"Choose one with --name, or remove {place.parent} to draft it anew."
+        raise DefinitionError.of("WOULD_OVERWRITE", str(place), "a profile", "a new name", hint)
     named, models = name_in_models(path) if is_beside(model) else (model, None)
     draft = draft_profile(path, named, target, arguments, joint, find_carried(hand, open_library()) if hand else None)
     with open_scratch() as aside, look_in(models):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from phyagentos.assembly import robot_trial
 from phyagentos.assembly.robot_trial import find_band
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol.capabilities.library import find_shipped_root
@@ -120,6 +121,26 @@ def test_a_robot_is_tried_alone_before_it_is_trusted(paos, tmp_path, monkeypatch
     assert near_m < 0.34  # between these, by its profile, objects are taken from above
     assert far_m > 0.66
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.sim
+def test_the_motions_of_a_trial_stay_above_the_floor_and_a_finding_names_what_decides_it(monkeypatch):
+    monkeypatch.setattr(robot_trial, "CELLS", 2)
+    profile, folder = read_profile_here("panda")
+    low_rad = (0.0, 0.404, 0.0, -2.379, 0.0, 2.783, 0.785)  # the tool 5 cm over the floor
+    low = profile.model_copy(update={"arm": profile.arm.model_copy(update={"home_rad": low_rad})})
+    findings = robot_trial.run_trial(low, folder).findings
+    lag = next(each for each in findings if each.what == "joints behind their set-points")
+    assert lag.is_well, lag
+    assert "`stiffness_nm_rad`" in lag.change
+
+
+def test_a_robot_without_a_hand_is_tried_and_sent_back_for_one(paos, model, monkeypatch):
+    monkeypatch.setenv("PHYAGENTOS_MODELS", str(model.parents[1]))
+    assert paos("robot", "new", model, "--name", "arm").code == ExitCode.GOAL_MET
+    tried = paos("robot", "try", "arm")
+    assert "draft it anew with --hand" in tried.out + tried.err
+    assert_refused(paos("robot", "new", model, "--name", "arm"), "--name, or remove robots/arm to draft it anew")
 
 
 @pytest.mark.parametrize(

@@ -100,6 +100,23 @@ def test_two_wrong_values_of_one_list_take_nothing_beside_it_along():
     assert [each.found for each in problems] == ["210", "255"]
 
 
+def test_a_wrong_value_that_several_mappings_merge_is_reported_once_where_it_is_written():
+    text = "paints:\n  red: &x\n    rgb: [210, 0, 0]\n  blue: {<<: *x}\n  green:\n    <<: [*x]\n"
+    text += "  grey: {<<: *x, rgb: [0, 0, 5]}\n"
+    with pytest.raises(DefinitionError) as refused:
+        validate(Paints, parse_yaml(text, "f.yaml"))
+    assert [(each.address, each.found) for each in refused.value.problems] == [
+        ("f.yaml:3:11", "210"),
+        ("f.yaml:7:30", "5"),
+    ]
+
+
+def test_an_old_number_that_aliases_repeat_is_reported_once():
+    with pytest.raises(DefinitionError) as refused:
+        parse_yaml("a: &x 060\nb: *x\nc: {d: *x}\n", "f.yaml")
+    assert [each.address for each in refused.value.problems] == ["f.yaml:1:4"]
+
+
 @pytest.mark.parametrize(
     ("value", "message"),
     [

@@ -8,7 +8,7 @@ import pydantic
 
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter
 from phyagentos.protocol.documents.plain_data import Fields
-from phyagentos.protocol.documents.schema import Authored, check_each
+from phyagentos.protocol.documents.schema import AlsoCalled, Authored, check_each
 from phyagentos.protocol.predicates.syntax import HUMAN
 from phyagentos.protocol.sessions.forecasters import find_forecaster
 from phyagentos.protocol.sessions.lookahead import DEFAULT_FORECASTER
@@ -18,6 +18,9 @@ NODE_NAME = r"^[a-z][a-z0-9_]*$"
 NAME_MAX = 80  # letters of a goal or node as authored; ids add a seed, or the values of a fan-out
 REFERENCE = re.compile(r"\$\{\s*([^{}]+?)\s*\}")
 _Forecasters = Annotated[tuple[str, ...], pydantic.AfterValidator(partial(check_each, check=find_forecaster))]
+
+
+REPEATS = AlsoCalled(("retries", "retry", "attempts", "max_attempts", "max_retries", "repeats"))
 
 
 class Promise(Authored):
@@ -70,7 +73,7 @@ class Defaults(Authored):
     think_s: float = pydantic.Field(default=90.0, gt=0)
     policy_s: float = pydantic.Field(default=10.0, gt=0)
     answer_s: float = pydantic.Field(default=600.0, ge=0)
-    max_replans: int = pydantic.Field(default=2, ge=0)
+    max_replans: Annotated[int, REPEATS] = pydantic.Field(default=2, ge=0)
     reset_policy: ResetPolicy = ResetPolicy.ON_NEW_EPISODE
     lookahead: LookaheadSpec | None = None
 
@@ -152,16 +155,18 @@ class NodeSpec(Authored):
 
     skill: str | Promise
     target: str = "any"
-    arguments: Fields = pydantic.Field(default_factory=dict, alias="with")
-    after: tuple[Edge, ...] = ()
+    arguments: Annotated[Fields, AlsoCalled(("args", "params", "inputs"))] = pydantic.Field(
+        default_factory=dict, alias="with"
+    )
+    after: Annotated[tuple[Edge, ...], AlsoCalled(("depends_on", "needs", "dependencies"))] = ()
     foreach: dict[str, tuple[str | int | float | bool, ...] | str] = {}
     when: tuple[str, ...] = ()
-    requires: tuple[str, ...] = ()
-    hold: tuple[str, ...] = ()
-    accept: tuple[Criterion, ...] = ()
+    requires: Annotated[tuple[str, ...], AlsoCalled(("preconditions", "pre"))] = ()
+    hold: Annotated[tuple[str, ...], AlsoCalled(("invariants", "constraints"))] = ()
+    accept: Annotated[tuple[Criterion, ...], AlsoCalled(("postconditions", "post", "success", "criteria"))] = ()
     objective: str = ""
     timeout_s: float | None = pydantic.Field(default=None, gt=0)
-    max_replans: int | None = pydantic.Field(default=None, ge=0)
+    max_replans: Annotated[int | None, REPEATS] = pydantic.Field(default=None, ge=0)
     priority: int = pydantic.Field(default=0, ge=-PRIORITY_MAX, le=PRIORITY_MAX)
     resources: tuple[str, ...] = ()
     lookahead: LookaheadSpec | Literal[False] | None = None

@@ -1,6 +1,7 @@
 """Says from a recorded simulator state whether a cube lies in a tray, and the like.
 
-It loads `scene.mjb` and `terminal.npz` with MuJoCo and numpy alone; nothing of the framework that acted is imported.
+It loads `scene.mjb` and `terminal.npz` with MuJoCo and numpy, a model no larger than its file; nothing of the framework
+that acted is imported.
 """
 
 from pathlib import Path
@@ -9,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.pictures.model_file import read_model
 from phyagentos.protocol.workspace.array_files import read_arrays
 
 RIM_MARGIN_M = 0.002
@@ -32,7 +34,7 @@ def is_in_tray(folder: Path, cube: str, tray: str) -> bool:
 
 def read_end(folder: Path) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """The model of a bundle and its last state, with all that follows from it."""
-    model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
+    model = read_model(folder / "scene.mjb")
     data = mujoco.MjData(model)
     terminal = read_arrays(folder / "terminal.npz")
     data.qpos[:], data.qvel[:] = terminal["qpos"], terminal["qvel"]

@@ -13,13 +13,14 @@ from operator import getitem
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
+import msgspec
 import pydantic
 import yaml
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
 
 from phyagentos.errors import DefinitionError, Problem, find_nearest, format_hint
 from phyagentos.protocol.documents.regular_files import read_regular
-from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, TOO_DEEP, VALUES_MAX, check_bounds, refuse
+from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, FLATTEN, TOO_DEEP, VALUES_MAX, check_bounds, refuse
 from phyagentos.protocol.documents.yaml_scalars import (
     Loader,
     advise_form,
@@ -32,6 +33,7 @@ from phyagentos.protocol.documents.yaml_syntax import QUOTE_OPEN, explain
 Address = tuple[str | int, ...]
 _Mapping = dict[Any, Any]
 ModelT = TypeVar("ModelT", bound="Authored")
+MERGE = "tag:yaml.org,2002:merge"  # of the key '<<'
 SHOWN = 12  # values of a list that a message shows
 SALVAGE_ROUNDS = 4  # dropping a value may make its owner incomplete, and so on up
 
@@ -55,6 +57,13 @@ class Authored(pydantic.BaseModel):
         schema = handler(source)
         _refuse_other_forms(schema)
         return schema
+
+
+@dataclass(frozen=True, slots=True)
+class AlsoCalled:
+    """On a field of a model: names that other programs have for it, to be recognised where they are written."""
+
+    names: tuple[str, ...]
 
 
 def iter_nested(value: Any) -> Iterator[Any]:
@@ -157,10 +166,10 @@ def parse_yaml(text: str, source: str, first_line: int = 1, values_max: int = VA
         if isinstance(error, yaml.scanner.ScannerError) and mark:  # newer ones have a limit too, and words of their own
             count = text[: mark.index].count
             is_deep = count("[") + count("{") - count("]") - count("}") > DEPTH_MAX
-            detail, hint = (TOO_DEEP, "") if is_deep else (detail, hint)
+            detail, hint = (TOO_DEEP, f"{FLATTEN.capitalize()}.") if is_deep else (detail, hint)
         raise DefinitionError.of("SYNTAX", place, detail, "well-formed YAML", hint) from error
     if problems:
-        raise DefinitionError(problems)
+        raise DefinitionError(list(dict.fromkeys(problems)))  # one of an alias is met at each
     return Located(data=data, source=source, marks=marks)
 
 
@@ -173,7 +182,7 @@ def _collect_marks(
     problems: list[Problem],
 ) -> None:
     if len(path) > DEPTH_MAX:
-        raise refuse(TOO_DEEP, node.start_mark)
+        raise refuse(f"{TOO_DEEP}; {FLATTEN}", node.start_mark)
     line, column = node.start_mark.line + 1 + offset, node.start_mark.column + 1
     marks.setdefault(path, (line, column))
     if isinstance(node, yaml.ScalarNode) and (refused := find_old_number(node)):
@@ -182,7 +191,7 @@ def _collect_marks(
         for index, child in enumerate(node.value):
             _collect_marks(child, (*path, index), source, offset, marks, problems)
     elif isinstance(node, yaml.MappingNode):
-        seen: set[str] = set()
+        seen, merged = set[str](), list[yaml.Node]()
         for key, child in node.value:
             if not isinstance(key, yaml.ScalarNode):
                 continue  # refused when it is constructed
@@ -201,8 +210,13 @@ def _collect_marks(
             if kind := find_key_kind(key):
                 found, hint = f"the key {key.value or 'null'}, {kind}", f"Write '{key.value}' in quotes."
                 problems.append(Problem("INVALID_VALUE", f"{source}:{line}:{column}", found, "a text", hint))
-            marks[(*path, key.value)] = (line, column)
+            if key.tag == MERGE:
+                merged += child.value if isinstance(child, yaml.SequenceNode) else [child]
+                continue
+            marks.setdefault((*path, key.value), (line, column))
             _collect_marks(child, (*path, key.value), source, offset, marks, problems)
+        for each in merged:  # where it has no key of its own
+            _collect_marks(each, path, source, offset, marks, problems)
 
 
 def validate(model: type[ModelT], located: Located, path: Address = ()) -> ModelT:
@@ -216,7 +230,8 @@ def validate(model: type[ModelT], located: Located, path: Address = ()) -> Model
         return model.model_validate(data)
     except pydantic.ValidationError as error:
         items = _join_arities(error.errors())
-        raise DefinitionError([_to_problem(model, located, path, item) for item in items]) from error
+        problems = [_to_problem(model, located, path, item) for item in items]
+        raise DefinitionError(list(dict.fromkeys(problems))) from error  # one behind '<<' is met at each copy
 
 
 def salvage(model: type[ModelT], located: Located, path: Address = ()) -> tuple[ModelT | None, list[Problem]]:
@@ -321,7 +336,10 @@ def _to_problem(model: type[Authored], located: Located, base: Address, item: Er
     path = _strip_tags(located.data, (*base, *loc))
     key = str(loc[-1]) if loc else ""
     if kind == "extra_forbidden":
-        return located.unknown("key", path, key, find_fields(model, loc[:-1]))
+        fields = _find_fields(model, loc[:-1])
+        problem = located.unknown("key", path, key, fields)
+        called = [name for name, field in fields.items() if any(key in each.names for each in _iter_synonyms(field))]
+        return msgspec.structs.replace(problem, hint=f"Here it is called {called[0]!r}.") if called else problem
     if kind == "missing":
         return located.problem("MISSING_VALUE", path, "nothing", f"key {key!r}", f"Add {key!r}.")
     if kind == "misfit":
@@ -455,13 +473,21 @@ def show_value(value: object) -> str:
     return format_scalar(value)
 
 
+def _iter_synonyms(field: pydantic.fields.FieldInfo) -> Iterator[AlsoCalled]:
+    return (each for each in field.metadata if isinstance(each, AlsoCalled))
+
+
 def find_fields(model: type[Authored], loc: Address) -> list[str]:
     """Names that are possible inside `model` at the place `loc`; empty when the place is free-form."""
+    return list(_find_fields(model, loc))
+
+
+def _find_fields(model: type[Authored], loc: Address) -> dict[str, pydantic.fields.FieldInfo]:
     found: list[Any] = [model]
     for step in loc:
         found = [inner for each in found for inner in _enter(each, step)]
     models = [inner for each in found for inner in _iter_models(each)]
-    return [info.alias or name for name, info in models[0].model_fields.items()] if models else []
+    return {info.alias or name: info for name, info in models[0].model_fields.items()} if models else {}
 
 
 def _enter(annotation: Any, step: str | int) -> list[Any]:

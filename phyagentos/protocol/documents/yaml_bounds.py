@@ -12,7 +12,8 @@ DEPTH_MAX = 200  # levels of lists and mappings
 VALUES_MAX = 100_000  # keys, values, lists and mappings; some seconds and 100 MB
 LETTERS_MAX = 16 << 20
 TOO_DEEP = f"more than {DEPTH_MAX} levels, or an alias inside of what it stands for"
-TOO_LARGE = "more than {} values, or {} letters, once its aliases are written out"
+FLATTEN = "use fewer levels, and write out what such an alias should stand for"
+TOO_LARGE = "more than {} values, or {} letters, once its aliases are written out; use fewer aliases, or several files"
 SHORT = 10_000  # letters: too few to nest so deep that the stack of the C library overflows
 _Loader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -39,10 +40,10 @@ def check_bounds(text: str, values_max: int = VALUES_MAX) -> None:
             case yaml.AliasEvent():
                 size = sizes.get(event.anchor, (1, 0))
                 if size is None:
-                    raise refuse(TOO_DEEP, event.start_mark)
+                    raise refuse(f"{TOO_DEEP}; {FLATTEN}", event.start_mark)
                 values, letters = values + size[0], letters + size[1]
         if len(owners) > DEPTH_MAX:
-            raise refuse(TOO_DEEP, event.start_mark)
+            raise refuse(f"{TOO_DEEP}; {FLATTEN}", event.start_mark)
         if values > values_max or letters > LETTERS_MAX:
             raise refuse(TOO_LARGE.format(values_max, LETTERS_MAX), event.start_mark)
 

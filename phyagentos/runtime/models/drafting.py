@@ -245,7 +245,7 @@ def draft_profile(
         raise DefinitionError([Problem.unknown("joint", str(path), joint, names)])
     chain, others = _find_chain(compiled, names.index(joint) if joint else -1)
     if not chain or (others and len(chain) < LEG):
-        found = f"{len(others) + 1} run(s) of {len(chain)} hinge(s), of the joints {format_names(names)}"
+        found = f"no arm among its joints {format_names(names)}"
         hint = "A gripper alone is the `hand` of an arm's profile; docs/robots.md says more of hands and bases."
         if not names:
             found, hint = "no joint", "Of parts or macros give the file that puts them together."
@@ -255,6 +255,7 @@ def draft_profile(
     below = [index for index, body in enumerate(bodies) if index not in chain and is_below(compiled, body, last)]
     moving = [index for index in range(compiled.njnt) if int(compiled.jnt_type[index]) in {HINGE, SLIDE}]
     gripper = draft_hand(compiled, last, below) if hand is None else None
+    fixed = _find_fixed(compiled, last) if hand is not None else []
     parked = {names[index]: _find_middle(compiled, index, 0.0) for index in sorted(set(moving) - {*chain, *below})}
     fingers = {names[index]: _find_middle(compiled, index, 0.0) for index in below}
     free = [compiled.body(int(compiled.jnt_bodyid[k])).name for k in range(compiled.njnt) if k not in moving]
@@ -265,11 +266,20 @@ def draft_profile(
                        f"another with --joint: {ends}")  # fmt: skip
     if gripper is not None and gripper.still:
         remarks.append(f"of its fingers {format_names(gripper.joints)} close; the others stand still")
+    if fixed:
+        remarks.append(f"the hand stands beyond {format_names(fixed)}, fixed to the last link: "
+                       "take out of a copy of the model what the hand replaces")  # fmt: skip
     home_rad = [_find_middle(compiled, index) for index in chain]
     return ProfileDraft(
         name, path.name, model, arguments, compiled, chain, parked, fingers, source.speeds, source.forces, gripper,
         home_rad, tuple(remarks), carried=hand,
     )  # fmt: skip
+
+
+def _find_fixed(model: mujoco.MjModel, last: int) -> list[str]:
+    """Links with a form of their own that are fixed to the last one of an arm."""
+    held = set(model.geom_bodyid[model.body_weldid[model.geom_bodyid] == model.body_weldid[last]].tolist())
+    return [model.body(body).name for body in sorted(held - {last})]
 
 
 def _find_middle(model: mujoco.MjModel, joint: int, wanted: float | None = None) -> float:
