@@ -4,7 +4,7 @@ from collections.abc import Generator, Iterator
 
 from target_server.tool_body import Steps, ToolFailed
 
-from scienceworld_body.agent import HIVE, Agent, is_plant
+from scienceworld_body.agent import HIVE, Agent, is_of, is_plant, spell
 from scienceworld_body.reading import CARRIED, Seen
 
 GARDEN = "greenhouse"
@@ -16,7 +16,7 @@ def grow(agent: Agent, what: str, stage: str) -> Steps[str]:
     """Sow the seeds of a plant, and water them until one of the plants has reached a stage."""
     yield from sow(agent, what)
     for _ in range(PATIENCE):
-        if any(what in each.name and each.stage == stage for each in agent.room.seen):
+        if any(is_of(each, what) and each.stage == stage for each in agent.room.seen):
             agent.facts["grown"] = 1.0
             return f"a {what} is {stage}"
         yield from _water(agent)
@@ -139,8 +139,8 @@ def _list_pots(agent: Agent) -> list[str]:
 
 
 def _is_seed(seen: Seen, what: str) -> bool:
-    return seen.stage == "seed" and what in seen.name
+    return seen.stage == "seed" and is_of(seen, what)
 
 
 def _is_fruit(seen: Seen, what: str) -> bool:
-    return not seen.stage and seen.name.endswith(what) and CARRIED not in seen.inside
+    return not seen.stage and spell(seen.name).endswith(spell(what)) and CARRIED not in seen.inside

@@ -41,7 +41,7 @@ def change(agent: Agent, what: str, to: str) -> Steps[str]:
     before = _read_phase(agent, vessel)
     if to in ("gas", "other"):
         yield from _treat(
-            agent, vessel, HEATERS, HEATING, lambda now: now in ("gas", "gone") or (to == "other" and now != before)
+            agent, vessel, HEATERS, HEATING, lambda now: now == "gas" or (to == "other" and now not in (before, "gone"))
         )
     else:
         others = (HEATERS, COOLERS) if to == "solid" else (COOLERS, HEATERS)
