@@ -18,7 +18,7 @@ export OPENBLAS_NUM_THREADS := 1
 FAST  := fast
 BOTH  := -n 2 --dist worksteal
 BY_PLANE := -n 2 --dist loadgroup
-OTHERS := peers gymnasium crafter kit openpi libero lerobot planners
+OTHERS := peers gymnasium crafter scienceworld kit openpi libero lerobot planners
 ROS2   := ros2 ros2_jazzy
 LEROBOT06 := lerobot06
 OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
@@ -176,6 +176,7 @@ static: $(STAMP)
 	@$(BIN)/mypy --no-error-summary --python-version 3.10 kits/target_server/target_server
 	@MYPYPATH=kits/target_server $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/crafter/crafter_body
 	@MYPYPATH=kits/target_server $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/luanti/luanti_body
+	@MYPYPATH=kits/target_server $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/scienceworld/scienceworld_body
 	@$(BIN)/mypy --no-error-summary --ignore-missing-imports kits/lerobot_bridge
 	@MYPYPATH=kits/ros2_goals $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2_goals/ros2_goals
 	@MYPYPATH=kits/ros2_verdicts $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2_verdicts/ros2_verdicts

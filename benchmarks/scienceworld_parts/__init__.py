@@ -1,0 +1,1 @@
+"""Tasks of ScienceWorld: the library of the benchmark, and goals from descriptions."""

@@ -1,0 +1,1 @@
+"""An agent in ScienceWorld as a target of phyagentos."""

@@ -1,0 +1,146 @@
+"""Growing plants: pots, soil, seeds and water, bees for fruit, and what the next generation shows."""
+
+from collections.abc import Generator, Iterator
+
+from target_server.tool_body import Steps, ToolFailed
+
+from scienceworld_body.agent import HIVE, Agent, is_of, is_plant, spell
+from scienceworld_body.reading import CARRIED, Seen
+
+GARDEN = "greenhouse"
+PATIENCE = 150  # rounds of watering
+OFFSPRING = 12  # seeds of the next generation of which most show what is dominant
+
+
+def grow(agent: Agent, what: str, stage: str) -> Steps[str]:
+    """Sow the seeds of a plant, and water them until one of the plants has reached a stage."""
+    yield from sow(agent, what)
+    for _ in range(PATIENCE):
+        if any(is_of(each, what) and each.stage == stage for each in agent.room.seen):
+            agent.facts["grown"] = 1.0
+            return f"a {what} is {stage}"
+        yield from _water(agent)
+        yield "wait1"
+    raise ToolFailed(f"no {what} became {stage} in {PATIENCE} rounds")
+
+
+def harvest(agent: Agent, what: str) -> Steps[str]:
+    """Grow several plants, let bees pollinate them, and wait for fruit of this name."""
+    yield from sow(agent, what)
+    yield from _shut(agent)
+    for _ in range(PATIENCE):
+        if any(_is_fruit(each, what) for each in agent.room.seen):
+            agent.facts["grown"] = 1.0
+            return f"a {what} has grown"
+        yield from _water(agent)
+        yield "wait1"
+    raise ToolFailed(f"no {what} grew in {PATIENCE} rounds")
+
+
+def cross(agent: Agent, what: str, trait: str) -> Steps[str]:
+    """Grow two parents that differ, and see what most of their offspring show: its trait is dominant.
+
+    A trait of seeds shows in the seeds that the parents bear; another one in the plants that grow of these.
+    """
+    value = trait.split(maxsplit=1)[0]
+    yield from sow(agent, what)
+    yield from _shut(agent)
+    for _ in range(PATIENCE):
+        born = [
+            each
+            for each in agent.room.seen
+            if _is_seed(each, what) and len(each.inside) > 1 and CARRIED not in each.inside
+        ]
+        if len(born) >= OFFSPRING:
+            break
+        yield from _water(agent)
+        yield "wait1"
+    shown = [each.name for each in born]
+    if " seed " not in f" {trait} ":
+        parents = {each.inside[-1] for each in born}
+        for pot in [each for each in _list_pots(agent) if each not in parents]:
+            yield from agent.do(f"move {born[0].name} to {pot}", *born[0].inside)
+        shown = yield from _watch(agent, parents)
+    if not shown:
+        raise ToolFailed(f"no offspring of {what} in {PATIENCE} rounds")
+    share = sum(value in each.split() for each in shown) / len(shown)
+    agent.facts |= {"dominant": float(share >= 0.5), "measured": 1.0}
+    return f"{share:.0%} of {len(shown)} offspring are {value}"
+
+
+def _watch(agent: Agent, parents: set[str]) -> "Generator[str, None, list[str]]":
+    """What is said of each plant that has grown in other pots than those of its parents, when all are grown."""
+    shown = list[str]()
+    for _ in range(PATIENCE // 3):
+        pots = [each for each in _list_pots(agent) if each not in parents]
+        grown = {pot: [each.text for each in agent.list_inside(pot)] for pot in pots}
+        shown = [" ".join(texts) for texts in grown.values() if "flower" in " ".join(texts)]
+        if len(shown) == len(pots):
+            break
+        yield from _water(agent)
+        yield "wait1"
+    return shown
+
+
+def sow(agent: Agent, what: str) -> Steps[str]:
+    """A seed in each pot of the garden, with soil and water."""
+    yield from agent.find(lambda each: _is_seed(each, what), f"{what} seed")
+    seed = agent.get(lambda each: _is_seed(each, what), f"{what} seed")
+    if CARRIED not in seed.inside and seed.inside:
+        yield from agent.do(f"pick up {seed.inside[0]}")
+    yield from agent.enter(GARDEN)
+    sown = 0
+    for pot in _list_pots(agent):
+        seeds = [each for each in agent.room.seen if _is_seed(each, what) and CARRIED in each.inside]
+        if not seeds:
+            break
+        if not any(each.name == "soil" for each in agent.list_inside(pot)):
+            yield from _fetch_soil(agent)
+            yield from agent.do(f"move soil in inventory to {pot}", "inventory")
+        yield from agent.do(f"move {seeds[0].name} to {pot}", seeds[0].inside[0])
+        sown += 1
+    yield from _water(agent)
+    return f"{sown} seeds of {what}"
+
+
+def _fetch_soil(agent: Agent) -> Iterator[str]:
+    if not any(each.name == "soil" and not each.inside for each in agent.room.seen):
+        yield from agent.fetch("shovel")
+        yield from agent.enter("outside")
+        yield from agent.do("use shovel on ground")
+    yield from agent.do("pick up soil", agent.room.name)
+    yield from agent.enter(GARDEN)
+
+
+def _water(agent: Agent) -> Iterator[str]:
+    """Pour water into every pot that has a seed or a plant and no water."""
+    for pot in _list_pots(agent):
+        inside = agent.list_inside(pot)
+        if not any(is_plant(each) for each in inside) or any(each.name == "water" for each in inside):
+            continue
+        if not any(each.name == "jug" and each.inside[:1] == ("sink",) for each in agent.room.seen):
+            yield from agent.do("activate sink")
+            yield from agent.put("jug", "sink")
+        yield from agent.do(f"pour jug into {pot}")
+        yield from agent.put("jug", "sink")
+
+
+def _shut(agent: Agent) -> Iterator[str]:
+    """Close the doors, so that the bees stay, and let them out of their hive."""
+    for room, is_open in agent.room.doors.items():
+        if is_open:
+            yield from agent.do(f"close door to {room}")
+    if any(each.name == HIVE for each in agent.room.seen):
+        yield from agent.do(f"open {HIVE}")
+
+
+def _list_pots(agent: Agent) -> list[str]:
+    return [each.name for each in agent.room.seen if "flower pot" in each.name]
+
+
+def _is_seed(seen: Seen, what: str) -> bool:
+    return seen.stage == "seed" and is_of(seen, what)
+
+
+def _is_fruit(seen: Seen, what: str) -> bool:
+    return not seen.stage and spell(seen.name).endswith(spell(what)) and CARRIED not in seen.inside
