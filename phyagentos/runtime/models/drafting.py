@@ -245,11 +245,7 @@ def draft_profile(
         raise DefinitionError([Problem.unknown("joint", str(path), joint, names)])
     chain, others = _find_chain(compiled, names.index(joint) if joint else -1)
     if not chain or (others and len(chain) < LEG):
-        found = f"no arm among its joints {format_names(names)}"
-        hint = "A gripper alone is the `hand` of an arm's profile; docs/robots.md says more of hands and bases."
-        if not names:
-            found, hint = "no joint", "Of parts or macros give the file that puts them together."
-        raise DefinitionError.of("MODEL_INVALID", str(path), found, "an arm: hinges, one after another", hint)
+        raise _refuse_without_arm(path, names)
     last = int(compiled.jnt_bodyid[chain[-1]])
     bodies = compiled.jnt_bodyid.tolist()
     below = [index for index, body in enumerate(bodies) if index not in chain and is_below(compiled, body, last)]
@@ -274,6 +270,14 @@ def draft_profile(
         name, path.name, model, arguments, compiled, chain, parked, fingers, source.speeds, source.forces, gripper,
         home_rad, tuple(remarks), carried=hand,
     )  # fmt: skip
+
+
+def _refuse_without_arm(path: Path, joints: list[str]) -> DefinitionError:
+    found, hint = "no joint", "Of parts or macros give the file that puts them together."
+    if joints:
+        found = f"no arm among its joints {format_names(joints)}"
+        hint = "A gripper alone is the `hand` of an arm's profile; docs/robots.md says more of hands and bases."
+    return DefinitionError.of("MODEL_INVALID", str(path), found, "an arm: hinges, one after another", hint)
 
 
 def _find_fixed(model: mujoco.MjModel, last: int) -> list[str]:
