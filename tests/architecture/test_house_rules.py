@@ -164,7 +164,7 @@ MAY_START_PYTHON = {
     "phyagentos/runtime/channel.py": "planners",
     "phyagentos/runtime/supervision/world_process.py": "worlds and workers",
 }
-MAY_START = {  # outside of the command line, which starts the editor of a person alone
+MAY_START = {  # outside of the command line, which starts the editor of a person, and nodes of ROS 2
     "phyagentos/fork_server.py": "those",
     "phyagentos/bench/availability.py": "environments of others, made and looked at",
     "phyagentos/bench/sweep.py": "policies of a suite",
@@ -200,7 +200,8 @@ def test_child_processes_are_planes_planners_worlds_episodes_and_environments_of
     assert set(find_callers(lambda each: each == "start_python")) == set(MAY_START_PYTHON)
     commands = sorted((PACKAGE / "cli").rglob("*.py"))
     assert [path.name for path in commands if any(each.startswith(STARTS) for each in find_calls(path))] == [
-        "editing.py"
+        "editing.py",
+        "ros2.py",  # becomes a node of a kit, in the Python of a ROS distribution
     ]
 
 

@@ -5,7 +5,7 @@ Sizes are half extents in metres, angles radians, poses in the frame `world` (z 
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -26,19 +26,17 @@ from phyagentos.protocol.documents.schema import (
     salvage,
 )
 from phyagentos.protocol.world.body_shapes import Number3, Shapes, Solid, Turns, add_interior, check_turn
-from phyagentos.protocol.world.entity_geometry import AXES, compute_extent, compute_lowest, compute_reach
+from phyagentos.protocol.world.entity_geometry import compute_lowest, compute_reach
 from phyagentos.protocol.world.environment import CLOSES_AT, OPENS_AT, Entity, Mechanism, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.friction import PAIRS, Surface
 
 Number2 = tuple[float, float]
 Share = Annotated[float, pydantic.Field(ge=0.0, le=1.0)]
-Half = Annotated[float, pydantic.Field(gt=0.0)]
 Color = tuple[Share, Share, Share, Share]
 
 NAME = re.compile(r"(?!(and|or|not|count)$)[A-Za-z_][A-Za-z0-9_]*")  # as in predicates
 MOVABLE_M = 0.5  # half a metre each way: more than an arm of this size could handle
 GOLDEN_RAD = 2.399963  # between two balls of a layer: in a lattice, pixels would count them wrongly
-SLACK_M = 0.001  # by which an interior may be larger than its body, for the rounding of both
 APART, LAYER = 1.32, 2.04  # scale of the spiral, and height of a layer, in radii of a ball: they do not touch
 
 
@@ -95,26 +93,10 @@ class Placement(Authored):
 
 
 class Inside(Authored):
-    """The box in which something counts as inside, in the body's frame; it may be higher than the body."""
+    """The box in which something counts as inside, in the body's frame."""
 
     center_m: Number3
-    half_m: tuple[Half, Half, Half]
-
-    def check_within(self, shapes: tuple[Solid, ...]) -> "Inside":
-        """The same box; raises a `misfit` unless its sides and its floor are within the bounds of the shapes."""
-        whole = _assemble(shapes, (0.0, 0.0, 0.0))
-        bounds = [compute_extent(whole, axis) for axis in AXES]
-        rooms_m = [min(at - low, high - at) for at, (low, high) in zip(self.center_m, bounds, strict=True)]
-        floor_m, (low_m, high_m) = self.center_m[2] - self.half_m[2], bounds[2]
-        is_narrow = any(half - room > SLACK_M for half, room in zip(self.half_m[:2], rooms_m[:2], strict=True))
-        if is_narrow or not low_m - SLACK_M <= floor_m <= high_m + SLACK_M:
-            spans = ", ".join(
-                f"{name} {low:.4g} to {high:.4g}" for name, (low, high) in zip("xyz", bounds, strict=True)
-            )
-            hint = f"Write at most {rooms_m[0]:.4g} and {rooms_m[1]:.4g} for x and y; they are half sizes."
-            wanted = f"a box around center_m with its sides and its floor within the shapes: {spans}"
-            raise misfit("half_m", wanted, hint if is_narrow and min(rooms_m[:2]) > 0.0 else "Move center_m.")
-        return self
+    half_m: Number3
 
 
 class Contents(Authored):
@@ -210,12 +192,6 @@ class Body(Authored):
     @classmethod
     def _add_interior(cls, data: object) -> object:
         return add_interior(data)
-
-    @pydantic.field_validator("interior")
-    @classmethod
-    def _check_interior(cls, interior: Inside | None, info: pydantic.ValidationInfo) -> Inside | None:
-        shapes = info.data.get("shapes")  # none where they are refused
-        return interior.check_within(shapes) if interior is not None and shapes is not None else interior
 
     @pydantic.model_validator(mode="after")
     def _check_mobility(self) -> "Body":
@@ -477,13 +453,15 @@ def _move(body: Body, at_m: tuple[float, float, float], frame: str | None) -> Bo
 
 def _measure(body: Body) -> tuple[float, float]:
     """Height of its lowest and its highest point over its origin, before its yaw [m]."""
-    entity = _assemble([each for each in body.shapes if not each.decor], body.place.euler_rad)
-    return compute_lowest(entity), compute_reach(entity, UP)
-
-
-def _assemble(shapes: Sequence[Solid], euler_rad: Number3) -> Entity:
-    """One body of these shapes, turned so, at the origin."""
-    solids = tuple(
-        Shape(each.kind, each.size_m, Pose(each.position_m, convert_euler(each.euler_rad))) for each in shapes
+    entity = Entity(
+        name="",
+        kind=body.kind,
+        movable=True,
+        pose=Pose((0.0, 0.0, 0.0), convert_euler(body.place.euler_rad)),
+        shapes=tuple(
+            Shape(each.kind, each.size_m, Pose(each.position_m, convert_euler(each.euler_rad)))
+            for each in body.shapes
+            if not each.decor
+        ),
     )
-    return Entity(name="", kind="", movable=True, pose=Pose((0.0, 0.0, 0.0), convert_euler(euler_rad)), shapes=solids)
+    return compute_lowest(entity), compute_reach(entity, UP)
