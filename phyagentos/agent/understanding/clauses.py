@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
-from phyagentos.agent.understanding.bearings import SIDES, find_beside, find_between, list_by_size, shift
+from phyagentos.agent.understanding.bearings import SIDES, find_beside, find_between, is_within, list_by_size, shift
 from phyagentos.agent.understanding.destinations import Destinations
 from phyagentos.agent.understanding.nouns import (
     NUMBERS,
@@ -26,6 +26,7 @@ from phyagentos.agent.understanding.understanding import QuestionKind, RequestPr
 from phyagentos.agent.understanding.vocabulary import REGION, ROLE, SURFACES, read_lexicon
 from phyagentos.protocol.predicates.library import Meaning
 
+_ACTS = ("open", "close", "press")  # verbs of what has a joint
 SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
 
 
@@ -51,11 +52,25 @@ class Clauses(Destinations):
 
     def _read_group(self, group: Node) -> list[Step]:
         """One step, or one a clause where these exclude each other."""
-        clauses = [step for clause in list_children(group) for step in self._read_steps(clause)]
+        clauses = self._list_steps(group)
         flipped = {each for step in clauses[1:] for text in step for each in list_flipped(text)}
-        if any(text in flipped for step in clauses for text in step):
+        if any(text in flipped for step in clauses for text in step) or find_child(group, "first_of") is not None:
             return clauses
         return [[text for step in clauses for text in step]]
+
+    def _list_steps(self, group: Node) -> list[Step]:
+        """The steps of each clause, without what a later one says otherwise.
+
+        What is picked up and then named again is not held in the end; what is `left` is none of `the cubes`.
+        """
+        steps: list[Step] = []
+        for clause in list_children(group):
+            read = self._read_steps(clause)
+            again = {f"holding({ROLE}, {name})" for name in self.recent[-1]} if any(read) else set()
+            steps = [[text for text in step if text not in again] for step in steps] + read
+        still = {get_object(text) for text in self.constraints if says(text, Meaning.MOVED, is_true=False)}
+        kept = [[text for text in step if get_object(text) not in still & self.grouped] for step in steps]
+        return [*kept] if any(kept) else steps
 
     def _read_steps(self, clause: Node) -> list[Step]:
         """The steps of one clause: of `open and close the drawer` two."""
@@ -68,6 +83,13 @@ class Clauses(Destinations):
         elif clause.data == "series":  # objects in an order, and one destination
             *series, dest = list_children(clause)
             steps = [self._read_wish_place(clause, things, dest) for things in series]
+        elif clause.data == "first_of":  # of what a command is about one before the others
+            command, single = list_children(clause)
+            texts = self._read_texts(command)
+            names = self.resolve_one(single, Slot.OPENS if self._verb in _ACTS else Slot.MOVED).names
+            steps = [[text for text in texts if (get_object(text) in names) is has_token(clause, "first")], texts]
+            if len(steps[0]) in {0, len(texts)}:
+                self.lack(RequestProblemKind.SENTENCE, single)
         elif clause.data in read_lexicon()["meanings"]:
             steps = [self._say(str(clause.data), list_children(clause)[0])]
         else:
@@ -85,12 +107,18 @@ class Clauses(Destinations):
         meaning = read_lexicon()["meanings"][rule]
         constraint = constraint or meaning.get("constraint", False)
         slot = Slot(meaning["slot"])
-        texts = []
-        names = self.resolve(things, slot, forbids=constraint).names
-        self.spared += names if constraint else ()
-        for name in names:
+        texts: list[str] = []
+        named = self.resolve(things, slot, forbids=constraint)
+        self.spared += named.names if constraint else ()
+        if rule in _ACTS and named.rest:  # of `only the red one` the others stay as they are
+            self.unmet = ""
+            self._keep(f"not moved({name})" for name in named.rest)
+        for name in named.names:
             thing = self.get(name)
-            owner = thing.part_of if slot is Slot.OPENS and not thing.opens and thing.part_of else name
+            owner = self.find_opening(name) if slot is Slot.OPENS else name
+            if rule == "clear" and thing.contents:  # what it holds has no names
+                texts += self._fill(things, Named(names=(name,)), self._find_receivers(things, name))
+                continue
             if rule == "press" and self.get(owner).opens != "slide":
                 self.lack(RequestProblemKind.FIT, name)
             texts.append(meaning["form"].format(owner, at="inside" if thing.has_interior else "on"))
@@ -138,9 +166,11 @@ class Clauses(Destinations):
 
     def _read_put_back(self, _: Node, things: Node) -> Step:
         """To where the scene has it at first: what it stands in or on there, else the table."""
+        return [self._put_back(name) for name in self._put(self.resolve(things, Slot.MOVED))]
+
+    def _put_back(self, name: str) -> str:
         ground = next((each.name for each in self.list_fitting(Slot.PLACE) if each.kind in SURFACES), "")
-        names = self._put(self.resolve(things, Slot.MOVED))
-        return [self._relate(name, self.get(name).stands or ground) for name in names]
+        return self._relate(name, self.get(name).stands or ground)
 
     def _read_put_where(self, clause: Node, things: Node, other: Node) -> Step:
         """To where another object is: in or on what bears it; else, where that stays, a question what is meant."""
@@ -193,10 +223,16 @@ class Clauses(Destinations):
         said = [str(token) for token in clause.children if get_type(token) in {"amount", "unit"}]
         amount = float(NUMBERS.index(said[0]) if said[0] in NUMBERS else said[0]) if said else 0.0
         by_m = amount * read_lexicon()["units_m"].get(said[-1], 0.0) if said else 0.0
-        if side not in SIDES or by_m <= 0.04 or any(self.get(name).at_m is None for name in names):
+        if side not in {*SIDES, "near", "far"} or by_m <= 0.04 or any(self.get(name).at_m is None for name in names):
             return self.lack(RequestProblemKind.CAPABILITY, " ".join(said) or self.quote(clause))
-        view, places = self.ask_view(sides[0]), ((name, self.get(name).at_m) for name in names)
+        view = self.ask_view(sides[0]) if side in SIDES else 1.0
+        places = ((name, self.get(name).at_m) for name in names)
         return [self._stand_at(name, shift(at_m, side, view, by_m)) for name, at_m in places if at_m and view]
+
+    def _stand_for(self, name: str, other: str) -> str:
+        """At the point of another object, as high as its own size makes it."""
+        (x_m, y_m, z_m), thing = self.get(other).at_m or (0.0, 0.0, 0.0), self.get(name)
+        return self._stand_at(name, (x_m, y_m, z_m - self.get(other).half_m[2] + thing.half_m[2]))
 
     def _read_instead(self, clause: Node, *said: Node) -> Step:
         """The last goal with another object, or another place: `no, the blue one`, `no, into the blue tray`."""
@@ -204,6 +240,8 @@ class Clauses(Destinations):
         before = self.list_past()
         if not before:
             return self.lack(RequestProblemKind.PAST, clause)
+        if any(clause.find_data("only")):
+            return self._read_only(meant)
         past = self.vocabulary.past[-1].accept
         if meant.data == "things" and (place := self._find_fixed(meant)):
             return [self._relate(name, place) for name in self._put(Named(names=tuple(before)))]
@@ -222,6 +260,23 @@ class Clauses(Destinations):
         names = [] if len(plains) != 1 or self._read_head(plains[0])[0] == "" else self.list_alike(plains[0])
         return names[0] if len(names) == 1 and not (self.get(names[0]).movable or self.get(names[0]).opens) else ""
 
+    def _read_only(self, things: Node) -> Step:
+        """Of the last goal what is about these objects alone: `no, only the red one`."""
+        names, self.unmet = self._resolve_after(self.list_past(), things), ""
+        return [text for text in self.vocabulary.past[-1].accept if get_object(text) in names] or self.lack(
+            RequestProblemKind.PAST, things
+        )
+
+    def _read_undo(self, clause: Node) -> Step:
+        """What the last goal is about, as the scene has it at first."""
+        texts = self.vocabulary.past[-1].accept if self.vocabulary.past else ()
+        return [back for text in texts for back in self._undo(text)] or self.lack(RequestProblemKind.PAST, clause)
+
+    def _undo(self, text: str) -> Step:
+        thing = self.get(get_object(text))
+        back = [self._put_back(thing.name)] if thing.movable and not thing.contents else list_flipped(text)
+        return back or self.lack(RequestProblemKind.CAPABILITY, text)
+
     def _resolve_after(self, before: Sequence[str], things: Node) -> tuple[str, ...]:
         """Objects of a phrase that goes on from the last goal: `the other one` is none of those."""
         self.moved = [*before]
@@ -231,6 +286,8 @@ class Clauses(Destinations):
     def _read_elided(self, clause: Node, things: Node) -> Step:
         """`press the green button and then the red one`: the verb is that of the clause, or of the goal, before."""
         before = self.list_past()
+        if not self._verb and before and any(things.find_data("only")):
+            return self._read_only(things)
         if not self._verb and before and (has_token(clause, "same_with") or len(self.recent) == 1):
             self.again = True
             last = [text for text in self.vocabulary.past[-1].accept if get_object(text) == before[-1]]
@@ -238,7 +295,7 @@ class Clauses(Destinations):
             return [rename(text, {before[-1]: name}) for name in names for text in last]
         if has_token(clause, "same_with") and not before:
             return self.lack(RequestProblemKind.PAST, clause)
-        if self._verb not in {"open", "close", "press"}:
+        if self._verb not in _ACTS:
             return self.lack(RequestProblemKind.SENTENCE, clause)
         return self._say(self._verb, things)
 
@@ -260,6 +317,8 @@ class Clauses(Destinations):
         self._put(replace(objects, names=names))
         if heaps and len(names) > 1:
             self.ask(QuestionKind.ORDER, placing, ())
+        if any(dest.find_data("different")):
+            return self._spread(names, dest, replace(places, names=places.names[: len(names)]))
         if any(find_child(noun, "all") for noun in list_children(dest)) and objects.spare and len(names) == 1:
             return self._spread((*names, *objects.spare), dest, places)
         wanted = []
@@ -295,15 +354,33 @@ class Clauses(Destinations):
 
     def _read_pour(self, clause: Node, *parts: Node) -> Step:
         things, source = find_child(clause, "things"), find_child(clause, "source")
+        if things is not None and has_token(clause, "fill") and not any(map(self.is_loose, things.find_data("plain"))):
+            place = self.resolve_one(parts[0], Slot.VESSEL).names
+            return [self._relate(name, at) for name in self._put(self.resolve(things, Slot.MOVED)) for at in place]
         poured = self.resolve(things, Slot.LOOSE) if things is not None else Named()
         if source:
             poured = replace(poured, names=self.resolve_one(list_children(source)[0], Slot.VESSEL).names)
         into = next(each for each in parts if each.data not in {"things", "source"})
         return self._fill(clause, poured, self.resolve_one(into, Slot.VESSEL).names)
 
+    def _read_pour_out(self, clause: Node, things: Node, *source: Node) -> Step:
+        """Into the one other vessel, or a question."""
+        if not all(self.is_loose(plain) for plain in things.find_data("plain")):
+            return self.lack(RequestProblemKind.SENTENCE, clause)
+        poured = self.resolve(things, Slot.LOOSE)
+        return self._fill(clause, poured, self._find_receivers(clause, *poured.names))
+
+    def _find_receivers(self, phrase: Node, *names: str) -> Sequence[str]:
+        """The vessel beside that which is emptied, or a question."""
+        others = [
+            each.name for each in self.list_fitting(Slot.VESSEL) if each.kind != REGION and each.name not in names
+        ]
+        return others if len(others) == 1 else self.ask(QuestionKind.WHERE, phrase, others)
+
     def _fill(self, clause: Node, poured: Named, receivers: Iterable[str]) -> Step:
+        self._verb = "pour"
         held = self.get(poured.names[0]).contents if len(poured.names) == 1 else 0
-        if not held:
+        if not held and not self.questions:
             self.lack(RequestProblemKind.FIT, clause, (thing.name for thing in self.list_fitting(Slot.LOOSE)))
         if not poured.number:
             self.reasons.append(f"no number is said: most of {held}, as cameras miss some of a pile")
@@ -314,11 +391,18 @@ class Clauses(Destinations):
             self.resolve_one(tool, Slot.MOVED)
             self.unsaid.append(f"with {self.quote(tool)}")
         names = self.resolve(things, Slot.VESSEL).names
+        gone: Sequence[str] = ("*",)
         if any(self.get(name).kind != REGION for name in names):
-            regions = (thing.name for thing in self.list_fitting(Slot.ANY) if thing.kind == REGION)
-            names = self.ask(QuestionKind.WHICH, things, regions)
+            regions = [each for each in self.list_fitting(Slot.ANY) if each.kind == REGION]
+            soiled = [each.name for each in regions if all(is_within(self.get(name), each) for name in names)]
+            gone = names if len(soiled) == 1 else gone  # `wipe up the crumbs`: where they lie
+            names = (
+                tuple(soiled)
+                if len(soiled) == 1
+                else self.ask(QuestionKind.WHICH, things, [each.name for each in regions])
+            )
         self._wiped = names[0] if len(names) == 1 else ""
-        return [f"not inside(*, {name})" for name in names]
+        return [f"not inside({each}, {name})" for name in names for each in gone]
 
     def _read_tower(self, clause: Node, *parts: Node) -> Step:
         levels = [part for part in parts if part.data == "level"]
@@ -340,16 +424,17 @@ class Clauses(Destinations):
         steps = pairwise([*on, *names]) if len(named) == len(names) else ()
         return [self._relate(upper, lower) for lower, upper in steps]
 
-    def _read_heap(self, clause: Node, things: Node) -> Step:
+    def _read_heap(self, clause: Node, things: Node, *base: Node) -> Step:
         """A tower in the order of sizes; a question where no order is said, or where two are alike."""
         names = self.resolve(things, Slot.MOVED).names
+        on = self.resolve_one(base[0], Slot.PLACE).names if base else ()
         rises, sinks = has_token(clause, "largest_first"), has_token(clause, "smallest_first")
         orders = list_by_size([self.get(name) for name in names]) if rises or sinks else []
         said = {
             f"from below: {', '.join(order)}": order for order in (order[:: 1 if rises else -1] for order in orders)
         }
         chosen = [*said] if len(said) == 1 else self.ask(QuestionKind.ORDER, clause, said)
-        return [self._relate(upper, lower) for each in chosen for lower, upper in pairwise(said[each])]
+        return [self._relate(upper, lower) for each in chosen for lower, upper in pairwise([*on, *said[each]])]
 
     def _read_clear_except(self, _: Node, place: Node, exception: Node) -> Step:
         """All that stands there, but what is excepted, is to be elsewhere."""
@@ -368,16 +453,15 @@ class Clauses(Destinations):
         places = [self.get(name).stands for name in names]
         if len(names) == 2 and all(places) and places[0] != places[1]:
             return [self._relate(name, place) for name, place in zip(names, reversed(places), strict=True)]
+        if len(names) == 2 and {*names} & {*places}:  # one on the other
+            return [self._relate(*(names if names[0] in places else names[::-1]))]
         points = [self.get(name).at_m for name in names]
-        if len(names) == 2 and not any(places) and all(points):  # each as high as it is
-            pairs = zip(names, points, reversed(points), strict=True)
-            return [self._stand_at(name, (to[0], to[1], at[2])) for name, at, to in pairs if at and to]
-        for name, place in zip(names, places, strict=True):
-            if not place:
-                self.lack(RequestProblemKind.THING, f"a name for the place of {name}")
-        if len(names) != 2 or all(places):
-            self.lack(RequestProblemKind.FIT, clause)
-        return []
+        if len(names) == 2 and all(points):  # into the place of the other, or to where it stands on the table
+            pairs = zip(names, reversed(names), places[::-1], strict=True)
+            return [
+                self._relate(name, place) if place else self._stand_for(name, other) for name, other, place in pairs
+            ]
+        return self.lack(RequestProblemKind.FIT, clause)
 
     def _read_pose(self, clause: Node) -> Step:
         posture = next(str(token) for token in clause.children if get_type(token) == "posture")
@@ -390,7 +474,7 @@ class Clauses(Destinations):
 
     def _read_again_without(self, clause: Node, things: Node, *_: Node) -> Step:
         """The last goal but for one object; after a verb, as in `press the red button but not the green one`, never."""
-        if self._verb in {"open", "close", "press"}:
+        if self._verb in _ACTS:
             return self._say("never_open" if self._verb == "open" else "never_close", things, constraint=True)
         if not (before := self.list_past()):
             return self.lack(RequestProblemKind.PAST, clause)
@@ -420,6 +504,9 @@ class Clauses(Destinations):
             self.lack(RequestProblemKind.SENTENCE, clause)
         return [f"not {self._relate(name, at)}" for at in where for name in things]
 
+    def _read_stand_at(self, _: Node, things: Node, dest: Node) -> Step:
+        return [*self._say("stand", things), *self._read_wish_place(dest, things, dest)]
+
     def _read_until(self, _: Node, command: Node, condition: Node) -> Step:
         done, until = self._read_texts(command), self._read_texts(condition)
         filled = {get_object(text) for text in until if says(text, Meaning.CONTAINS)}
@@ -435,6 +522,7 @@ class Clauses(Destinations):
             is_end = has_token(clause, "leave") and kept.data in {"open", "close"}  # so it is left, at the end
             return self._say(str(kept.data), things, constraint=not is_end)
         names = self.resolve(things, Slot.ANY).names
+        self.spared += names
         places = self._find_places(kept)
         if kept.data in SIDES:
             return self.lack(RequestProblemKind.CAPABILITY, kept)
@@ -456,6 +544,9 @@ class Clauses(Destinations):
 
     def _read_never_spill(self, clause: Node, *things: Node) -> Step:
         """What carries stays upright, and all that is in it stays there."""
+        if not things and not self.placed and self._verb == "pour":  # what is poured was in a vessel that tips
+            self.unsaid.append(self.quote(clause))
+            return []
         spares = not things or any(things[0].find_data("everything"))
         named = [self.get(name) for name in (self.placed if spares else self.resolve(things[0], Slot.LOOSE).names)]
         wanted = []

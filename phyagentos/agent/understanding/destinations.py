@@ -30,7 +30,7 @@ class Destinations(Discourse):
         """What a destination names; every coloured place with an interior where it says only the colour."""
         match dest.data:
             case "inside_it":
-                return Named(names=self.left or self.find_it(dest, Slot.VESSEL))
+                return Named(names=self.left or self._find_there(dest))
             case "on_top":
                 if len(self.placed) != 1:
                     self.lack(RequestProblemKind.SENTENCE, dest)
@@ -49,6 +49,13 @@ class Destinations(Discourse):
         del self.questions[asked:]  # `into the tray by colour`: which one is said
         return Named(names=names, words=found.words, by_colour=True)
 
+    def _find_there(self, dest: Node) -> tuple[str, ...]:
+        """The vessel that was named last; where none was, what is fixed, as `the pad`."""
+        named = [name for before in self.recent[:-1] for name in before]
+        fixed = [name for name in named if not self.get(name).movable]
+        has_vessel = any(Slot.VESSEL.takes(self.get(name)) for name in named)
+        return tuple(fixed[-1:]) if fixed and not has_vessel else self.find_it(dest, Slot.VESSEL)
+
     def _find_place(self, name: str, dest: Node, places: Named) -> str:
         """The place of one object; empty where it is open or where there is none."""
         names, kind = places.names, QuestionKind.WHERE
@@ -64,7 +71,9 @@ class Destinations(Discourse):
             return self._place_beside(name, dest, place)
         if dest.data == "beside":
             return f"near({name}, {place})"
-        if dest.data in {"into", "inside_it"}:
+        if dest.data == "under":
+            self.lack(RequestProblemKind.CAPABILITY, dest)
+        if dest.data == "into" or (dest.data == "inside_it" and self.get(place).has_interior):
             return f"inside({name}, {place})"
         lies = dest.data not in {"to", "to_its_colour"} and self.get(place).opens
         return f"on({name}, {place})" if lies else self._relate(name, place)
@@ -95,14 +104,14 @@ class Destinations(Discourse):
         """At a point on the freest side, as no skill guarantees `near`; empty where places are not known."""
         others = [each for each in self.vocabulary.things.values() if each.name not in (name, place)]
         point_m = find_beside(self.get(name), self.get(place), others)
-        if point_m is None or self.get(place).has_interior:
+        if point_m is None or (self.get(place).has_interior and not self.get(place).movable):
             return ""
         self.reasons.append(f"{self.quote(dest)}: on its freest side, as any will do")
         return self._stand_at(name, point_m)
 
     def _spread(self, names: Sequence[str], dest: Node, places: Named) -> Sequence[str]:
         """One of several objects in each of several places, as any will do."""
-        if len(places.names) > len(names):
+        if len(places.names) > len(names) or (len(places.names) < len(names) and any(dest.find_data("different"))):
             return self.lack(RequestProblemKind.THING, places.words, names)
         pairs = [*zip(names, places.names, strict=False)]
         self.chosen += [name for name, _ in pairs if name not in self.chosen]
