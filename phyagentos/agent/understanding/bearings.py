@@ -17,7 +17,7 @@ SIDES: Mapping[str, tuple[float, float]] = {
     "back": (1.0, 0.0),
     "front": (-1.0, 0.0),
 }  # direction in the world for the robot, which looks along x
-_ALONG = {"near": -1.0, "far": 1.0}  # the line from the robot to an object
+_ALONG = {"toward": -1.0, "away": 1.0}  # the line from the robot to an object
 GAP_M = 0.04  # between two objects that are put side by side
 BESIDE_M = 0.15  # between the middles of objects that are next to each other
 _ORDERS_MAX = 6  # to choose from

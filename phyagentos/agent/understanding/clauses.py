@@ -223,7 +223,7 @@ class Clauses(Destinations):
         said = [str(token) for token in clause.children if get_type(token) in {"amount", "unit"}]
         amount = float(NUMBERS.index(said[0]) if said[0] in NUMBERS else said[0]) if said else 0.0
         by_m = amount * read_lexicon()["units_m"].get(said[-1], 0.0) if said else 0.0
-        if side not in {*SIDES, "near", "far"} or by_m <= 0.04 or any(self.get(name).at_m is None for name in names):
+        if side not in {*SIDES, "toward", "away"} or by_m <= 0.04 or any(self.get(name).at_m is None for name in names):
             return self.lack(RequestProblemKind.CAPABILITY, " ".join(said) or self.quote(clause))
         view = self.ask_view(sides[0]) if side in SIDES else 1.0
         places = ((name, self.get(name).at_m) for name in names)
