@@ -158,6 +158,11 @@ class _Draft:
             needs |= {make_fact(call): False for call in known.get(self.target, ()) if _is_held(call)}
         if not moved:
             return needs
+        gone = [read_statement(call) for call, value in self.effects if not value and call.terms[0] != Name(moved)]
+        swept = {
+            str(each.place.text) for each in gone if each.meaning is Meaning.INSIDE and isinstance(each.place, Name)
+        }
+        needs |= {state(Meaning.INSIDE, moved, name): False for name in swept}  # not by what lies there
         in_hands = (call for name in (moved, place) for call in known.get(str(name), ()))
         needs |= {make_fact(call): False for call in in_hands if _is_held(call)} | self._need_clear(moved, known)
         if isinstance(place, PlacementPoint):
@@ -222,10 +227,13 @@ def _iter_drafts(skill: SkillRuntime, target: str, rank: int, scope: Scope) -> I
     requires = [each for text in skill.requires for each in _split(parse_predicate(text, template=True).formula)]
     for chosen in product(*(offer.parts if isinstance(offer, Or) else (offer,) for offer in offers)):
         literals = [literal for formula in chosen for literal in _split(formula)]
-        related = (read_statement(call) for call, value in literals if value)
+        related = [read_statement(call) for call, value in literals if value]
         moved = next((each.name_object(Variable) for each in related if each.relates), "")
+        is_turned = any(each.meaning is Meaning.UPRIGHT for each in related)
+        support = find_parameter(skill, ParameterRole.SUPPORT) if is_turned else ""
         needed = (each for each in requires if read_statement(each[0]).relates)
         choices = _list_choices(skill, [*literals, *needed], moved, target, scope)
+        choices |= {support: choices[support] or [""]} if support in choices else {}
         relations = {call.name for call, value in literals if value}
         for values in product(*choices.values()):
             spot = next((value for value in values if isinstance(value, PlacementPoint)), None)
@@ -233,8 +241,10 @@ def _iter_drafts(skill: SkillRuntime, target: str, rank: int, scope: Scope) -> I
             given = dict(zip(choices, written, strict=True))
             given |= {k: c for k, p in skill.parameters.items() for c in p.choices if chosen and c in relations}
             thing = str(given.get(moved, ""))
-            given |= _find_support(skill, thing, spot, given, scope)
-            effects = tuple(_iter_bound(literals, given, target, scope))
+            here = _find_support(skill, thing, spot, {} if support else given, scope)
+            is_wanted = support and state(Meaning.ON, thing, str(given.get(support))) in map(make_fact, scope.wanted)
+            given |= {} if is_wanted else here  # what is turned stays on what it stands on
+            effects = () if "" in given.values() else tuple(_iter_bound(literals, given, target, scope))
             if effects and _is_whole(skill, given, scope.world) and len(dict(effects)) == len(set(effects)):
                 yield _Draft(
                     scope=scope,
@@ -312,6 +322,7 @@ def _find_support(
     if not key or key in given:
         return {}
     below = find_support(scope.world, thing) if spot is None and thing in scope.world.entities else None
+    below = None if below is None or below.interior is not None else below  # the floor of a vessel is no top
     name = spot.support if spot is not None else below.name if below is not None else ""
     return {key: name} if name else {}
 

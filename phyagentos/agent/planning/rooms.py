@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from phyagentos.geometry import Pose, Vector, to_parent
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.predicates.relations import find_places
 from phyagentos.protocol.world.entity_geometry import AXES, compute_center, compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.protocol.world.free_spot import ROOM_M, find_free_spot, find_support
@@ -43,7 +44,8 @@ def list_carried(world: Environment) -> list[str]:
 def count_room(world: Environment, thing: str, place: str) -> int:
     """How many objects like this one a region or vessel holds side by side, 0 where it does not fit in.
 
-    The top of a movable object bears one; another top one in its middle, even a wider one, and those beside it.
+    The top of a movable object bears one; another top one in its middle, even a wider one, and those beside it, or a
+    row along a side where nothing stands there yet.
     """
     body, holder = world.entities.get(thing), world.entities.get(place)
     if holder is not None and holder.interior is None and holder.movable:
@@ -52,10 +54,18 @@ def count_room(world: Environment, thing: str, place: str) -> int:
         return 1
     rows = [_measure_sides(body), _measure_sides(body)[::-1]]
     if holder is not None and holder.interior is None:
-        sides = zip(_measure_sides(holder), rows[0], strict=True)
-        return math.prod(1 + 2 * int(max(side - own, 0.0) / 2 / (own + BESIDE_M)) for side, own in sides)
+        sides = [*zip(_measure_sides(holder), rows[0], strict=True)]
+        around = math.prod(1 + 2 * int(max(side - own, 0.0) / 2 / (own + BESIDE_M)) for side, own in sides)
+        along = max(_count(side, own) for side, own in sides)
+        return around if along <= around or _is_loaded(world, place, thing) else along
     half = world.regions[place].half_m if holder is None or holder.interior is None else holder.interior.half_m
     return max(math.prod(_count(2 * side, own) for side, own in zip(half[:2], row, strict=True)) for row in rows)
+
+
+def _is_loaded(world: Environment, place: str, thing: str) -> bool:
+    """Whether another object than this one stands on a fixed one."""
+    others = (each for each in world.entities.values() if each.movable and each.name != thing)
+    return any(place in relation.arguments[1:] for each in others for relation in find_places(each, world))
 
 
 def _count(side_m: float, own_m: float) -> int:

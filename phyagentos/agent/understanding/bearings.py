@@ -7,7 +7,7 @@ the understander puts a question.
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from phyagentos.agent.understanding.vocabulary import Thing
+from phyagentos.agent.understanding.vocabulary import SURFACES, Thing
 from phyagentos.geometry import Vector
 
 VIEWS = {"as seen by the robot": 1.0, "as seen by a person who faces the robot": -1.0}
@@ -17,6 +17,7 @@ SIDES: Mapping[str, tuple[float, float]] = {
     "back": (1.0, 0.0),
     "front": (-1.0, 0.0),
 }  # direction in the world for the robot, which looks along x
+_ALONG = {"toward": -1.0, "away": 1.0}  # the line from the robot to an object
 GAP_M = 0.04  # between two objects that are put side by side
 BESIDE_M = 0.15  # between the middles of objects that are next to each other
 _ORDERS_MAX = 6  # to choose from
@@ -56,6 +57,14 @@ def _list_middle(bodies: Sequence[Thing]) -> list[str]:
     return [each.name for each in (bodies if len(bodies) % 2 == 0 else [ordered[len(bodies) // 2]])]
 
 
+def list_nth(bodies: Sequence[Thing], kind: str, view: float, nth: int, reference: Vector | None = None) -> list[str]:
+    """Those that are most so once those before the `nth` are left aside; all where some are equally so."""
+    most = list_most(bodies, kind, view, reference)
+    if nth == 1 or len(most) != 1:
+        return most if nth == 1 else [body.name for body in bodies]
+    return list_nth([body for body in bodies if body.name not in most], kind, view, nth - 1, reference)
+
+
 def list_by_size(bodies: Sequence[Thing]) -> list[list[str]]:
     """Names from the largest to the smallest; one order for each of those that are alike, none of more than a few."""
     orders: list[list[str]] = [[]]
@@ -76,6 +85,8 @@ def list_beside(bodies: Sequence[Thing], kind: str, view: float, owner: Thing) -
         return [body.name for body in others]
     if kind == "beside":
         return [each.name for each in others if each.at_m and math.dist(each.at_m[:2], owner.at_m[:2]) <= BESIDE_M]
+    if kind == "under":
+        return [each.name for each in others if _is_under(each, owner)]
     border = _rank(owner, kind, view, None)
     return [body.name for body in others if _rank(body, kind, view, None) - border > _APART_M]
 
@@ -109,8 +120,20 @@ def find_between(body: Thing, ends: Sequence[Thing]) -> Vector | None:
 
 def shift(at_m: Vector, side: str, view: float, by_m: float) -> Vector:
     """A point so far to a side of another one [m]."""
-    x, y = SIDES[side]
+    away_m = math.hypot(*at_m[:2])
+    x, y = SIDES.get(side) or (_ALONG[side] * at_m[0] / away_m, _ALONG[side] * at_m[1] / away_m)
     return (round(at_m[0] + view * x * by_m, 3), round(at_m[1] + view * y * by_m, 3), round(at_m[2], 3))
+
+
+def is_within(body: Thing, place: Thing) -> bool:
+    """Whether the middle of an object is in a region."""
+    at_m, center_m = body.at_m or (math.inf,) * 3, place.at_m or (0.0, 0.0, 0.0)
+    return all(abs(at - center) <= half for at, center, half in zip(at_m, center_m, place.half_m, strict=True))
+
+
+def _is_under(body: Thing, owner: Thing) -> bool:
+    (x, y, z), (x_m, y_m, z_m) = body.at_m or (0.0, 0.0, 0.0), owner.at_m or (0.0, 0.0, 0.0)
+    return body.kind not in SURFACES and z < z_m and abs(x - x_m) <= owner.half_m[0] and abs(y - y_m) <= owner.half_m[1]
 
 
 def _rank(body: Thing, kind: str, view: float, reference: Vector | None) -> float:

@@ -8,19 +8,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
-from phyagentos.agent.understanding.bearings import (
-    SIDES,
-    VIEWS,
-    find_beside,
-    find_between,
-    list_beside,
-    list_by_size,
-    place_beside,
-    shift,
-)
+from phyagentos.agent.understanding.bearings import SIDES, find_beside, find_between, is_within, list_by_size, shift
+from phyagentos.agent.understanding.destinations import Destinations
 from phyagentos.agent.understanding.nouns import (
     NUMBERS,
-    Discourse,
     Named,
     Node,
     Slot,
@@ -33,28 +24,23 @@ from phyagentos.agent.understanding.nouns import (
 from phyagentos.agent.understanding.steps import Step, get_object, list_flipped, rename, says
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
 from phyagentos.agent.understanding.vocabulary import REGION, ROLE, SURFACES, read_lexicon
-from phyagentos.geometry import Vector
 from phyagentos.protocol.predicates.library import Meaning
 
+_ACTS = ("open", "close", "press")  # verbs of what has a joint
 SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
 
 
 @dataclass(slots=True, kw_only=True)
-class Clauses(Discourse):
+class Clauses(Destinations):
     """Predicates of a plan, collected clause by clause.
 
     Attributes:
-        placed: Objects that the latest placement has put.
-        left: Vessels that the latest clause takes something out of: what `put the others in` means.
         again: Whether the goal before is meant, and objects that this time are excepted.
     """
 
     constraints: list[str] = field(default_factory=list)
-    left_out: dict[str, str] = field(default_factory=dict)
-    placed: tuple[str, ...] = ()
     again: bool = False
     excepted: list[str] = field(default_factory=list)
-    left: tuple[str, ...] = ()
     _verb: str = ""
     _wiped: str = ""
 
@@ -66,11 +52,25 @@ class Clauses(Discourse):
 
     def _read_group(self, group: Node) -> list[Step]:
         """One step, or one a clause where these exclude each other."""
-        clauses = [step for clause in list_children(group) for step in self._read_steps(clause)]
+        clauses = self._list_steps(group)
         flipped = {each for step in clauses[1:] for text in step for each in list_flipped(text)}
-        if any(text in flipped for step in clauses for text in step):
+        if any(text in flipped for step in clauses for text in step) or find_child(group, "first_of") is not None:
             return clauses
         return [[text for step in clauses for text in step]]
+
+    def _list_steps(self, group: Node) -> list[Step]:
+        """The steps of each clause, without what a later one says otherwise.
+
+        What is picked up and then named again is not held in the end; what is `left` is none of `the cubes`.
+        """
+        steps: list[Step] = []
+        for clause in list_children(group):
+            read = self._read_steps(clause)
+            again = {f"holding({ROLE}, {name})" for name in self.recent[-1]} if any(read) else set()
+            steps = [[text for text in step if text not in again] for step in steps] + read
+        still = {get_object(text) for text in self.constraints if says(text, Meaning.MOVED, is_true=False)}
+        kept = [[text for text in step if get_object(text) not in still & self.grouped] for step in steps]
+        return [*kept] if any(kept) else steps
 
     def _read_steps(self, clause: Node) -> list[Step]:
         """The steps of one clause: of `open and close the drawer` two."""
@@ -83,6 +83,13 @@ class Clauses(Discourse):
         elif clause.data == "series":  # objects in an order, and one destination
             *series, dest = list_children(clause)
             steps = [self._read_wish_place(clause, things, dest) for things in series]
+        elif clause.data == "first_of":  # of what a command is about one before the others
+            command, single = list_children(clause)
+            texts = self._read_texts(command)
+            names = self.resolve_one(single, Slot.OPENS if self._verb in _ACTS else Slot.MOVED).names
+            steps = [[text for text in texts if (get_object(text) in names) is has_token(clause, "first")], texts]
+            if len(steps[0]) in {0, len(texts)}:
+                self.lack(RequestProblemKind.SENTENCE, single)
         elif clause.data in read_lexicon()["meanings"]:
             steps = [self._say(str(clause.data), list_children(clause)[0])]
         else:
@@ -100,12 +107,18 @@ class Clauses(Discourse):
         meaning = read_lexicon()["meanings"][rule]
         constraint = constraint or meaning.get("constraint", False)
         slot = Slot(meaning["slot"])
-        texts = []
-        names = self.resolve(things, slot, forbids=constraint).names
-        self.spared += names if constraint else ()
-        for name in names:
+        texts: list[str] = []
+        named = self.resolve(things, slot, forbids=constraint)
+        self.spared += named.names if constraint else ()
+        if rule in _ACTS and named.rest:  # of `only the red one` the others stay as they are
+            self.unmet = ""
+            self._keep(f"not moved({name})" for name in named.rest)
+        for name in named.names:
             thing = self.get(name)
-            owner = thing.part_of if slot is Slot.OPENS and not thing.opens and thing.part_of else name
+            owner = self.find_opening(name) if slot is Slot.OPENS else name
+            if rule == "clear" and thing.contents:  # what it holds has no names
+                texts += self._fill(things, Named(names=(name,)), self._find_receivers(things, name))
+                continue
             if rule == "press" and self.get(owner).opens != "slide":
                 self.lack(RequestProblemKind.FIT, name)
             texts.append(meaning["form"].format(owner, at="inside" if thing.has_interior else "on"))
@@ -153,9 +166,11 @@ class Clauses(Discourse):
 
     def _read_put_back(self, _: Node, things: Node) -> Step:
         """To where the scene has it at first: what it stands in or on there, else the table."""
+        return [self._put_back(name) for name in self._put(self.resolve(things, Slot.MOVED))]
+
+    def _put_back(self, name: str) -> str:
         ground = next((each.name for each in self.list_fitting(Slot.PLACE) if each.kind in SURFACES), "")
-        names = self._put(self.resolve(things, Slot.MOVED))
-        return [self._relate(name, self.get(name).stands or ground) for name in names]
+        return self._relate(name, self.get(name).stands or ground)
 
     def _read_put_where(self, clause: Node, things: Node, other: Node) -> Step:
         """To where another object is: in or on what bears it; else, where that stays, a question what is meant."""
@@ -196,12 +211,6 @@ class Clauses(Discourse):
             return tuple(before)
         return tuple(each.name for each in self.list_fitting(Slot.MOVED))
 
-    def _put(self, named: Named) -> tuple[str, ...]:
-        """The objects, noted as put somewhere."""
-        self.moved += [name for name in named.names if name not in self.moved]
-        self.placed = named.names
-        return named.names
-
     def _read_by_means(self, _: Node, tool: Node, command: Node) -> Step:
         """A goal says what is true then, and not with what."""
         self.resolve(tool, Slot.ANY)
@@ -214,14 +223,16 @@ class Clauses(Discourse):
         said = [str(token) for token in clause.children if get_type(token) in {"amount", "unit"}]
         amount = float(NUMBERS.index(said[0]) if said[0] in NUMBERS else said[0]) if said else 0.0
         by_m = amount * read_lexicon()["units_m"].get(said[-1], 0.0) if said else 0.0
-        if side not in SIDES or by_m <= 0.04 or any(self.get(name).at_m is None for name in names):
+        if side not in {*SIDES, "toward", "away"} or by_m <= 0.04 or any(self.get(name).at_m is None for name in names):
             return self.lack(RequestProblemKind.CAPABILITY, " ".join(said) or self.quote(clause))
-        view, places = self.ask_view(sides[0]), ((name, self.get(name).at_m) for name in names)
+        view = self.ask_view(sides[0]) if side in SIDES else 1.0
+        places = ((name, self.get(name).at_m) for name in names)
         return [self._stand_at(name, shift(at_m, side, view, by_m)) for name, at_m in places if at_m and view]
 
-    def _stand_at(self, name: str, point_m: Vector) -> str:
-        self.moved.append(name)
-        return f"at({name}, ({', '.join(f'{each:.3g}' for each in point_m)}), 0.04)"  # as near as skills promise
+    def _stand_for(self, name: str, other: str) -> str:
+        """At the point of another object, as high as its own size makes it."""
+        (x_m, y_m, z_m), thing = self.get(other).at_m or (0.0, 0.0, 0.0), self.get(name)
+        return self._stand_at(name, (x_m, y_m, z_m - self.get(other).half_m[2] + thing.half_m[2]))
 
     def _read_instead(self, clause: Node, *said: Node) -> Step:
         """The last goal with another object, or another place: `no, the blue one`, `no, into the blue tray`."""
@@ -229,6 +240,8 @@ class Clauses(Discourse):
         before = self.list_past()
         if not before:
             return self.lack(RequestProblemKind.PAST, clause)
+        if any(clause.find_data("only")):
+            return self._read_only(meant)
         past = self.vocabulary.past[-1].accept
         if meant.data == "things" and (place := self._find_fixed(meant)):
             return [self._relate(name, place) for name in self._put(Named(names=tuple(before)))]
@@ -247,6 +260,23 @@ class Clauses(Discourse):
         names = [] if len(plains) != 1 or self._read_head(plains[0])[0] == "" else self.list_alike(plains[0])
         return names[0] if len(names) == 1 and not (self.get(names[0]).movable or self.get(names[0]).opens) else ""
 
+    def _read_only(self, things: Node) -> Step:
+        """Of the last goal what is about these objects alone: `no, only the red one`."""
+        names, self.unmet = self._resolve_after(self.list_past(), things), ""
+        return [text for text in self.vocabulary.past[-1].accept if get_object(text) in names] or self.lack(
+            RequestProblemKind.PAST, things
+        )
+
+    def _read_undo(self, clause: Node) -> Step:
+        """What the last goal is about, as the scene has it at first."""
+        texts = self.vocabulary.past[-1].accept if self.vocabulary.past else ()
+        return [back for text in texts for back in self._undo(text)] or self.lack(RequestProblemKind.PAST, clause)
+
+    def _undo(self, text: str) -> Step:
+        thing = self.get(get_object(text))
+        back = [self._put_back(thing.name)] if thing.movable and not thing.contents else list_flipped(text)
+        return back or self.lack(RequestProblemKind.CAPABILITY, text)
+
     def _resolve_after(self, before: Sequence[str], things: Node) -> tuple[str, ...]:
         """Objects of a phrase that goes on from the last goal: `the other one` is none of those."""
         self.moved = [*before]
@@ -256,6 +286,8 @@ class Clauses(Discourse):
     def _read_elided(self, clause: Node, things: Node) -> Step:
         """`press the green button and then the red one`: the verb is that of the clause, or of the goal, before."""
         before = self.list_past()
+        if not self._verb and before and any(things.find_data("only")):
+            return self._read_only(things)
         if not self._verb and before and (has_token(clause, "same_with") or len(self.recent) == 1):
             self.again = True
             last = [text for text in self.vocabulary.past[-1].accept if get_object(text) == before[-1]]
@@ -263,7 +295,7 @@ class Clauses(Discourse):
             return [rename(text, {before[-1]: name}) for name in names for text in last]
         if has_token(clause, "same_with") and not before:
             return self.lack(RequestProblemKind.PAST, clause)
-        if self._verb not in {"open", "close", "press"}:
+        if self._verb not in _ACTS:
             return self.lack(RequestProblemKind.SENTENCE, clause)
         return self._say(self._verb, things)
 
@@ -285,6 +317,8 @@ class Clauses(Discourse):
         self._put(replace(objects, names=names))
         if heaps and len(names) > 1:
             self.ask(QuestionKind.ORDER, placing, ())
+        if any(dest.find_data("different")):
+            return self._spread(names, dest, replace(places, names=places.names[: len(names)]))
         if any(find_child(noun, "all") for noun in list_children(dest)) and objects.spare and len(names) == 1:
             return self._spread((*names, *objects.spare), dest, places)
         wanted = []
@@ -296,114 +330,6 @@ class Clauses(Discourse):
         if not wanted and self.left_out and places.by_colour:
             return self.lack(RequestProblemKind.THING, "; ".join(self.left_out.values()), places.names)
         return wanted
-
-    def _spread(self, names: Sequence[str], dest: Node, places: Named) -> Step:
-        """One of several objects in each of several places, as any will do."""
-        if len(places.names) > len(names):
-            return self.lack(RequestProblemKind.THING, places.words, names)
-        pairs = [*zip(names, places.names, strict=False)]
-        self.chosen += [name for name, _ in pairs if name not in self.chosen]
-        self._put(Named(names=tuple(name for name, _ in pairs)))
-        return [self._locate(name, dest, place) for name, place in pairs]
-
-    def _place_beside(self, name: str, dest: Node, place: str) -> str:
-        """At a point on that side of an object, as no predicate says `left of`; empty where that is open or unknown."""
-        if self.get(name).at_m is None or self.get(place).at_m is None:
-            self.lack(RequestProblemKind.CAPABILITY, dest)
-            return ""
-        view = self.ask_view(dest)
-        point_m = place_beside(self.get(name), str(dest.data), view, self.get(place)) if view else None
-        return self._stand_at(name, point_m) if point_m is not None else ""
-
-    def _stand_beside(self, name: str, dest: Node, place: str) -> str:
-        """At a point on the freest side, as no skill guarantees `near`; empty where places are not known."""
-        others = [each for each in self.vocabulary.things.values() if each.name not in (name, place)]
-        point_m = find_beside(self.get(name), self.get(place), others)
-        if point_m is None or self.get(place).has_interior:
-            return ""
-        self.reasons.append(f"{self.quote(dest)}: on its freest side, as any will do")
-        return self._stand_at(name, point_m)
-
-    def _find_places(self, dest: Node, *, by_colour: bool = False) -> Named:
-        """What a destination names; every coloured place with an interior where it says only the colour."""
-        match dest.data:
-            case "inside_it":
-                return Named(names=self.left or self.find_it(dest, Slot.VESSEL))
-            case "on_top":
-                if len(self.placed) != 1:
-                    self.lack(RequestProblemKind.SENTENCE, dest)
-                return Named(names=self.placed[:1])
-            case "to_its_colour":
-                vessels = (each.name for each in self.list_fitting(Slot.VESSEL) if each.colour and not each.movable)
-                return Named(names=tuple(vessels), words=self.quote(dest), by_colour=True)
-        noun = list_children(dest)[0]
-        asked = len(self.questions)
-        found = self.resolve_one(noun, Slot.VESSEL if dest.data == "into" and noun.data == "it" else Slot.PLACE)
-        if dest.data in SIDES and len(found.names) > 1:
-            return replace(found, names=self.ask(QuestionKind.WHICH, dest, found.names))
-        if not by_colour:
-            return found
-        names = self.questions[asked].candidates if self.questions[asked:] else found.names
-        del self.questions[asked:]  # `into the tray by colour`: which one is said
-        return Named(names=names, words=found.words, by_colour=True)
-
-    def _find_place(self, name: str, dest: Node, places: Named) -> str:
-        """The place of one object; empty where it is open or where there is none."""
-        names, kind = places.names, QuestionKind.WHERE
-        if places.by_colour:
-            colour, kind = self.get(name).colour, QuestionKind.WHICH
-            names = tuple(each for each in names if colour and self.get(each).colour == colour)
-            if not names:
-                self.left_out[name] = f"{colour} one of {places.words!r}" if colour else f"colour for {places.words!r}"
-        return next(iter(names if len(names) < 2 else self.ask(kind, dest, names, about=name)), "")
-
-    def _locate(self, name: str, dest: Node, place: str) -> str:
-        if dest.data in SIDES:
-            return self._place_beside(name, dest, place)
-        if dest.data == "beside":
-            return f"near({name}, {place})"
-        if dest.data in {"into", "inside_it"}:
-            return f"inside({name}, {place})"
-        lies = dest.data not in {"to", "to_its_colour"} and self.get(place).opens
-        return f"on({name}, {place})" if lies else self._relate(name, place)
-
-    def _relate(self, name: str, place: str) -> str:
-        return f"{'inside' if self.get(place).has_interior else 'on'}({name}, {place})"
-
-    # questions
-
-    def list_alike(self, plain: Node, slot: Slot = Slot.MOVED) -> list[str]:
-        """Names of all objects that a phrase fits; of `object` those that fit the slot."""
-        if self.is_loose(plain):
-            return [*self.lack(RequestProblemKind.CAPABILITY, plain)]
-        return [each.name for each in self._find_candidates(plain, slot, "")[0]]
-
-    def list_placed(self, names: Iterable[str], dest: Node) -> dict[str, str]:
-        """Of each object the statement that it is at a destination, at one of several."""
-        places = self.find_any_places(dest)
-        texts = {name: [self._locate(name, dest, place) for place in places if place != name] for name in names}
-        return {name: " or ".join(each) for name, each in texts.items() if each}
-
-    def find_any_places(self, dest: Node) -> tuple[str, ...]:
-        """The places of a destination: of `in a tray` every one, as neither question nor prohibition chooses one."""
-        any_of = [noun for noun in dest.find_data("quantified") if find_child(noun, "any")]
-        plains = [plain for noun in any_of for plain in list_children(noun) if plain.data == "plain"]
-        return tuple(self.list_alike(plains[0], Slot.PLACE)) if plains else self._find_places(dest).names
-
-    def list_most(self, nouns: Sequence[Node], last: Node) -> list[str]:
-        """Names of those that are most so: of a noun, else of all that can be moved."""
-        found = self._find_candidates(nouns[0], Slot.MOVED, "")[0] if nouns else self.list_fitting(Slot.MOVED)
-        found = self._find_candidates(last, Slot.MOVED, "")[0] if last.data == "plain" else self._filter(found, last)
-        return [each.name for each in found] or [*self.lack(RequestProblemKind.THING, last)]
-
-    def list_beside(self, names: Iterable[str], dest: Node) -> dict[str, str]:
-        """Who looks, and which objects that one sees on a side of another."""
-        found, owners = [self.get(name) for name in names], self._find_places(dest).names
-        return {
-            who: ", ".join(list_beside(found, str(dest.data), view, self.get(owner))) or "nothing"
-            for who, view in VIEWS.items()
-            for owner in owners
-        }
 
     # doing other objects
 
@@ -428,15 +354,33 @@ class Clauses(Discourse):
 
     def _read_pour(self, clause: Node, *parts: Node) -> Step:
         things, source = find_child(clause, "things"), find_child(clause, "source")
+        if things is not None and has_token(clause, "fill") and not any(map(self.is_loose, things.find_data("plain"))):
+            place = self.resolve_one(parts[0], Slot.VESSEL).names
+            return [self._relate(name, at) for name in self._put(self.resolve(things, Slot.MOVED)) for at in place]
         poured = self.resolve(things, Slot.LOOSE) if things is not None else Named()
         if source:
             poured = replace(poured, names=self.resolve_one(list_children(source)[0], Slot.VESSEL).names)
         into = next(each for each in parts if each.data not in {"things", "source"})
         return self._fill(clause, poured, self.resolve_one(into, Slot.VESSEL).names)
 
+    def _read_pour_out(self, clause: Node, things: Node, *source: Node) -> Step:
+        """Into the one other vessel, or a question."""
+        if not all(self.is_loose(plain) for plain in things.find_data("plain")):
+            return self.lack(RequestProblemKind.SENTENCE, clause)
+        poured = self.resolve(things, Slot.LOOSE)
+        return self._fill(clause, poured, self._find_receivers(clause, *poured.names))
+
+    def _find_receivers(self, phrase: Node, *names: str) -> Sequence[str]:
+        """The vessel beside that which is emptied, or a question."""
+        others = [
+            each.name for each in self.list_fitting(Slot.VESSEL) if each.kind != REGION and each.name not in names
+        ]
+        return others if len(others) == 1 else self.ask(QuestionKind.WHERE, phrase, others)
+
     def _fill(self, clause: Node, poured: Named, receivers: Iterable[str]) -> Step:
+        self._verb = "pour"
         held = self.get(poured.names[0]).contents if len(poured.names) == 1 else 0
-        if not held:
+        if not held and not self.questions:
             self.lack(RequestProblemKind.FIT, clause, (thing.name for thing in self.list_fitting(Slot.LOOSE)))
         if not poured.number:
             self.reasons.append(f"no number is said: most of {held}, as cameras miss some of a pile")
@@ -447,11 +391,18 @@ class Clauses(Discourse):
             self.resolve_one(tool, Slot.MOVED)
             self.unsaid.append(f"with {self.quote(tool)}")
         names = self.resolve(things, Slot.VESSEL).names
+        gone: Sequence[str] = ("*",)
         if any(self.get(name).kind != REGION for name in names):
-            regions = (thing.name for thing in self.list_fitting(Slot.ANY) if thing.kind == REGION)
-            names = self.ask(QuestionKind.WHICH, things, regions)
+            regions = [each for each in self.list_fitting(Slot.ANY) if each.kind == REGION]
+            soiled = [each.name for each in regions if all(is_within(self.get(name), each) for name in names)]
+            gone = names if len(soiled) == 1 else gone  # `wipe up the crumbs`: where they lie
+            names = (
+                tuple(soiled)
+                if len(soiled) == 1
+                else self.ask(QuestionKind.WHICH, things, [each.name for each in regions])
+            )
         self._wiped = names[0] if len(names) == 1 else ""
-        return [f"not inside(*, {name})" for name in names]
+        return [f"not inside({each}, {name})" for name in names for each in gone]
 
     def _read_tower(self, clause: Node, *parts: Node) -> Step:
         levels = [part for part in parts if part.data == "level"]
@@ -473,16 +424,17 @@ class Clauses(Discourse):
         steps = pairwise([*on, *names]) if len(named) == len(names) else ()
         return [self._relate(upper, lower) for lower, upper in steps]
 
-    def _read_heap(self, clause: Node, things: Node) -> Step:
+    def _read_heap(self, clause: Node, things: Node, *base: Node) -> Step:
         """A tower in the order of sizes; a question where no order is said, or where two are alike."""
         names = self.resolve(things, Slot.MOVED).names
+        on = self.resolve_one(base[0], Slot.PLACE).names if base else ()
         rises, sinks = has_token(clause, "largest_first"), has_token(clause, "smallest_first")
         orders = list_by_size([self.get(name) for name in names]) if rises or sinks else []
         said = {
             f"from below: {', '.join(order)}": order for order in (order[:: 1 if rises else -1] for order in orders)
         }
         chosen = [*said] if len(said) == 1 else self.ask(QuestionKind.ORDER, clause, said)
-        return [self._relate(upper, lower) for each in chosen for lower, upper in pairwise(said[each])]
+        return [self._relate(upper, lower) for each in chosen for lower, upper in pairwise([*on, *said[each]])]
 
     def _read_clear_except(self, _: Node, place: Node, exception: Node) -> Step:
         """All that stands there, but what is excepted, is to be elsewhere."""
@@ -501,16 +453,15 @@ class Clauses(Discourse):
         places = [self.get(name).stands for name in names]
         if len(names) == 2 and all(places) and places[0] != places[1]:
             return [self._relate(name, place) for name, place in zip(names, reversed(places), strict=True)]
+        if len(names) == 2 and {*names} & {*places}:  # one on the other
+            return [self._relate(*(names if names[0] in places else names[::-1]))]
         points = [self.get(name).at_m for name in names]
-        if len(names) == 2 and not any(places) and all(points):  # each as high as it is
-            pairs = zip(names, points, reversed(points), strict=True)
-            return [self._stand_at(name, (to[0], to[1], at[2])) for name, at, to in pairs if at and to]
-        for name, place in zip(names, places, strict=True):
-            if not place:
-                self.lack(RequestProblemKind.THING, f"a name for the place of {name}")
-        if len(names) != 2 or all(places):
-            self.lack(RequestProblemKind.FIT, clause)
-        return []
+        if len(names) == 2 and all(points):  # into the place of the other, or to where it stands on the table
+            pairs = zip(names, reversed(names), places[::-1], strict=True)
+            return [
+                self._relate(name, place) if place else self._stand_for(name, other) for name, other, place in pairs
+            ]
+        return self.lack(RequestProblemKind.FIT, clause)
 
     def _read_pose(self, clause: Node) -> Step:
         posture = next(str(token) for token in clause.children if get_type(token) == "posture")
@@ -523,7 +474,7 @@ class Clauses(Discourse):
 
     def _read_again_without(self, clause: Node, things: Node, *_: Node) -> Step:
         """The last goal but for one object; after a verb, as in `press the red button but not the green one`, never."""
-        if self._verb in {"open", "close", "press"}:
+        if self._verb in _ACTS:
             return self._say("never_open" if self._verb == "open" else "never_close", things, constraint=True)
         if not (before := self.list_past()):
             return self.lack(RequestProblemKind.PAST, clause)
@@ -553,6 +504,9 @@ class Clauses(Discourse):
             self.lack(RequestProblemKind.SENTENCE, clause)
         return [f"not {self._relate(name, at)}" for at in where for name in things]
 
+    def _read_stand_at(self, _: Node, things: Node, dest: Node) -> Step:
+        return [*self._say("stand", things), *self._read_wish_place(dest, things, dest)]
+
     def _read_until(self, _: Node, command: Node, condition: Node) -> Step:
         done, until = self._read_texts(command), self._read_texts(condition)
         filled = {get_object(text) for text in until if says(text, Meaning.CONTAINS)}
@@ -568,6 +522,7 @@ class Clauses(Discourse):
             is_end = has_token(clause, "leave") and kept.data in {"open", "close"}  # so it is left, at the end
             return self._say(str(kept.data), things, constraint=not is_end)
         names = self.resolve(things, Slot.ANY).names
+        self.spared += names
         places = self._find_places(kept)
         if kept.data in SIDES:
             return self.lack(RequestProblemKind.CAPABILITY, kept)
@@ -589,6 +544,9 @@ class Clauses(Discourse):
 
     def _read_never_spill(self, clause: Node, *things: Node) -> Step:
         """What carries stays upright, and all that is in it stays there."""
+        if not things and not self.placed and self._verb == "pour":  # what is poured was in a vessel that tips
+            self.unsaid.append(self.quote(clause))
+            return []
         spares = not things or any(things[0].find_data("everything"))
         named = [self.get(name) for name in (self.placed if spares else self.resolve(things[0], Slot.LOOSE).names)]
         wanted = []

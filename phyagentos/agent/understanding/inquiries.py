@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 import msgspec
 
-from phyagentos.agent.understanding.bearings import SIDES
+from phyagentos.agent.understanding.bearings import SIDES, list_most
 from phyagentos.agent.understanding.clauses import Clauses
 from phyagentos.agent.understanding.nouns import Node, Slot, find_child, has_token, list_children
 from phyagentos.agent.understanding.understanding import Inquiry, InquiryKind, RequestProblemKind
@@ -52,7 +52,7 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
             statements = {name: " or ".join(each[name] for each in placed if name in each) for name in placed[0]}
         case "ask_which", [*nouns, dest]:
             some = said.list_alike(nouns[0]) if nouns else [each.name for each in said.list_fitting(Slot.MOVED)]
-            is_side = dest.data in SIDES
+            is_side = dest.data in {*SIDES, "under"}
             kind = InquiryKind.SIDE if is_side else kind
             statements = said.list_beside(some, dest) if is_side else said.list_placed(some, dest)
         case "ask_count", [plain, *dest] if said.is_loose(plain):
@@ -60,9 +60,12 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
         case "ask_count", [plain, *dest]:
             some = said.list_alike(plain)
             statements = said.list_placed(some, dest[0]) if dest else dict.fromkeys(some, "")
-        case "ask_distance", [one, other]:
-            names, others = (said.resolve_one(noun, Slot.ANY).names for noun in (one, other))
-            statements = {name: f"near({name}, {each})" for name in names for each in others if name != each}
+        case "ask_distance", _:
+            *names, other = said.resolve(question, Slot.ANY).names or ("",)
+            statements = {name: f"near({name}, {other})" for name in names}
+        case "ask_compare", [size, *nouns]:
+            names = [name for noun in nouns for name in said.resolve_one(noun, Slot.ANY).names]
+            statements = dict.fromkeys(list_most([said.get(name) for name in names], str(size.data), 1.0, None), "")
         case "ask_named", [*nouns, last]:
             statements = dict.fromkeys(said.list_most(nouns, last), "")
         case _, [things]:
@@ -93,6 +96,8 @@ def _list_contents(said: Clauses, dest: Iterable[Node]) -> dict[str, str]:
 
 def _say_state(said: Clauses, names: Iterable[str], state: Node) -> dict[str, str]:
     form = read_lexicon()["meanings"][state.data]["form"]
+    if read_lexicon()["meanings"][state.data]["slot"] == Slot.OPENS:
+        names = [said.find_opening(name) for name in names]
     return {name: form.format(name, at="inside" if said.get(name).has_interior else "on") for name in names}
 
 
@@ -104,6 +109,7 @@ _KINDS = {
     "ask_which": InquiryKind.WHICH,
     "ask_which_state": InquiryKind.WHICH,
     "ask_named": InquiryKind.WHICH,
+    "ask_compare": InquiryKind.WHICH,
     "ask_count": InquiryKind.COUNT,
     "ask_distance": InquiryKind.DISTANCE,
     "ask_colour": InquiryKind.COLOUR,

@@ -10,7 +10,7 @@ from enum import StrEnum
 
 from lark import Token, Tree
 
-from phyagentos.agent.understanding.bearings import SIDES, VIEWS, list_beside, list_most
+from phyagentos.agent.understanding.bearings import SIDES, VIEWS, is_within, list_beside, list_nth
 from phyagentos.agent.understanding.reading import pluralise
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
@@ -20,12 +20,13 @@ from phyagentos.agent.understanding.understanding import (
     RequestProblem,
     RequestProblemKind,
 )
-from phyagentos.agent.understanding.vocabulary import LOOSE, SURFACES, Thing, Vocabulary
+from phyagentos.agent.understanding.vocabulary import LOOSE, REGION, SURFACES, Thing, Vocabulary
 from phyagentos.errors import find_nearest
 from phyagentos.protocol.predicates.predicate import find_entities
 
 Node = Tree[Token]
 _OWNED = {"part_of", "located"}  # tails of a noun that name what it belongs to, or is in or on
+ORDINALS = ["first", "second", "third", "fourth", "fifth"]
 NUMBERS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"]
 
 
@@ -72,6 +73,7 @@ class Discourse:
     Attributes:
         recent: Objects that each clause named, the latest clause last.
         moved: Everything that some clause puts somewhere, in order.
+        grouped: Objects that a phrase named together with others, as `the cubes`.
         spared: Everything that some clause says to leave as it is: `the others` are none of it.
         heads: The last noun of each slot.
         unmet: A phrase with `only`, `exactly` or `of its colour`, until a clause says what becomes of it.
@@ -88,6 +90,7 @@ class Discourse:
     recent: list[list[str]] = field(default_factory=lambda: [[]])
     moved: list[str] = field(default_factory=list)
     spared: list[str] = field(default_factory=list)
+    grouped: set[str] = field(default_factory=set)
     heads: dict[Slot, str] = field(default_factory=dict)
     unmet: str = ""
 
@@ -185,6 +188,7 @@ class Discourse:
         if noun.data == "everything" and slot is Slot.LOOSE:
             named = replace(named, number=self._count_contents(named.names))
         self.recent[-1] += [name for name in named.names if name not in self.recent[-1]]
+        self.grouped.update(named.names if len(named.names) > 1 else ())
         if named.only or named.rest or named.by_colour:
             self.unmet = self.quote(noun)
         return replace(named, words=self.quote(noun))
@@ -214,7 +218,9 @@ class Discourse:
                 return (found[0],) if len(found) == 1 else self.ask(QuestionKind.WHICH, phrase, found)
         if before := [name for name in self.list_past(is_place=slot is Slot.VESSEL) if slot.takes(self.get(name))]:
             return (before[0],) if len(before) == 1 else self.ask(QuestionKind.WHICH, phrase, before)
-        return self.lack(RequestProblemKind.SENTENCE, phrase)
+        if slot is Slot.OPENS and (doors := [each.name for each in self.list_fitting(slot)]):
+            return (doors[0],) if len(doors) == 1 else self.ask(QuestionKind.WHICH, phrase, doors)
+        return () if self.questions else self.lack(RequestProblemKind.SENTENCE, phrase)
 
     def find_corrected(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
         """The latter of two phrases; the former, which it corrects, lends its noun."""
@@ -222,6 +228,18 @@ class Discourse:
         if head := next(filter(None, (self._read_head(plain)[0] for plain in wrong.find_data("plain"))), ""):
             self.heads[slot] = head
         return self.resolve_one(meant, slot).names
+
+    def find_alternatives(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
+        """The one of `the red or the blue cube` that the person names."""
+        names = dict.fromkeys(name for each in self._resolve_parts(list_children(phrase), slot) for name in each.names)
+        return self.ask(QuestionKind.WHICH, phrase, names) if len(names) > 1 else tuple(names)
+
+    def find_opening(self, name: str) -> str:
+        """What opens of an object: itself, what it is a part of, or its one lid, door or drawer."""
+        thing = self.get(name)
+        parts = [each.name for each in self.vocabulary.things.values() if each.opens and each.part_of == name]
+        found = [name] if thing.opens else [thing.part_of] if thing.part_of else parts
+        return found[0] if len(found) == 1 else name
 
     def list_past(self, *, is_place: bool = False) -> list[str]:
         """Objects that the last goal is about, or their places, as far as they are here."""
@@ -251,6 +269,7 @@ class Discourse:
 
     def find_others(self, noun: Node, slot: Slot) -> tuple[str, ...]:
         """Those of which nothing was said, of a noun or of the last one."""
+        slot = Slot.MOVED if slot is Slot.ANY else slot
         plain, head = find_child(noun, "plain"), self._find_earlier(slot)
         found = self._list_alike(head) if head else self.list_fitting(slot)
         found = self._find_candidates(plain, slot, "")[0] if plain is not None else found
@@ -297,6 +316,8 @@ class Discourse:
                     else {*self.moved, *self.spared, *recent}
                 )
                 found = tuple(name for name in found if name not in before) if before & {*found} else ()
+        if slot is Slot.LOOSE and kind == "some":
+            return Named(names=self.ask(QuestionKind.HOW_MANY, noun, ()))
         if slot is Slot.LOOSE:
             is_all = kind == "all" and not number
             return Named(names=found, number=self._count_contents(found) if is_all else number)
@@ -352,11 +373,13 @@ class Discourse:
             # `on the big one` means no floor
             found = [each for each in found if adjectives or each.kind not in SURFACES]
         found = [each for each in found if adjectives <= each.words and unlike.isdisjoint(each.words)]
-        parts = [child for child in list_children(plain) if child.data != "head"]
+        parts = [child for child in list_children(plain) if child.data not in {"head", "ordinal"}]
+        ordinal = find_child(plain, "ordinal")
+        nth = 1 + ORDINALS.index(str(ordinal.children[0])) if ordinal is not None else 1
         # `the largest cube on the tray` is of those on the tray
         for part in sorted(parts, key=lambda part: part.data not in _OWNED):
-            found = self._filter(found, part)
-        return found, is_plural, by_colour
+            found = self._filter(found, part, nth)
+        return found, is_plural and not has_token(plain, "among"), by_colour
 
     def is_loose(self, plain: Node) -> bool:
         """Whether a phrase means nameless contents of vessels."""
@@ -364,7 +387,7 @@ class Discourse:
 
     def _find_earlier(self, slot: Slot) -> str:
         """The noun that `the big ones` stands for: the last of the slot, else of another one if several fit."""
-        own = self.heads.get(slot, "")
+        own = self.heads.get(Slot.MOVED if slot is Slot.ANY else slot, "")
         others = (head for head in reversed(self.heads.values()) if sum(map(slot.takes, self._list_alike(head))) > 1)
         return own if len(self._list_alike(own)) > 1 else next(others, own)
 
@@ -374,13 +397,15 @@ class Discourse:
         called = [name for name in names if adjectives and adjectives <= {*name.split("_")}]
         return called[0] if len(called) == 1 else ""
 
-    def _select(self, found: Sequence[Thing], phrase: Node, kind: str, owner: Thing | None) -> list[Thing]:
+    def _select(
+        self, found: Sequence[Thing], phrase: Node, kind: str, owner: Thing | None, nth: int = 1
+    ) -> list[Thing]:
         """Those that are most so, or on that side of an object; a question where it depends on who looks."""
         views = VIEWS.values() if kind in SIDES else (1.0,)
-        if owner is not None and kind in {*SIDES, "beside"}:
+        if owner is not None and kind in {*SIDES, "beside", "under"}:
             seen = [list_beside(found, kind, view, owner) for view in views]
         else:
-            seen = [list_most(found, kind, view, owner.at_m if owner is not None else None) for view in views]
+            seen = [list_nth(found, kind, view, nth, owner.at_m if owner is not None else None) for view in views]
         names = seen[0]
         if seen[0] != seen[-1]:
             likely = dict.fromkeys(name for each in seen[::-1] for name in each)
@@ -393,15 +418,15 @@ class Discourse:
         token = head.children[0] if head is not None else ""
         word = " ".join(str(token).split())
         if get_type(token) != "noun":
-            return "", word.endswith("s"), get_type(token) == "thing"
+            return "", word.endswith(("s", "stuff")), get_type(token) == "thing"
         nouns = self.vocabulary.list_words()[1]
         one = word if word in nouns else next(noun for noun in nouns if pluralise(noun) == word)
         return one, word != one, False
 
-    def _filter(self, found: Iterable[Thing], tail: Node) -> list[Thing]:
+    def _filter(self, found: Iterable[Thing], tail: Node, nth: int = 1) -> list[Thing]:
         """Those that are parts of, or stand in or on, what the tail names, as the scene begins."""
         if not list_children(tail):  # `on the left`, `largest`
-            return self._select(list(found), tail, str(tail.data), None)
+            return self._select(list(found), tail, str(tail.data), None, nth)
         heads = dict(self.heads)
         owners = [owner.name for owner in self._find_candidates(list_children(tail)[0], Slot.ANY, "")[0]]
         self.heads = heads
@@ -415,8 +440,16 @@ class Discourse:
 
     def _list_standing(self, found: Iterable[Thing], owners: Iterable[str]) -> list[Thing]:
         """Those that stand in or on any of some objects as the scene begins; where none is said it is the table."""
+        owners = [*owners]
         has_surface = any(self.get(name).kind in SURFACES for name in owners)
-        return [thing for thing in found if thing.stands in owners or (not thing.stands and has_surface)]
+        regions = [each for each in map(self.get, owners) if each.kind == REGION]
+        return [
+            thing
+            for thing in found
+            if thing.stands in owners
+            or (not thing.stands and has_surface)
+            or any(is_within(thing, region) for region in regions)
+        ]
 
 
 def _read_adjectives(plain: Node) -> tuple[set[str], set[str]]:

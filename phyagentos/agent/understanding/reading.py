@@ -24,21 +24,38 @@ MOST_LETTERS = 600
 LEAST_NEAR = 4  # shorter words of the language are near to anything
 _FOLDER = Path(__file__).parent
 _WORD = re.compile(r"[a-z][a-z'-]*|\d+(?:\.\d+)?|[^\s\w]")
+_CONDITION = re.compile(r"\b(if|unless|whenever|when|in case)\b[^,;]*")
 _SHORT = (  # contractions and spellings
     (r"[’`]", "'"),
     (r"\b(do|does|did|must|should|would|could|wo|ca|is|are|need)n't\b", r"\1 not"),
-    (r"\b(do|does)nt\b", r"\1 not"),
+    (r"\b(do|does|did|should|is|are|wo|ca)nt\b", r"\1 not"),
     (r"\bwo not\b", "will not"),
     (r"\bca not\b|\bcannot\b", "can not"),
     (r"\bi'd\b", "i would"),
-    (r"\b(it|that|there|where|what)'s\b", r"\1 is"),
+    (r"\b(it|that|there|where|what|who|how)'s\b|\b(that|there|where|what)s\b", r"\1\2 is"),
+    (r"\b(you|they|we)'re\b", r"\1 are"),
+    (r"\b(?:unless (it|that|they) (is|are)|if (it|that|they) (is|are) not) already\b", "being already"),
+    (r",? being already(?: \w+){0,2}\s*(?=$|[.;!])", ""),
+    (r"\bwhichever ((?:\w+ )?\w+) (is|are)\b", r"the \1 that \2"),
     (r"\bcolor", "colour"),
     (r"\b(?!same\b|correspondingly\b)(\w+)[- ]coloured\b", r"\1"),
     (r"(\d)(cm|mm|m|°)\b", r"\1 \2"),
     (r"(?:,| and|, and) ([^,;.!?]+?) (?:afterwards|after that)\s*(?=$|[.;!])", r" then \1"),
     (r"\bgray\b", "grey"),
     (r"\bcenter", "centre"),
-    (r"\b(nearest|closest|farthest|furthest|away)( to| from)? (?:the robot|yourself)\b", r"\1\2 you"),
+    (
+        r"\b(nearest|closest|nearer|closer|towards?|farthest|furthest|away)( to| from)? (?:the robot|yourself)\b",
+        r"\1\2 you",
+    ),
+    (r"\b(nearest|closest|farthest|furthest) (\w+(?: \w+)?) (?:to|from) (?:the robot|you|yourself)\b", r"\1 \2"),
+    (
+        r"\b(close|shut|open)((?: \w+){1,4}?),? if (?:it|they) (?:is|are) (?:still |not )?(?:open|closed|shut)\b",
+        r"\1\2",
+    ),
+    (r"(^|[,;] )only (\w+) the\b", r"\1\2 only the"),
+    (r"\bcan you see\b", "do you see"),
+    (r"\bwhat (?:all )?can you do(?: here| for me)?\b", "what can be done"),
+    (r"\bwhatever (?:is|lies|stands)\b", "everything that is"),
     (r"_", " "),
     (r"(?<!\d)[.!:?]+|[.!:?]+(?!\d)", " ; "),
     (r"([,;()&])", r" \1 "),
@@ -72,9 +89,11 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     unsaid = tuple(re.findall(_alternatives(manner), text))
     idle = (phrase for phrase in courtesy if phrase not in words or " " in phrase)
     text = re.sub(_alternatives((*idle, *manner)), " ", text)
-    text = " ".join(text.split()).strip(" ,;")
+    text = re.sub(r",(?:\s*,)+", ",", " ".join(text.split())).strip(" ,;")
     content = sorted({word for word in words if len(word) >= LEAST_NEAR} | adjectives | nouns)
     strange = [word for word in _WORD.findall(text) if word not in words and not re.fullmatch(r"[\d.]+|[+-]", word)]
+    if condition := _CONDITION.search(text):
+        return refuse(RequestProblemKind.CONDITION, condition[0].strip(" ,;"))
     if near := {word: find_nearest(word, content) or "" for word in strange}:
         usual = [*content, *(word for word in sorted(words - {*content}) if len(word) > 1)]
         return Impossible(

@@ -62,6 +62,7 @@ class RequestProblemKind(_Kind):
     FIT = "fit", "is not possible with this object"
     CAPABILITY = "capability", "is what no skill here brings about"
     CONTRADICTION = "contradiction", "cannot hold together"
+    CONDITION = "condition", "is a condition, which no goal has: ask whether it holds, then say what to do"
     PAST = "past", "means something done before, and nothing was"
     GOAL = "goal", "says nothing that shall come true"
     MODEL = "model", "is what the model's answers came to"

@@ -26,6 +26,7 @@ from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.meaning import normalize
 from phyagentos.protocol.predicates.predicate import parse_predicate
+from phyagentos.protocol.predicates.relations import find_places
 from phyagentos.protocol.world.descriptions import COLORS
 from phyagentos.protocol.world.entity_geometry import AXES, compute_center, compute_extent
 from phyagentos.protocol.world.environment import Environment
@@ -133,7 +134,11 @@ def _locate(things: Mapping[str, Thing], world: Environment) -> dict[str, Thing]
     for name in things.keys() & world.entities.keys():
         entity = world.entities[name]
         x_m, y_m, z_m = ((high - low) / 2 for low, high in (compute_extent(entity, axis) for axis in AXES))
-        located[name] = replace(things[name], at_m=compute_center(entity), half_m=(x_m, y_m, z_m))
+        below = (each.arguments[-1] for each in find_places(entity, world))
+        stands = things[name].stands or next(
+            (each for each in below if each in things and things[each].kind not in (*SURFACES, REGION)), ""
+        )
+        located[name] = replace(things[name], stands=stands, at_m=compute_center(entity), half_m=(x_m, y_m, z_m))
     for name, region in world.regions.items():
         located |= (
             {name: replace(things[name], at_m=region.pose.position_m, half_m=region.half_m)} if name in things else {}

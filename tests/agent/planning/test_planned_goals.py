@@ -149,3 +149,30 @@ def test_every_plan_of_a_random_world_is_valid_in_every_order_that_it_allows(fam
 def test_without_a_named_robot_it_is_one_that_is_sure_to_be_here():
     planned = plan("tabletop/cubes_and_trays", "inside(red_cube, red_tray)", targets={"arm": "any"})
     assert planned.roles == {"arm": "panda"}
+
+
+def test_what_stands_on_its_head_is_stood_up_where_it_stands_unless_the_goal_says_where():
+    scene = "tabletop/sponge_and_stool"
+    assert list_sessions(plan(scene, "upright(stool)")) == [("stand_up", "stool", "table")]
+    assert ("stand_up", "stool", "table") in list_sessions(plan(scene, "upright(stool)", "not inside(*, spot)"))
+    assert ("stand_up", "stool", "dish") in list_sessions(plan(scene, "upright(stool)", "on(stool, dish)"))
+
+
+def test_an_empty_top_bears_a_row_and_what_stands_on_it_in_the_middle_is_set_aside_first():
+    both = plan("tabletop/stacking", "on(blue_block, pad)", "on(yellow_block, pad)")
+    assert [skill for skill, *_ in list_sessions(both)] == ["stack", "stack"]
+    stool = plan("tabletop/sponge_and_stool", "on(stool, dish)")
+    assert [session[:2] for session in list_sessions(stool)] == [("set_aside", "sponge"), ("stack", "stool")]
+
+
+@pytest.mark.parametrize(("first", "second"), [("stop", "start"), ("start", "stop")])
+def test_what_the_last_step_adds_comes_after_the_step_before_it(first, second):
+    accept = (f"closed({first})", f"closed({second})")
+    planned = plan("tabletop/panel_and_stack", *accept, steps=[accept[:1]])
+    assert [session[1] for session in list_sessions(planned)] == [first, second]
+    assert planned.steps[1].after == (planned.steps[0].name,)
+
+
+def test_a_place_is_not_wiped_with_what_lies_in_it():
+    planned = plan("tabletop/sponge_and_stool", "not inside(*, spot)", "on(sponge, dish)")
+    assert list_sessions(planned) == [("wipe", "sponge", "spot", "table", "dish")]

@@ -111,13 +111,22 @@ def test_an_answer_that_is_no_candidate_decides_nothing(understand):
     assert isinstance(understand("put the cube in the red tray", **{question.key: "bottle"}), Ambiguous)
 
 
-@pytest.mark.parametrize("word", ["gizmo", "gently2", "unless", "perhaps", "ünder", "thrice", "seventeenth"])
+@pytest.mark.parametrize("word", ["gizmo", "gently2", "furthermore", "perhaps", "ünder", "thrice", "seventeenth"])
 def test_a_word_that_means_nothing_here_is_named_wherever_it_stands(understand, word):
     for request in insert(word):
         found = understand(request)
 
         assert isinstance(found, Impossible), request
         assert found.lacks[0].kind is RequestProblemKind.WORD, request
+
+
+@pytest.mark.parametrize("word", ["if", "unless", "when"])
+def test_a_condition_is_named_as_one_wherever_it_stands(understand, word):
+    for request in insert(word):
+        found = understand(request)
+
+        assert isinstance(found, Impossible), request
+        assert found.lacks[0].kind is RequestProblemKind.CONDITION, request
 
 
 @pytest.mark.slow

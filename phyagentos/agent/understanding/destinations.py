@@ -1,0 +1,154 @@
+"""What destinations mean: in or on a place, the place of an object's colour, beside or on a side of another object.
+
+Upstream: noun phrases. Downstream: the clauses and the questions. Each becomes a predicate of an object and its place.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+from phyagentos.agent.understanding.bearings import SIDES, VIEWS, find_beside, list_beside, place_beside
+from phyagentos.agent.understanding.nouns import Discourse, Named, Node, Slot, find_child, list_children
+from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
+from phyagentos.geometry import Vector
+
+
+@dataclass(slots=True, kw_only=True)
+class Destinations(Discourse):
+    """What was put where so far.
+
+    Attributes:
+        placed: Objects that the latest placement has put.
+        left: Vessels that the latest clause takes something out of: what `put the others in` means.
+        left_out: Objects that stay where they are, each with the missing place.
+    """
+
+    left_out: dict[str, str] = field(default_factory=dict)
+    placed: tuple[str, ...] = ()
+    left: tuple[str, ...] = ()
+
+    def _find_places(self, dest: Node, *, by_colour: bool = False) -> Named:
+        """What a destination names; every coloured place with an interior where it says only the colour."""
+        match dest.data:
+            case "inside_it":
+                return Named(names=self.left or self._find_there(dest))
+            case "on_top":
+                if len(self.placed) != 1:
+                    self.lack(RequestProblemKind.SENTENCE, dest)
+                return Named(names=self.placed[:1])
+            case "to_its_colour":
+                vessels = (each.name for each in self.list_fitting(Slot.VESSEL) if each.colour and not each.movable)
+                return Named(names=tuple(vessels), words=self.quote(dest), by_colour=True)
+        noun = list_children(dest)[0]
+        asked = len(self.questions)
+        found = self.resolve_one(noun, Slot.VESSEL if dest.data == "into" and noun.data == "it" else Slot.PLACE)
+        if dest.data in SIDES and len(found.names) > 1:
+            return replace(found, names=self.ask(QuestionKind.WHICH, dest, found.names))
+        if not by_colour:
+            return found
+        names = self.questions[asked].candidates if self.questions[asked:] else found.names
+        del self.questions[asked:]  # `into the tray by colour`: which one is said
+        return Named(names=names, words=found.words, by_colour=True)
+
+    def _find_there(self, dest: Node) -> tuple[str, ...]:
+        """The vessel that was named last; where none was, what is fixed, as `the pad`."""
+        named = [name for before in self.recent[:-1] for name in before]
+        fixed = [name for name in named if not self.get(name).movable]
+        has_vessel = any(Slot.VESSEL.takes(self.get(name)) for name in named)
+        return tuple(fixed[-1:]) if fixed and not has_vessel else self.find_it(dest, Slot.VESSEL)
+
+    def _find_place(self, name: str, dest: Node, places: Named) -> str:
+        """The place of one object; empty where it is open or where there is none."""
+        names, kind = places.names, QuestionKind.WHERE
+        if places.by_colour:
+            colour, kind = self.get(name).colour, QuestionKind.WHICH
+            names = tuple(each for each in names if colour and self.get(each).colour == colour)
+            if not names:
+                self.left_out[name] = f"{colour} one of {places.words!r}" if colour else f"colour for {places.words!r}"
+        return next(iter(names if len(names) < 2 else self.ask(kind, dest, names, about=name)), "")
+
+    def _locate(self, name: str, dest: Node, place: str) -> str:
+        if dest.data in SIDES:
+            return self._place_beside(name, dest, place)
+        if dest.data == "beside":
+            return f"near({name}, {place})"
+        if dest.data == "under":
+            self.lack(RequestProblemKind.CAPABILITY, dest)
+        if dest.data == "into" or (dest.data == "inside_it" and self.get(place).has_interior):
+            return f"inside({name}, {place})"
+        lies = dest.data not in {"to", "to_its_colour"} and self.get(place).opens
+        return f"on({name}, {place})" if lies else self._relate(name, place)
+
+    def _relate(self, name: str, place: str) -> str:
+        return f"{'inside' if self.get(place).has_interior else 'on'}({name}, {place})"
+
+    def _put(self, named: Named) -> tuple[str, ...]:
+        """The objects, noted as put somewhere."""
+        self.moved += [name for name in named.names if name not in self.moved]
+        self.placed = named.names
+        return named.names
+
+    def _stand_at(self, name: str, point_m: Vector) -> str:
+        self.moved.append(name)
+        return f"at({name}, ({', '.join(f'{each:.3g}' for each in point_m)}), 0.04)"  # as near as skills promise
+
+    def _place_beside(self, name: str, dest: Node, place: str) -> str:
+        """At a point on that side of an object, as no predicate says `left of`; empty where that is open or unknown."""
+        if self.get(name).at_m is None or self.get(place).at_m is None:
+            self.lack(RequestProblemKind.CAPABILITY, dest)
+            return ""
+        view = self.ask_view(dest)
+        point_m = place_beside(self.get(name), str(dest.data), view, self.get(place)) if view else None
+        return self._stand_at(name, point_m) if point_m is not None else ""
+
+    def _stand_beside(self, name: str, dest: Node, place: str) -> str:
+        """At a point on the freest side, as no skill guarantees `near`; empty where places are not known."""
+        others = [each for each in self.vocabulary.things.values() if each.name not in (name, place)]
+        point_m = find_beside(self.get(name), self.get(place), others)
+        if point_m is None or (self.get(place).has_interior and not self.get(place).movable):
+            return ""
+        self.reasons.append(f"{self.quote(dest)}: on its freest side, as any will do")
+        return self._stand_at(name, point_m)
+
+    def _spread(self, names: Sequence[str], dest: Node, places: Named) -> Sequence[str]:
+        """One of several objects in each of several places, as any will do."""
+        if len(places.names) > len(names) or (len(places.names) < len(names) and any(dest.find_data("different"))):
+            return self.lack(RequestProblemKind.THING, places.words, names)
+        pairs = [*zip(names, places.names, strict=False)]
+        self.chosen += [name for name, _ in pairs if name not in self.chosen]
+        self._put(Named(names=tuple(name for name, _ in pairs)))
+        return [self._locate(name, dest, place) for name, place in pairs]
+
+    # questions
+
+    def list_alike(self, plain: Node, slot: Slot = Slot.MOVED) -> list[str]:
+        """Names of all objects that a phrase fits; of `object` those that fit the slot."""
+        if self.is_loose(plain):
+            return [*self.lack(RequestProblemKind.CAPABILITY, plain)]
+        return [each.name for each in self._find_candidates(plain, slot, "")[0]]
+
+    def list_placed(self, names: Iterable[str], dest: Node) -> dict[str, str]:
+        """Of each object the statement that it is at a destination, at one of several."""
+        places = self.find_any_places(dest)
+        texts = {name: [self._locate(name, dest, place) for place in places if place != name] for name in names}
+        return {name: " or ".join(each) for name, each in texts.items() if each}
+
+    def find_any_places(self, dest: Node) -> tuple[str, ...]:
+        """The places of a destination: of `in a tray` every one, as neither question nor prohibition chooses one."""
+        any_of = [noun for noun in dest.find_data("quantified") if find_child(noun, "any")]
+        plains = [plain for noun in any_of for plain in list_children(noun) if plain.data == "plain"]
+        return tuple(self.list_alike(plains[0], Slot.PLACE)) if plains else self._find_places(dest).names
+
+    def list_most(self, nouns: Sequence[Node], last: Node) -> list[str]:
+        """Names of those that are most so: of a noun, else of all that can be moved."""
+        found = self._find_candidates(nouns[0], Slot.MOVED, "")[0] if nouns else self.list_fitting(Slot.MOVED)
+        found = self._find_candidates(last, Slot.MOVED, "")[0] if last.data == "plain" else self._filter(found, last)
+        return [each.name for each in found] or [*self.lack(RequestProblemKind.THING, last)]
+
+    def list_beside(self, names: Iterable[str], dest: Node) -> dict[str, str]:
+        """Who looks, and which objects that one sees on a side of another."""
+        found, owners = [self.get(name) for name in names], self._find_places(dest).names
+        return {
+            who: ", ".join(list_beside(found, str(dest.data), view, self.get(owner))) or "nothing"
+            for who, view in VIEWS.items()
+            for owner in owners
+        }
