@@ -45,7 +45,21 @@ OTHER_NAMES = {
     "WIRE_VERSION",
 }  # the system's, and attributes of classes
 OF_SQLITE = {"COMMIT", "DEFERRED", "IMMEDIATE", "ROLLBACK"}
-METAVARS = {"AREA", "BODY", "FILE", "FOLDER", "GOAL", "GRAPH", "MATERIAL", "MODEL", "PREFIX", "PROPOSAL", "ROBOT", "SESSION", "TREE"}
+METAVARS = {
+    "AREA",
+    "BODY",
+    "FILE",
+    "FOLDER",
+    "GOAL",
+    "GRAPH",
+    "MATERIAL",
+    "MODEL",
+    "PREFIX",
+    "PROPOSAL",
+    "ROBOT",
+    "SESSION",
+    "TREE",
+}
 OF_HTTP = {"POST"}
 TRACE = {"SUCCESS", "FAILURE"}  # py_trees' own words
 
