@@ -34,8 +34,8 @@ from phyagentos.protocol.workspace.workspace import Workspace
 LIBRARY = Path(__file__).parent / "scienceworld_parts" / "library"
 KIT = Path(__file__).parents[1] / "kits" / "scienceworld"
 OUTCOMES = "SCIENCEWORLD_OUTCOMES"
-PUBLISHED = {"SwiftSage": 84.7, "Reflexion": 45.3, "ReAct": 36.4, "SayCan": 33.8}
-NO_COMPARISON = "no comparison: those are language models given the text, and none was given the plan of the house"
+PUBLISHED = {"SwiftSage": 84.7}  # arXiv:2305.17390
+NO_COMPARISON = "no comparison: that is by language models given the text, under a limit of actions"
 Task = Mapping[str, Any]
 
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from inspect import signature
 from pathlib import Path
 from string import Formatter
+from typing import Any
 
 from scienceworld import ScienceWorldEnv
 from target_server.body import State
@@ -80,9 +81,11 @@ class ScienceBody(ToolBody[str]):
 
     def load(self, scene: str, seed: int, snapshot: bytes) -> None:
         actions: Sequence[str] = ()
+        notes: Sequence[dict[str, Any]] = ()
+        steps = 0
         if snapshot:
             try:
-                scene, seed, actions = json.loads(snapshot)
+                scene, seed, actions, steps, notes = json.loads(snapshot)
             except ValueError as error:
                 raise Refusal("MALFORMED", f"no snapshot of ScienceWorld: {error}") from error
         known = self._env.get_task_names()
@@ -91,16 +94,18 @@ class ScienceBody(ToolBody[str]):
         self._task, self._variation, self._history, self._steps = scene, seed, [], 0
         self._env.load(known[0] if scene == HOUSE else scene, seed, "")
         self._env.server.reset()
-        self._env.server.step(
-            "look around"
-        )  # the first move of its own `reset`; its score is of the present from here on
+        self._env.server.step("look around")  # the first move of its own `reset`: the score is of this world now
         self._agent.begin()
         for action in actions:
             self.act(action)
+        self._steps = steps
+        if notes:
+            self._agent.facts, self._agent.names, self._agent.filled = notes
 
     def snapshot(self) -> tuple[str, bytes]:
-        """The scene, the seed and every action since: the same actions give the same world."""
-        return "application/json", json.dumps((self._task, self._variation, self._history)).encode()
+        """The scene, the seed, every action since, which give the same world again; its time, and the agent's notes."""
+        notes = self._agent.facts, self._agent.names, self._agent.filled
+        return "application/json", json.dumps((self._task, self._variation, self._history, self._steps, notes)).encode()
 
     def act(self, action: str | None) -> None:
         self._steps += 1
