@@ -17,9 +17,9 @@ from phyagentos.runtime.supervision.target_phase import Phase
 
 LOOK_PERIOD_S = 0.2  # the watchdog reads no faster; a limit of seconds does not notice
 LOOK_MAX_S = 1.0  # a watchdog that was itself stopped for longer does not hold that against a worker
-_RESTING = frozenset({"idle", "paused", "loading", "looking"})  # no progress is expected
+_RESTING = frozenset({"idle", "paused", "loading"})  # no progress is expected
 START_S = 180.0  # until a worker is ready; a first one compiles its kinematics
-OBSERVE_S = 60.0  # to observe what a lost session left
+OBSERVE_S = 60.0  # to observe what a lost session left, and for the looks between two control periods
 
 
 class FaultKind(StrEnum):
@@ -57,7 +57,7 @@ class HeartbeatMonitor:
         """Count from now: a new claim, or a new worker."""
         self._looked_at_s = self._heard_at_s = self._clock.now_s()
         self._stale, self._has_begun = None, False
-        self._acting_s = self._thinking_s = 0.0
+        self._acting_s = self._thinking_s = self._looking_s = 0.0
 
     def find_fault(self, limits: Limits, pid: int) -> LivenessFault | None:
         """What is wrong with a worker by now, if anything; reads the file at most five times a second."""
@@ -73,6 +73,7 @@ class HeartbeatMonitor:
         for spent_s, limit_s, doing in (
             (self._acting_s, limits.stall_s, "acts"),
             (self._thinking_s, limits.think_s, "waits for a planner"),
+            (self._looking_s, OBSERVE_S, "looks"),
         ):
             if spent_s > limit_s:
                 return LivenessFault(FaultKind.STALLED, f"it {doing}, and no control period has passed for {limit_s} s")
@@ -95,11 +96,13 @@ class HeartbeatMonitor:
             return ""
         self._heard_at_s = now_s
         if before is None or (before.session, before.epoch) != (beat.session, beat.epoch):
-            self._acting_s = self._thinking_s = 0.0
+            self._acting_s = self._thinking_s = self._looking_s = 0.0
         elif beat.tick < before.tick or beat.sim_time_s < before.sim_time_s:
             return f"control period {beat.tick} at {beat.sim_time_s} s follows {before.tick} at {before.sim_time_s} s"
         elif (beat.tick, beat.sim_time_s) != (before.tick, before.sim_time_s):
-            self._acting_s = self._thinking_s = 0.0
+            self._acting_s = self._thinking_s = self._looking_s = 0.0
+        elif beat.phase == "looking":
+            self._looking_s += elapsed_s
         elif beat.phase == "thinking":
             self._thinking_s += elapsed_s
         elif beat.phase not in _RESTING:
