@@ -81,8 +81,8 @@ class LanguageModel:
         messages = [{"role": "system", "content": instruction}, {"role": "user", "content": context.text}]
         started_s, spent, problems = self.clock.now_s(), 0, ["no answer within the limits"]
         for _ in range(self.rounds):
-            asked = sum(len(message["content"]) for message in messages) // LETTERS_A_TOKEN
-            room = min(ANSWER_TOKENS, tokens - spent - asked)
+            shown_tokens = sum(len(message["content"]) for message in messages) // LETTERS_A_TOKEN
+            room = min(ANSWER_TOKENS, tokens - spent - shown_tokens)
             left_s = self.time_s - (self.clock.now_s() - started_s)
             if room <= 0 or left_s <= 0.0:
                 problems.append(f"stopped at {spent} tokens, {self.time_s - left_s:.0f} s")
@@ -92,7 +92,7 @@ class LanguageModel:
             except ExecutionError as error:
                 return [str(error)]
             self.kept.append(found)
-            spent += found.tokens or asked + len(found.text) // LETTERS_A_TOKEN + 1
+            spent += found.tokens or shown_tokens + len(found.text) // LETTERS_A_TOKEN + 1
             answer = read(found.text)
             if not isinstance(answer, list):
                 return answer

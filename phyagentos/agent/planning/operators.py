@@ -162,7 +162,7 @@ class _Draft:
         swept = {
             str(each.place.text) for each in gone if each.meaning is Meaning.INSIDE and isinstance(each.place, Name)
         }
-        needs |= {state(Meaning.INSIDE, moved, name): False for name in swept}  # not by what lies there
+        needs |= {state(Meaning.INSIDE, moved, name): False for name in swept}  # not by what is in there
         in_hands = (call for name in (moved, place) for call in known.get(str(name), ()))
         needs |= {make_fact(call): False for call in in_hands if _is_held(call)} | self._need_clear(moved, known)
         if isinstance(place, PlacementPoint):

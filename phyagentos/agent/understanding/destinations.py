@@ -39,14 +39,14 @@ class Destinations(Discourse):
                 vessels = (each.name for each in self.list_fitting(Slot.VESSEL) if each.colour and not each.movable)
                 return Named(names=tuple(vessels), words=self.quote(dest), by_colour=True)
         noun = list_children(dest)[0]
-        asked = len(self.questions)
+        count = len(self.questions)
         found = self.resolve_one(noun, Slot.VESSEL if dest.data == "into" and noun.data == "it" else Slot.PLACE)
         if dest.data in SIDES and len(found.names) > 1:
             return replace(found, names=self.ask(QuestionKind.WHICH, dest, found.names))
         if not by_colour:
             return found
-        names = self.questions[asked].candidates if self.questions[asked:] else found.names
-        del self.questions[asked:]  # `into the tray by colour`: which one is said
+        names = self.questions[count].candidates if self.questions[count:] else found.names
+        del self.questions[count:]  # `into the tray by colour`: which one is said
         return Named(names=names, words=found.words, by_colour=True)
 
     def _find_there(self, dest: Node) -> tuple[str, ...]:
@@ -75,8 +75,8 @@ class Destinations(Discourse):
             self.lack(RequestProblemKind.CAPABILITY, dest)
         if dest.data == "into" or (dest.data == "inside_it" and self.get(place).has_interior):
             return f"inside({name}, {place})"
-        lies = dest.data not in {"to", "to_its_colour"} and self.get(place).opens
-        return f"on({name}, {place})" if lies else self._relate(name, place)
+        is_on_lid = dest.data not in {"to", "to_its_colour"} and self.get(place).opens
+        return f"on({name}, {place})" if is_on_lid else self._relate(name, place)
 
     def _relate(self, name: str, place: str) -> str:
         return f"{'inside' if self.get(place).has_interior else 'on'}({name}, {place})"
