@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
+from lark import Tree
+
 from phyagentos.agent.understanding.bearings import SIDES, find_beside, find_between, is_within, list_by_size, shift
 from phyagentos.agent.understanding.destinations import Destinations
 from phyagentos.agent.understanding.nouns import (
@@ -19,12 +21,14 @@ from phyagentos.agent.understanding.nouns import (
     find_side,
     get_type,
     has_token,
+    is_open,
     list_children,
 )
 from phyagentos.agent.understanding.steps import Step, get_object, list_flipped, rename, says
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
 from phyagentos.agent.understanding.vocabulary import REGION, ROLE, SURFACES, read_lexicon
 from phyagentos.protocol.predicates.library import Meaning
+from phyagentos.protocol.predicates.predicate import find_entities
 
 _ACTS = ("open", "close", "press")  # verbs of what has a joint
 SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
@@ -43,12 +47,24 @@ class Clauses(Destinations):
     excepted: list[str] = field(default_factory=list)
     _verb: str = ""
     _wiped: str = ""
+    _dest: Node | None = None
+    _said: list[str] = field(default_factory=list)
 
     def read_plan(self, plan: Node) -> list[Step]:
         """The steps of a plan in the order in which they have to come true."""
         parts = list_children(plan)
         read = [self._read_group(part) if part.data == "group" else self._read_steps(part) for part in parts]
-        return [step for group in (reversed(read) if plan.data == "reversed" else read) for step in group if step]
+        steps = [step for group in (reversed(read) if plan.data == "reversed" else read) for step in group if step]
+        return [[each for text in step for each in self._spare(text)] for step in steps]
+
+    def _spare(self, text: str) -> Step:
+        """A predicate; of `nothing on the table` one each, where something there is to be left."""
+        left = {get_object(each) for each in self.constraints if says(each, Meaning.MOVED, is_true=False)}
+        places = find_entities(text) if "(*, " in text and text.startswith("not ") else ()
+        standing = [each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), places)] if places else []
+        if left.isdisjoint(standing):
+            return [text]
+        return [text.replace("*", name) for name in standing if name not in left]
 
     def _read_group(self, group: Node) -> list[Step]:
         """One step, or one a clause where these exclude each other."""
@@ -66,11 +82,29 @@ class Clauses(Destinations):
         steps: list[Step] = []
         for clause in list_children(group):
             read = self._read_steps(clause)
+            self._ask_scope(group, clause, read)
             again = {f"holding({ROLE}, {name})" for name in self.recent[-1]} if any(read) else set()
             steps = [[text for text in step if text not in again] for step in steps] + read
         still = {get_object(text) for text in self.constraints if says(text, Meaning.MOVED, is_true=False)}
         kept = [[text for text in step if get_object(text) not in still & self.grouped] for step in steps]
         return [*kept] if any(kept) else steps
+
+    def _ask_scope(self, group: Node, clause: Node, read: Sequence[Step]) -> None:
+        """Whether `do not open the drawer and put the cube into it` forbids both, as they are about the same."""
+        at = group.children.index(clause)
+        *_, before, joined = ["", "", *group.children[:at]]
+        if joined != "and" or not isinstance(before, Tree) or not before.data.startswith("never"):
+            return
+        is_said = not any(has_token(before, each) for each in ("must_not", "leave"))
+        is_first = get_type(group.children[at - 3] if at > 2 else "") != "without"
+        kept, wanted = (
+            {name for text in texts for name in find_entities(text)}
+            for texts in (self.constraints, [text for step in read for text in step])
+        )
+        if is_said and is_first and kept & wanted and not clause.data.startswith(("never", "keep")):
+            both, one = "neither is wanted", "this is wanted"
+            if self.ask(QuestionKind.READING, clause, (one, both)) == (both,):
+                self.lack(RequestProblemKind.GOAL, clause)
 
     def _read_steps(self, clause: Node) -> list[Step]:
         """The steps of one clause: of `open and close the drawer` two."""
@@ -87,7 +121,8 @@ class Clauses(Destinations):
             command, single = list_children(clause)
             texts = self._read_texts(command)
             names = self.resolve_one(single, Slot.OPENS if self._verb in _ACTS else Slot.MOVED).names
-            steps = [[text for text in texts if (get_object(text) in names) is has_token(clause, "first")], texts]
+            is_first = has_token(clause, "first") or has_token(clause, "beginning")
+            steps = [[text for text in texts if (get_object(text) in names) is is_first], texts]
             if len(steps[0]) in {0, len(texts)}:
                 self.lack(RequestProblemKind.SENTENCE, single)
         elif clause.data in read_lexicon()["meanings"]:
@@ -95,6 +130,7 @@ class Clauses(Destinations):
         else:
             read: Callable[..., Step] = getattr(self, f"_read_{clause.data}")
             steps = [read(clause, *list_children(clause))]
+        self._said += [text for step in steps for text in step]
         if self.unmet:  # `only`, `exactly` and `of its colour` are understood of what is put somewhere
             self.lack(RequestProblemKind.SENTENCE, self.unmet)
         return steps
@@ -164,9 +200,16 @@ class Clauses(Destinations):
         point_m = find_between(self.get(names[0]), owners)
         return [self._stand_at(names[0], point_m)] if point_m else self.lack(RequestProblemKind.FIT, clause, ())
 
-    def _read_put_back(self, _: Node, things: Node) -> Step:
+    def _read_put_back(self, clause: Node, things: Node) -> Step:
         """To where the scene has it at first: what it stands in or on there, else the table."""
-        return [self._put_back(name) for name in self._put(self.resolve(things, Slot.MOVED))]
+        names = self._put(self.resolve(things, Slot.MOVED))
+        is_exact = any("where" in str(each) for each in clause.children)
+        return [(self._put_exactly(name) if is_exact else "") or self._put_back(name) for name in names]
+
+    def _put_exactly(self, name: str) -> str:
+        """At the point where it is at first; empty where it stands in or on something, or where places are not known."""
+        at_m = self.get(name).at_m
+        return self._stand_at(name, at_m) if at_m is not None and not self.get(name).stands else ""
 
     def _put_back(self, name: str) -> str:
         ground = next((each.name for each in self.list_fitting(Slot.PLACE) if each.kind in SURFACES), "")
@@ -283,6 +326,24 @@ class Clauses(Destinations):
         self.heads[Slot.MOVED] = next(iter(sorted(self.get(before[-1]).heads)))
         return self.resolve(things, Slot.MOVED).names
 
+    def _read_same_place(self, _: Node, things: Node) -> Step:
+        """`put the mug on the shelf before the can`: to the place that was said."""
+        if self._dest is None or self._verb != "put":
+            return self.lack(RequestProblemKind.SENTENCE, things)
+        return self._read_wish_place(things, things, self._dest)
+
+    def _read_anew(self, _: Node, command: Node) -> Step:
+        """`actually, put it into the blue tray`."""
+        return self._read_texts(command)
+
+    def _read_once_more(self, clause: Node, command: Node) -> Step:
+        """What was undone, or left, since; what is true still cannot come true twice."""
+        said = {get_object(text): text for text in self._said}
+        texts = self._read_texts(command)
+        if any(said.get(get_object(text)) == text for text in texts):
+            return self.lack(RequestProblemKind.CAPABILITY, clause)
+        return texts
+
     def _read_elided(self, clause: Node, things: Node) -> Step:
         """`press the green button and then the red one`: the verb is that of the clause, or of the goal, before."""
         before = self.list_past()
@@ -310,8 +371,10 @@ class Clauses(Destinations):
         self.unmet = self.unmet if objects.by_colour else ""
         if (source := find_child(placing, "source")) is not None:
             objects = self.restrict(objects, list_children(source)[0])
+        if find_child(placing, "except") is not None and len(objects.names) < 2 and any(map(is_open, list_children(dest))):
+            return self.lack(RequestProblemKind.SENTENCE, placing)  # `a cube in every tray but the red one`
         names = self.remove(objects.names, placing, Slot.MOVED, objects.spare)
-        unmet = self.unmet
+        unmet, self._dest = self.unmet, dest
         places = self._find_places(dest, by_colour=has_token(placing, "of_its_colour"))
         self.unmet = unmet
         self._put(replace(objects, names=names))
@@ -338,9 +401,20 @@ class Clauses(Destinations):
         objects = replace(objects, names=self.remove(objects.names, clause, Slot.MOVED))
         places = self.resolve_aside(source, Slot.PLACE)
         self.left = tuple(name for name in places.names if self.get(name).has_interior)
+        if has_token(clause, "away_from") and not self._list_standing(map(self.get, objects.names), places.names):
+            return self.lack(RequestProblemKind.CAPABILITY, clause)
         is_all = [each.data for each in list_children(things)] == ["everything"]  # that is to clear it
         names = ("*",) if self._put(objects) and is_all else objects.names
         return [f"not {self._relate(name, place)}" for name in names for place in places.names]
+
+    def _read_take_out(self, clause: Node, things: Node) -> Step:
+        """Out of the vessels that the objects are in."""
+        names = self._put(self.resolve(things, Slot.MOVED))
+        owners = {name: self.get(name).stands for name in names}
+        if not names or not all(owner and self.get(owner).has_interior for owner in owners.values()):
+            return () if self.questions else self.lack(RequestProblemKind.FIT, clause)
+        self.left = tuple(dict.fromkeys(owners.values()))
+        return [f"not inside({name}, {owner})" for name, owner in owners.items()]
 
     def _read_unstack(self, clause: Node, things: Node) -> Step:
         below = {name: self.get(name).stands for name in self.resolve(things, Slot.MOVED).names}

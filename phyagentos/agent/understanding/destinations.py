@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 from phyagentos.agent.understanding.bearings import SIDES, VIEWS, find_beside, list_beside, place_beside
-from phyagentos.agent.understanding.nouns import Discourse, Named, Node, Slot, find_child, list_children
+from phyagentos.agent.understanding.nouns import Discourse, Named, Node, Slot, find_child, is_open, list_children
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
 from phyagentos.geometry import Vector
 
@@ -41,6 +41,9 @@ class Destinations(Discourse):
         noun = list_children(dest)[0]
         count = len(self.questions)
         found = self.resolve_one(noun, Slot.VESSEL if dest.data == "into" and noun.data == "it" else Slot.PLACE)
+        if find_child(dest, "except") is not None:  # `into any tray but the red one`: of several, or it is of the objects
+            names = self.remove(found.names, dest, Slot.PLACE, found.spare) if is_open(noun) else ()
+            found = replace(found, names=names or self.lack(RequestProblemKind.SENTENCE, dest))
         if dest.data in SIDES and len(found.names) > 1:
             return replace(found, names=self.ask(QuestionKind.WHICH, dest, found.names))
         if not by_colour:

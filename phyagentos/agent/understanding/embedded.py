@@ -23,6 +23,7 @@ from phyagentos.agent.understanding.understanding import (
 from phyagentos.agent.understanding.vocabulary import Vocabulary
 from phyagentos.protocol.predicates.predicate import find_entities
 
+Texts = tuple[str, ...]
 READING = "reading"  # key of the question which of several readings is meant
 
 
@@ -68,6 +69,7 @@ def _interpret(
     tree: Node, read: Readings, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]
 ) -> Understanding:
     said = Clauses(text=read.text, vocabulary=vocabulary, answers=answers)
+    said.recall()
     root = list_children(tree)[0]
     if root.data.startswith("ask_"):
         inquiry = read_inquiry(said, root)
@@ -84,6 +86,7 @@ def _interpret(
         constraints = tuple(dict.fromkeys((*kept[0], *constraints)))
         steps = (*(step for step in kept[1:-1] if step), *steps)
         accept = tuple(dict.fromkeys((*kept[-1], *accept)))
+    accept, constraints = _begin(said, accept, constraints)
     if not accept and not said.lacks and not said.questions:
         said.lack(RequestProblemKind.GOAL, read.text)
     if open_or_missing := said.conclude():
@@ -92,6 +95,13 @@ def _interpret(
     reasons, chosen = (tuple(dict.fromkeys(each)) for each in (said.reasons, said.chosen))
     told = {"reasons": reasons, "left_out": said.left_out, "unsaid": (*read.unsaid, *said.unsaid), "chosen": chosen}
     return conclude(request, vocabulary, parts, **told)
+
+
+def _begin(said: Clauses, accept: Texts, constraints: Texts) -> tuple[Texts, Texts]:
+    """What must hold all through, but does not as the scene begins, is wanted in the end."""
+    late = tuple(text for text in constraints if said.vocabulary.is_known(text, is_true=False))
+    said.reasons += [f"{text} does not hold at first, so it is wanted in the end" for text in late]
+    return tuple(dict.fromkeys((*accept, *late))), tuple(text for text in constraints if text not in late)
 
 
 def _summarise(goal: WantedGoal) -> str:

@@ -66,6 +66,13 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
         case "ask_compare", [size, *nouns]:
             names = [name for noun in nouns for name in said.resolve_one(noun, Slot.ANY).names]
             statements = dict.fromkeys(list_most([said.get(name) for name in names], str(size.data), 1.0, None), "")
+        case "ask_whether_more", [one, size, *reference, other]:
+            names = [name for noun in (one, other) for name in said.resolve_one(noun, Slot.ANY).names]
+            near = [said.get(name).at_m for noun in reference for name in said.resolve_one(noun, Slot.ANY).names]
+            most = list_most([said.get(name) for name in names], str(size.data), 1.0, next(iter(near), None))
+            statements = {names[0]: ", ".join(most)} if len(names) == 2 else {}
+            if len(names) != 2 and not said.questions:
+                said.lack(RequestProblemKind.SENTENCE, question)
         case "ask_named", [*nouns, last]:
             statements = dict.fromkeys(said.list_most(nouns, last), "")
         case _, [things]:
@@ -110,6 +117,7 @@ _KINDS = {
     "ask_which_state": InquiryKind.WHICH,
     "ask_named": InquiryKind.WHICH,
     "ask_compare": InquiryKind.WHICH,
+    "ask_whether_more": InquiryKind.COMPARED,
     "ask_count": InquiryKind.COUNT,
     "ask_distance": InquiryKind.DISTANCE,
     "ask_colour": InquiryKind.COLOUR,
@@ -122,6 +130,10 @@ def answer(inquiry: Inquiry, world: Environment) -> Answer:
     """The answer of a snapshot to a question about it; why, and what can be wished for, it does not know."""
     if inquiry.kind is InquiryKind.SIDE:
         return Answer(answer="; ".join(f"{who}: {names}" for who, names in inquiry.statements.items()))
+    if inquiry.kind is InquiryKind.COMPARED:
+        ((name, most),) = inquiry.statements.items()
+        is_more = most == name
+        return Answer(answer=_WORDS[Truth.TRUE if is_more else Truth.FALSE], evidence=(f"of the two it is {most}",))
     found = {name: _evaluate(text, world) for name, text in inquiry.statements.items() if text}
     evidence = tuple(f"{inquiry.statements[name]} is {each.truth}: {each.because}" for name, each in found.items())
     true = [name for name in inquiry.statements if name not in found or found[name].truth is Truth.TRUE]

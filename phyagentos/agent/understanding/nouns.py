@@ -20,7 +20,7 @@ from phyagentos.agent.understanding.understanding import (
     RequestProblem,
     RequestProblemKind,
 )
-from phyagentos.agent.understanding.vocabulary import LOOSE, REGION, SURFACES, Thing, Vocabulary
+from phyagentos.agent.understanding.vocabulary import LOOSE, REGION, SURFACES, Thing, Vocabulary, read_lexicon
 from phyagentos.errors import find_nearest
 from phyagentos.protocol.predicates.predicate import find_entities
 
@@ -76,6 +76,7 @@ class Discourse:
         grouped: Objects that a phrase named together with others, as `the cubes`.
         spared: Everything that some clause says to leave as it is: `the others` are none of it.
         heads: The last noun of each slot.
+        kin: Those of which a phrase chose some, as `one red cube`: `the other` is one of them.
         unmet: A phrase with `only`, `exactly` or `of its colour`, until a clause says what becomes of it.
     """
 
@@ -92,6 +93,7 @@ class Discourse:
     spared: list[str] = field(default_factory=list)
     grouped: set[str] = field(default_factory=set)
     heads: dict[Slot, str] = field(default_factory=dict)
+    kin: tuple[str, ...] = ()
     unmet: str = ""
 
     def lack(self, kind: RequestProblemKind, words: str | Node, possible: Iterable[str] = ()) -> tuple[str, ...]:
@@ -140,8 +142,10 @@ class Discourse:
         parts = [child for child in list_children(things) if child.data != "except"]
         is_pair = len(parts) == 2 and any(parts[0].find_data("both"))  # `both the red and the green cube`
         named = self._resolve_parts(parts, slot, forbids=forbids, is_pair=is_pair)
+        if slot is Slot.LOOSE and len(named) > 1:  # two numbers are no one number
+            self.lack(RequestProblemKind.SENTENCE, things)
         names = tuple(dict.fromkeys(name for each in named for name in each.names))
-        alike = self._list_alike(self.heads.get(slot, "")) if any(each.only for each in named) else []
+        alike = self.list_called(self.heads.get(slot, ""), slot) if any(each.only for each in named) else []
         rest = (*(thing.name for thing in alike), *(name for each in named for name in each.rest))
         spare = tuple(name for each in named for name in each.spare if name not in names)
         return Named(
@@ -229,6 +233,11 @@ class Discourse:
             self.heads[slot] = head
         return self.resolve_one(meant, slot).names
 
+    def find_rather(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
+        """Of `the red cube rather than the blue one` the former."""
+        meant, other = self._resolve_parts(list_children(phrase), slot)
+        return tuple(name for name in meant.names if name not in other.names)
+
     def find_alternatives(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
         """The one of `the red or the blue cube` that the person names."""
         names = dict.fromkeys(name for each in self._resolve_parts(list_children(phrase), slot) for name in each.names)
@@ -267,15 +276,36 @@ class Discourse:
         """All that fits, and of which nothing was said."""
         return tuple(name for name in self.find_everything(noun, slot) if name not in (*self.moved, *self.spared))
 
+    def find_every_one_but(self, noun: Node, slot: Slot) -> tuple[str, ...]:
+        """Of `all but the yellow one` all of the noun, else all that fits where these are of one kind."""
+        if any(map(is_open, list_children(list_children(noun)[0]))):  # `all but two`
+            return self.lack(RequestProblemKind.SENTENCE, noun)
+        plains = [*noun.find_data("plain")]
+        head = next(filter(None, (self._read_head(plain)[0] for plain in plains)), "") or self._find_earlier(slot)
+        found = self.list_called(head, slot)
+        names = tuple(each.name for each in found)
+        if not head and len({each.kind for each in found}) < len(found) and len({each.kind for each in found}) > 1:
+            return self.ask(QuestionKind.HOW_MANY, noun, names)
+        return self.remove(names, noun, slot)
+
+    def list_called(self, head: str, slot: Slot) -> list[Thing]:
+        """All objects of a noun; without one all that fit."""
+        return self._list_alike(head) if head else self.list_fitting(slot)
+
     def find_others(self, noun: Node, slot: Slot) -> tuple[str, ...]:
         """Those of which nothing was said, of a noun or of the last one."""
         slot = Slot.MOVED if slot is Slot.ANY else slot
         plain, head = find_child(noun, "plain"), self._find_earlier(slot)
-        found = self._list_alike(head) if head else self.list_fitting(slot)
-        found = self._find_candidates(plain, slot, "")[0] if plain is not None else found
+        found = self._find_candidates(plain, slot, "")[0] if plain is not None else self.list_called(head, slot)
         named = {*self.moved, *self.spared}
         names = tuple(each.name for each in found if each.name not in named) if named else ()
         return names or self.lack(RequestProblemKind.THING, noun, (each.name for each in found))
+
+    def recall(self) -> None:
+        """Let `the blue one` be of the nouns of the last goal."""
+        for slot in (Slot.MOVED, Slot.PLACE):
+            if before := self.list_past(is_place=slot is Slot.PLACE):
+                self.heads[slot] = before[-1].split("_")[-1]
 
     def _resolve_parts(self, parts: Sequence[Node], slot: Slot, **how: bool) -> list[Named]:
         """Each phrase of a list; `the red and the green cube` lends its noun to the first."""
@@ -299,10 +329,10 @@ class Discourse:
         found, kind, number, words = tuple(each.name for each in things), "the", 0, self.quote(noun)
         for quantity in quantities:  # one at most
             kind = "the" if is_pair and quantity.data == "both" else str(quantity.data)
-            said = next((str(each) for each in quantity.children if get_type(each) == "number"), "zero")
-            number = NUMBERS.index(said) if said in NUMBERS else int(said)
+            number = read_number(quantity)
             if kind == "all_but":
-                kind, number = "number", max(len(found) - number, 0)
+                whole = self._count_contents(found) if slot is Slot.LOOSE else len(found)
+                kind, number = "number", max(whole - number, 0)
             if kind == "half":
                 whole = self._count_contents(found) if slot is Slot.LOOSE else len(found)
                 kind, number = "some" if whole % 2 else "number", whole // 2
@@ -316,6 +346,12 @@ class Discourse:
                     else {*self.moved, *self.spared, *recent}
                 )
                 found = tuple(name for name in found if name not in before) if before & {*found} else ()
+                is_bare = has_token(find_child(plain, "head") or plain, "one") and len(plain.children) == 1
+                found = tuple(name for name in found if name in self.kin or not is_bare or not self.kin)
+            if (total := find_child(quantity, "total")) is not None and read_number(total) != len(found):
+                return Named(names=self.ask(QuestionKind.HOW_MANY, noun, found))
+        if slot is Slot.LOOSE and kind == "exactly":  # what is counted is at least so many
+            return Named(names=self.lack(RequestProblemKind.CAPABILITY, noun))
         if slot is Slot.LOOSE and kind == "some":
             return Named(names=self.ask(QuestionKind.HOW_MANY, noun, ()))
         if slot is Slot.LOOSE:
@@ -339,6 +375,9 @@ class Discourse:
             return self._choose(named, max(number, 1), keeps_rest=kind == "exactly")
         every = is_plural or (forbids and not quantities)  # `no crumb` is every one
         if kind == "same" or (len(found) > 1 and not every):
+            own = [name for name in found if self._read_head(plain)[0] == name.split("_")[-1]]
+            if len(own) == 1 and kind == "the" and len(list_children(plain)) == 1:  # a bench is a table, `table` the one
+                return replace(named, names=tuple(own))
             return Named(names=self.ask(QuestionKind.WHICH, noun, found, likely=self._guess(plain, found)))
         return replace(named, only=kind == "only")
 
@@ -346,6 +385,7 @@ class Discourse:
         """The first of several, where any will do; those that were moved already come last."""
         if number > len(named.names):
             return Named(names=self.lack(RequestProblemKind.THING, named.words, named.names))
+        self.kin = named.names
         ordered = sorted(named.names, key=lambda name: name in self.moved)
         names = tuple(name for name in named.names if name in ordered[:number])
         if number < len(named.names):
@@ -364,6 +404,9 @@ class Discourse:
         head, is_plural, is_generic = self._read_head(plain)
         if slot is Slot.LOOSE and self.is_loose(plain):
             return self.list_fitting(slot), True, False
+        if (alike := find_child(plain, "coloured_as")) is not None:  # `the tray of the same colour as the cube`
+            other = self._read_head(list_children(alike)[0])[0]
+            by_colour = by_colour or (slot is Slot.PLACE and bool(other) and other == self.heads.get(Slot.MOVED))
         before = lent or self._find_earlier(slot)
         is_one_of = bool(lent) or len(self._list_alike(before)) > 1  # `the green one` is no bottle where there is one
         self.heads |= {slot: head} if head else {}
@@ -377,9 +420,19 @@ class Discourse:
         ordinal = find_child(plain, "ordinal")
         nth = 1 + ORDINALS.index(str(ordinal.children[0])) if ordinal is not None else 1
         # `the largest cube on the tray` is of those on the tray
+        states = [part for part in parts if part.data in read_lexicon()["meanings"]]
+        found = [each for each in found if all(self.is_so(each, part) for part in states)]
+        parts = [part for part in parts if part not in states and not (by_colour and part.data == "coloured_as")]
         for part in sorted(parts, key=lambda part: part.data not in _OWNED):
             found = self._filter(found, part, nth)
         return found, is_plural and not has_token(plain, "among"), by_colour
+
+    def is_so(self, thing: Thing, state: Node) -> bool:
+        """Whether an object is in a state as the scene begins: `the open drawer`, `the empty tray`."""
+        is_ajar = state.data == "open"  # so is a drawer that is open by half, too
+        form = read_lexicon()["meanings"]["close" if is_ajar else state.data]["form"]
+        text = form.format(thing.name, at="inside" if thing.has_interior else "on")
+        return self.vocabulary.is_known(text, is_true=not is_ajar)
 
     def is_loose(self, plain: Node) -> bool:
         """Whether a phrase means nameless contents of vessels."""
@@ -430,6 +483,15 @@ class Discourse:
         heads = dict(self.heads)
         owners = [owner.name for owner in self._find_candidates(list_children(tail)[0], Slot.ANY, "")[0]]
         self.heads = heads
+        if tail.data == "not_located":
+            found = [*found]
+            there = self._list_standing(found, owners)
+            return [thing for thing in found if thing not in there]
+        if tail.data == "coloured_as":
+            colours = {self.get(name).colour for name in owners}
+            if len(colours) > 1:
+                colours = {self.get(name).colour for name in self.ask(QuestionKind.WHICH, tail, owners)}
+            return [thing for thing in found if thing.colour in colours - {""} and thing.name not in owners]
         if tail.data not in _OWNED:
             names = owners if len(owners) == 1 else self.ask(QuestionKind.WHICH, tail, owners)
             around = [thing for thing in found if thing.name not in names]
@@ -475,9 +537,20 @@ def find_child(tree: Node, rule: str) -> Node | None:
     return next((child for child in list_children(tree) if child.data == rule), None)
 
 
+def read_number(tree: Node) -> int:
+    """The number that a phrase itself says, 0 without one."""
+    said = next((str(each) for each in tree.children if get_type(each) == "number"), "zero")
+    return NUMBERS.index(said) if said in NUMBERS else int(said)
+
+
 def has_token(tree: Node, terminal: str) -> bool:
     """Whether a phrase itself, not its parts, has a word of some kind."""
     return any(get_type(child) == terminal for child in tree.children)
+
+
+def is_open(noun: Node) -> bool:
+    """Whether a phrase is about any or all of several, so that an exception after it can be of these."""
+    return any(find_child(noun, each) is not None for each in ("any", "all", "different", "number", "exactly"))
 
 
 def find_side(levels: Sequence[Node], side: str) -> set[int]:

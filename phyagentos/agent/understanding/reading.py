@@ -25,6 +25,7 @@ LEAST_NEAR = 4  # shorter words of the language are near to anything
 _FOLDER = Path(__file__).parent
 _WORD = re.compile(r"[a-z][a-z'-]*|\d+(?:\.\d+)?|[^\s\w]")
 _CONDITION = re.compile(r"\b(if|unless|whenever|when|in case)\b[^,;]*")
+_PLACED = r" (?:in|into|on|onto|to)\b|\s*(?:[,;.]|$)"
 _SHORT = (  # contractions and spellings
     (r"[’`]", "'"),
     (r"\b(do|does|did|must|should|would|could|wo|ca|is|are|need)n't\b", r"\1 not"),
@@ -35,7 +36,7 @@ _SHORT = (  # contractions and spellings
     (r"\b(it|that|there|where|what|who|how)'s\b|\b(that|there|where|what)s\b", r"\1\2 is"),
     (r"\b(you|they|we)'re\b", r"\1 are"),
     (r"\b(?:unless (it|that|they) (is|are)|if (it|that|they) (is|are) not) already\b", "being already"),
-    (r",? being already(?: \w+){0,2}\s*(?=$|[.;!])", ""),
+    (r",? being already(?: (?:there|in there|in it|on it|inside|done|so))?\s*(?=$|[.;!])", ""),
     (r"\bwhichever ((?:\w+ )?\w+) (is|are)\b", r"the \1 that \2"),
     (r"\bcolor", "colour"),
     (r"\b(?!same\b|correspondingly\b)(\w+)[- ]coloured\b", r"\1"),
@@ -48,14 +49,17 @@ _SHORT = (  # contractions and spellings
         r"\1\2 you",
     ),
     (r"\b(nearest|closest|farthest|furthest) (\w+(?: \w+)?) (?:to|from) (?:the robot|you|yourself)\b", r"\1 \2"),
-    (
-        r"\b(close|shut|open)((?: \w+){1,4}?),? if (?:it|they) (?:is|are) (?:still |not )?(?:open|closed|shut)\b",
-        r"\1\2",
-    ),
+    (r"\b(close|shut)((?: \w+){1,4}?),? if (?:it|they) (?:is|are) (?:still open|open|not closed|not shut)\b", r"\1\2"),
+    (r"\b(open)((?: \w+){1,4}?),? if (?:it|they) (?:is|are) (?:still |)(?:closed|shut|not open)\b", r"\1\2"),
+    (r"\s[-\u2013\u2014]+\s|\u2014", " , "),
+    (r"(^|[,;] |\b(?:and|but|then) )just (?!the\b|an?\b|one\b)", r"\1"),
     (r"(^|[,;] )only (\w+) the\b", r"\1\2 only the"),
     (r"\bcan you see\b", "do you see"),
     (r"\bwhat (?:all )?can you do(?: here| for me)?\b", "what can be done"),
     (r"\bwhatever (?:is|lies|stands)\b", "everything that is"),
+    (rf"\bthe other(?={_PLACED})", "the other one"),
+    (rf"\bthe other (two|three|four|five|six)(?={_PLACED})", r"the other \1 ones"),
+    (r"\binstead of\b", "rather than"),
     (r"_", " "),
     (r"(?<!\d)[.!:?]+|[.!:?]+(?!\d)", " ; "),
     (r"([,;()&])", r" \1 "),

@@ -14,20 +14,21 @@ from phyagentos.protocol.predicates.predicate import find_entities, find_formula
 from phyagentos.protocol.predicates.syntax import Call, Not, render
 
 _PUT = (Meaning.INSIDE, Meaning.ON)
+_BROUGHT = (*_PUT, Meaning.AT)
 Step = Sequence[str]
 
 
 def finish(steps: Sequence[Step]) -> tuple[tuple[tuple[str, ...], ...], tuple[str, ...]]:
     """Steps before the last, and what must be true at the end: the last one, and of the others what it leaves true."""
     lasting: dict[str, None] = {}
-    put = [{get_object(text) for text in step if says(text, *_PUT)} for step in steps]
+    put = [{get_object(text) for text in step if says(text, *_BROUGHT)} for step in steps]
     cleaned = []
     for n, step in enumerate(steps):
         later = set().union(*put[n:])  # to pick up, or to take out, is a part of putting down
         taken = {text for text in step if says(text, Meaning.HOLDING) and get_object(text) in later}
         taken |= {text for text in step if says(text, *_PUT, is_true=False) and get_object(text) in put[n]}
         kept = dict.fromkeys(text for text in step if text not in taken)
-        gone = {text for text in lasting if says(text, *_PUT) and get_object(text) in put[n] and text not in kept}
+        gone = {text for text in lasting if says(text, *_BROUGHT) and get_object(text) in put[n] and text not in kept}
         gone |= {text for text in lasting if _passes(text) or not kept.keys().isdisjoint(list_flipped(text))}
         lasting = {text: None for text in lasting if text not in gone} | kept
         cleaned.append(tuple(kept))

@@ -144,6 +144,8 @@ class InquiryKind(StrEnum):
     """How many nameless objects are in vessels."""
     DISTANCE = "distance"
     """How far two objects are apart."""
+    COMPARED = "compared"
+    """Whether one of two objects is larger, nearer or the like: it, and which of the two is."""
     COLOUR = "colour"
     WHY = "why"
     """Why the latest run failed."""

@@ -8,7 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
@@ -27,10 +27,12 @@ from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.meaning import normalize
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.predicates.relations import find_places
+from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.descriptions import COLORS
 from phyagentos.protocol.world.entity_geometry import AXES, compute_center, compute_extent
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
+from phyagentos.protocol.world.truth import Truth
 
 REGION = "region"
 ROLE = "robot"  # of the target in goals of requests
@@ -78,6 +80,7 @@ class Vocabulary:
         capabilities: Predicates that some skill guarantees on some target, negated ones as `not inside`.
         robot: The target that goals of requests are for.
         past: Goals of the scene that were asked for before, the latest last.
+        world: The scene as it begins; without it no statement is known to be true or false.
     """
 
     scene: str
@@ -87,6 +90,7 @@ class Vocabulary:
     robot: str = ANY
     postures: tuple[str, ...] = ()
     past: tuple[WantedGoal, ...] = ()
+    world: Environment | None = field(default=None, compare=False, repr=False)
 
     @classmethod
     def read(
@@ -118,7 +122,15 @@ class Vocabulary:
             robot=robot,
             postures=tuple(dict.fromkeys(postures)),
             past=tuple(goal for goal in past if goal.scene == scene),
+            world=world,
         )
+
+    def is_known(self, text: str, *, is_true: bool) -> bool:
+        """Whether a statement is known to be true, or to be false, as the scene begins."""
+        if self.world is None:
+            return False
+        truth = parse_predicate(text).evaluate(View(now=self.world, initial=self.world)).truth
+        return truth is (Truth.TRUE if is_true else Truth.FALSE)
 
     def list_words(self) -> tuple[frozenset[str], frozenset[str]]:
         """Words that may stand before a noun, and nouns; colours stand for nouns, too."""
