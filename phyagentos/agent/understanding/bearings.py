@@ -96,7 +96,9 @@ def place_beside(body: Thing, side: str, view: float, owner: Thing) -> Vector | 
     if body.at_m is None or owner.at_m is None:
         return None
     apart_m = math.hypot(*owner.half_m[:2]) + math.hypot(*body.half_m[:2]) + GAP_M
-    return shift((owner.at_m[0], owner.at_m[1], body.at_m[2]), side, view, apart_m)
+    bottom_m = min(each.at_m[2] - each.half_m[2] for each in (body, owner) if each.at_m is not None)
+    z_m = bottom_m + body.half_m[2] if body.stands else body.at_m[2]
+    return shift((owner.at_m[0], owner.at_m[1], z_m), side, view, apart_m)
 
 
 def find_beside(body: Thing, owner: Thing, others: Sequence[Thing]) -> Vector | None:

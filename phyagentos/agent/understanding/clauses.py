@@ -367,6 +367,10 @@ class Clauses(Destinations):
                 placing, self.resolve(things, Slot.LOOSE), self._find_places(list_children(placing)[-1]).names
             )
         *_, dest = (each for each in more if each.data not in {"source", "except"})  # one before it was corrected
+        if (ground := find_child(placing, "ground")) is not None:  # `on the table next to the can`
+            below = self.resolve_aside(list_children(ground)[0], Slot.PLACE).names
+            if dest.data not in {*SIDES, "beside"} or any(self.get(name).kind not in SURFACES for name in below):
+                return self.lack(RequestProblemKind.SENTENCE, placing)
         objects = self.resolve(things, Slot.MOVED)
         self.unmet = self.unmet if objects.by_colour else ""
         if (source := find_child(placing, "source")) is not None:
@@ -537,6 +541,18 @@ class Clauses(Destinations):
             ]
         return self.lack(RequestProblemKind.FIT, clause)
 
+    def _read_exchange(self, clause: Node, gone: Node, come: Node) -> Step:
+        """One object out of what it stands in or on, and another one there."""
+        if has_token(clause, "for") and not str(clause.children[0]).startswith("exchang"):  # substitute B for A
+            gone, come = come, gone
+        old, new = (self.resolve_one(noun, Slot.MOVED).names for noun in (gone, come))
+        if len(old) != 1 or len(new) != 1:
+            return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
+        if not (place := self.get(old[0]).stands):
+            return self.lack(RequestProblemKind.FIT, clause)
+        self._put(Named(names=new))
+        return [f"not {self._relate(old[0], place)}", self._relate(new[0], place)]
+
     def _read_pose(self, clause: Node) -> Step:
         posture = next(str(token) for token in clause.children if get_type(token) == "posture")
         return [f"in_posture({ROLE}, {'_'.join(posture.split())})"]
@@ -615,6 +631,15 @@ class Clauses(Destinations):
         if dest.data in SIDES:
             return self.lack(RequestProblemKind.CAPABILITY, dest)
         return self._keep(f"not {self._locate(name, dest, place)}" for name in names for place in places)
+
+    def _read_never_take(self, clause: Node, things: Node, *sources: Node) -> Step:
+        """It stays in or on what it stands in or on, which a request may name."""
+        names = self.resolve(things, Slot.MOVED, forbids=True).names
+        said = [name for source in sources for name in self.resolve_aside(source, Slot.PLACE).names]
+        owners = {name: self.get(name).stands for name in names}
+        if not all(owner and (not said or owner in said) for owner in owners.values()):
+            return self.lack(RequestProblemKind.FIT, clause)
+        return self._keep(self._relate(name, owner) for name, owner in owners.items())
 
     def _read_never_spill(self, clause: Node, *things: Node) -> Step:
         """What carries stays upright, and all that is in it stays there."""

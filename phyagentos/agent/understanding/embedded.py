@@ -68,7 +68,7 @@ class EmbeddedUnderstander:
 def _interpret(
     tree: Node, read: Readings, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]
 ) -> Understanding:
-    said = Clauses(text=read.text, vocabulary=vocabulary, answers=answers)
+    said = Clauses(text=read.text, vocabulary=vocabulary, answers=answers, view=1.0 if read.is_robots_view else 0.0)
     said.recall()
     root = list_children(tree)[0]
     if root.data.startswith("ask_"):

@@ -25,6 +25,7 @@ from phyagentos.errors import find_nearest
 from phyagentos.protocol.predicates.predicate import find_entities
 
 Node = Tree[Token]
+_POSITIONS = {*SIDES, "top", "bottom", "middle"}  # words that choose one of several
 _OWNED = {"part_of", "located"}  # tails of a noun that name what it belongs to, or is in or on
 ORDINALS = ["first", "second", "third", "fourth", "fifth"]
 NUMBERS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"]
@@ -76,6 +77,8 @@ class Discourse:
         grouped: Objects that a phrase named together with others, as `the cubes`.
         spared: Everything that some clause says to leave as it is: `the others` are none of it.
         heads: The last noun of each slot.
+        among: Those of which an exception takes some away.
+        view: Whose left and right are meant, as in `VIEWS`; 0 where a request does not say.
         kin: Those of which a phrase chose some, as `one red cube`: `the other` is one of them.
         unmet: A phrase with `only`, `exactly` or `of its colour`, until a clause says what becomes of it.
     """
@@ -94,6 +97,8 @@ class Discourse:
     grouped: set[str] = field(default_factory=set)
     heads: dict[Slot, str] = field(default_factory=dict)
     kin: tuple[str, ...] = ()
+    among: tuple[str, ...] = ()
+    view: float = 0.0
     unmet: str = ""
 
     def lack(self, kind: RequestProblemKind, words: str | Node, possible: Iterable[str] = ()) -> tuple[str, ...]:
@@ -122,7 +127,7 @@ class Discourse:
 
     def ask_view(self, phrase: Node) -> float | None:
         """1 where the robot's view is meant, -1 for that of a person who faces it; None and a question where open."""
-        return next((VIEWS[each] for each in self.ask(QuestionKind.VIEW, phrase, VIEWS)), None)
+        return self.view or next((VIEWS[each] for each in self.ask(QuestionKind.VIEW, phrase, VIEWS)), None)
 
     def quote(self, tree: Node) -> str:
         """The words of a part of the request."""
@@ -163,7 +168,7 @@ class Discourse:
         Of `two cubes, but not the red one` a spare one takes its place.
         """
         for exception in (child for child in list_children(phrase) if child.data == "except"):
-            excepted = self.resolve_except(exception, slot)
+            excepted = self.resolve_except(exception, slot, (*names, *spare))
             number, fresh = len(names) if spare else 0, [name for name in spare if name not in excepted]
             if names and not set(excepted) <= {*names, *spare}:
                 self.lack(RequestProblemKind.THING, exception, names)
@@ -176,9 +181,12 @@ class Discourse:
             names += tuple(more)
         return names
 
-    def resolve_except(self, exception: Node, slot: Slot) -> tuple[str, ...]:
-        """The objects that an exception names."""
-        return tuple(name for each in self._resolve_parts(list_children(exception), slot) for name in each.names)
+    def resolve_except(self, exception: Node, slot: Slot, among: tuple[str, ...] = ()) -> tuple[str, ...]:
+        """The objects that an exception names, of those that it is an exception from."""
+        self.among, before = among, self.among
+        found = self._resolve_parts(list_children(exception), slot)
+        self.among = before
+        return tuple(name for each in found for name in each.names)
 
     def resolve_one(
         self, noun: Node, slot: Slot, *, lent: str = "", forbids: bool = False, is_pair: bool = False
@@ -234,7 +242,10 @@ class Discourse:
         return self.resolve_one(meant, slot).names
 
     def find_rather(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
-        """Of `the red cube rather than the blue one` the former."""
+        """Of `the red cube rather than the blue one` the former; `the cubes into the red tray, not the blue one` is open."""
+        is_one = any(has_token(head, "one") for head in list_children(phrase)[1].find_data("head"))
+        if slot is Slot.PLACE and is_one and "not" in str(phrase.children[1]) and len(self.recent[-1]) > 1:
+            return self.lack(RequestProblemKind.SENTENCE, phrase)
         meant, other = self._resolve_parts(list_children(phrase), slot)
         return tuple(name for name in meant.names if name not in other.names)
 
@@ -296,7 +307,7 @@ class Discourse:
         """Those of which nothing was said, of a noun or of the last one."""
         slot = Slot.MOVED if slot is Slot.ANY else slot
         plain, head = find_child(noun, "plain"), self._find_earlier(slot)
-        found = self._find_candidates(plain, slot, "")[0] if plain is not None else self.list_called(head, slot)
+        found = self.list_called(head, slot) if plain is None else self._find_candidates(plain, slot, "")[0]
         named = {*self.moved, *self.spared}
         names = tuple(each.name for each in found if each.name not in named) if named else ()
         return names or self.lack(RequestProblemKind.THING, noun, (each.name for each in found))
@@ -357,6 +368,7 @@ class Discourse:
         if slot is Slot.LOOSE:
             is_all = kind == "all" and not number
             return Named(names=found, number=self._count_contents(found) if is_all else number)
+        found = tuple(name for name in found if name in self.among) or found
         if not found and len(self.questions) == asked:
             self.lack(RequestProblemKind.THING, words, self.vocabulary.things)
         named = Named(names=found, words=words, by_colour=by_colour)
@@ -415,6 +427,8 @@ class Discourse:
             found = self.list_fitting(Slot.MOVED if slot is Slot.PLACE and is_generic else slot)
             # `on the big one` means no floor
             found = [each for each in found if adjectives or each.kind not in SURFACES]
+            is_any = is_generic and slot is Slot.ANY
+            found = [each for each in found if not is_any or each.movable or each.opens]
         found = [each for each in found if adjectives <= each.words and unlike.isdisjoint(each.words)]
         parts = [child for child in list_children(plain) if child.data not in {"head", "ordinal"}]
         ordinal = find_child(plain, "ordinal")
@@ -454,7 +468,9 @@ class Discourse:
         self, found: Sequence[Thing], phrase: Node, kind: str, owner: Thing | None, nth: int = 1
     ) -> list[Thing]:
         """Those that are most so, or on that side of an object; a question where it depends on who looks."""
-        views = VIEWS.values() if kind in SIDES else (1.0,)
+        views = (self.view,) if self.view else VIEWS.values() if kind in SIDES else (1.0,)
+        if kind in _POSITIONS and owner is None and nth == 1 and len(found) == 1:  # `the top shelf` is one of several
+            found = [self.get(name) for name in self.ask(QuestionKind.WHICH, phrase, [each.name for each in found])]
         if owner is not None and kind in {*SIDES, "beside", "under"}:
             seen = [list_beside(found, kind, view, owner) for view in views]
         else:
@@ -478,6 +494,9 @@ class Discourse:
 
     def _filter(self, found: Iterable[Thing], tail: Node, nth: int = 1) -> list[Thing]:
         """Those that are parts of, or stand in or on, what the tail names, as the scene begins."""
+        if tail.data in {"is_so", "is_not_so"}:
+            (state,) = list_children(tail)
+            return [thing for thing in found if self.is_so(thing, state) is (tail.data == "is_so")]
         if not list_children(tail):  # `on the left`, `largest`
             return self._select(list(found), tail, str(tail.data), None, nth)
         heads = dict(self.heads)

@@ -73,11 +73,15 @@ _SHORT = (  # contractions and spellings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Readings:
-    """What was read: a tree for each reading; `unsaid` are words of manner, which no predicate says."""
+    """What was read: a tree for each reading; `unsaid` are words of manner, which no predicate says.
+
+    `is_robots_view` is whether left and right are said to be those of the robot.
+    """
 
     text: str
     trees: tuple[Tree[Token], ...]
     unsaid: tuple[str, ...]
+    is_robots_view: bool = False
 
 
 def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
@@ -91,6 +95,7 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     parser, words = _build_parser(adjectives, nouns, tuple(vocabulary.postures))
     courtesy, manner = (_read_phrases()[name] for name in ("courtesy", "manner"))
     unsaid = tuple(re.findall(_alternatives(manner), text))
+    text, views = re.subn(_alternatives(_read_phrases()["robots_view"]), " ", text)
     idle = (phrase for phrase in courtesy if phrase not in words or " " in phrase)
     text = re.sub(_alternatives((*idle, *manner)), " ", text)
     text = re.sub(r",(?:\s*,)+", ",", " ".join(text.split())).strip(" ,;")
@@ -121,7 +126,7 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     if _count_readings(forest) > MOST_READINGS:
         return refuse(RequestProblemKind.SENTENCE, text)
     trees = CollapseAmbiguities().transform(forest)
-    return Readings(text=text, trees=tuple(dict.fromkeys(trees)), unsaid=unsaid)
+    return Readings(text=text, trees=tuple(dict.fromkeys(trees)), unsaid=unsaid, is_robots_view=views > 0)
 
 
 def is_slip(word: str, meant: str) -> bool:
