@@ -4,6 +4,7 @@ Upstream: a reading. Downstream: the embedded understander. One method a rule of
 each object stand in the lexicon. Clauses are steps where the request says an order, or where they exclude each other.
 """
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -55,16 +56,20 @@ class Clauses(Destinations):
         parts = list_children(plan)
         read = [self._read_group(part) if part.data == "group" else self._read_steps(part) for part in parts]
         steps = [step for group in (reversed(read) if plan.data == "reversed" else read) for step in group if step]
-        return [[each for text in step for each in self._spare(text)] for step in steps]
+        wanted = [text for step in steps for text in step]
+        return [[each for text in step for each in self._spare(text, wanted)] for step in steps]
 
-    def _spare(self, text: str) -> Step:
-        """A predicate; of `nothing on the table` one each, where something there is to be left."""
-        left = {get_object(each) for each in self.constraints if says(each, Meaning.MOVED, is_true=False)}
-        places = find_entities(text) if "(*, " in text and text.startswith("not ") else ()
-        standing = [each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), places)] if places else []
-        if left.isdisjoint(standing):
+    def _spare(self, text: str, wanted: Step) -> Step:
+        """A predicate; of `nothing on the table` one each, where something is to be left or put there."""
+        relation, is_all, place = text.removeprefix("not ").partition("(*, ")
+        if not is_all:
             return [text]
-        return [text.replace("*", name) for name in standing if name not in left]
+        left = {get_object(each) for each in self.constraints if says(each, Meaning.MOVED, is_true=False)}
+        put = {get_object(each) for each in (*self.constraints, *wanted) if re.fullmatch(rf"{relation}\(\w+, {re.escape(place)}", each)}
+        standing = [each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), find_entities(text))]
+        if not put and left.isdisjoint(standing):
+            return [text]
+        return [text.replace("*", name) for name in standing if name not in left | put]
 
     def _read_group(self, group: Node) -> list[Step]:
         """One step, or one a clause where these exclude each other."""
@@ -83,6 +88,7 @@ class Clauses(Destinations):
         for clause in list_children(group):
             read = self._read_steps(clause)
             self._ask_scope(group, clause, read)
+            self._check_meanwhile(group, clause, read)
             again = {f"holding({ROLE}, {name})" for name in self.recent[-1]} if any(read) else set()
             steps = [[text for text in step if text not in again] for step in steps] + read
         still = {get_object(text) for text in self.constraints if says(text, Meaning.MOVED, is_true=False)}
@@ -105,6 +111,12 @@ class Clauses(Destinations):
             both, one = "neither is wanted", "this is wanted"
             if self.ask(QuestionKind.READING, clause, (one, both)) == (both,):
                 self.lack(RequestProblemKind.GOAL, clause)
+
+    def _check_meanwhile(self, group: Node, clause: Node, read: Sequence[Step]) -> None:
+        """`while holding the bottle` is no end, and nothing else can be held meanwhile."""
+        joined = str(group.children[group.children.index(clause) - 1])
+        if joined.endswith("while") and any(says(text, Meaning.HOLDING) for step in read for text in step):
+            self.lack(RequestProblemKind.CAPABILITY, clause)
 
     def _read_steps(self, clause: Node) -> list[Step]:
         """The steps of one clause: of `open and close the drawer` two."""
@@ -378,6 +390,9 @@ class Clauses(Destinations):
         if find_child(placing, "except") is not None and len(objects.names) < 2 and any(map(is_open, list_children(dest))):
             return self.lack(RequestProblemKind.SENTENCE, placing)  # `a cube in every tray but the red one`
         names = self.remove(objects.names, placing, Slot.MOVED, objects.spare)
+        if placing.data == "wish_place" and any(things.find_data("only")):  # of what is to be there, not of what to put
+            rest = (each.name for each in self.list_fitting(Slot.MOVED) if each.name not in names)
+            objects = replace(objects, rest=tuple(rest))
         unmet, self._dest = self.unmet, dest
         places = self._find_places(dest, by_colour=has_token(placing, "of_its_colour"))
         self.unmet = unmet

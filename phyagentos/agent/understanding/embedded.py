@@ -86,7 +86,7 @@ def _interpret(
         constraints = tuple(dict.fromkeys((*kept[0], *constraints)))
         steps = (*(step for step in kept[1:-1] if step), *steps)
         accept = tuple(dict.fromkeys((*kept[-1], *accept)))
-    accept, constraints = _begin(said, accept, constraints)
+    accept, constraints = _begin(said, steps, accept, constraints)
     if not accept and not said.lacks and not said.questions:
         said.lack(RequestProblemKind.GOAL, read.text)
     if open_or_missing := said.conclude():
@@ -97,9 +97,16 @@ def _interpret(
     return conclude(request, vocabulary, parts, **told)
 
 
-def _begin(said: Clauses, accept: Texts, constraints: Texts) -> tuple[Texts, Texts]:
-    """What must hold all through, but does not as the scene begins, is wanted in the end."""
+def _begin(said: Clauses, steps: tuple[Texts, ...], accept: Texts, constraints: Texts) -> tuple[Texts, Texts]:
+    """What must hold all through, but does not as the scene begins, is wanted in the end.
+
+    So it is of what the goal brings about, and of a state of an object that it is about; any other is a lack.
+    """
+    about = {name for text in (*accept, *(text for step in steps for text in step)) for name in find_entities(text)}
     late = tuple(text for text in constraints if said.vocabulary.is_known(text, is_true=False))
+    for text in late:
+        if text not in accept and (len(find_entities(text)) > 1 or not about.issuperset(find_entities(text))):
+            said.lack(RequestProblemKind.START, text)
     said.reasons += [f"{text} does not hold at first, so it is wanted in the end" for text in late]
     return tuple(dict.fromkeys((*accept, *late))), tuple(text for text in constraints if text not in late)
 

@@ -150,6 +150,8 @@ class Discourse:
         if slot is Slot.LOOSE and len(named) > 1:  # two numbers are no one number
             self.lack(RequestProblemKind.SENTENCE, things)
         names = tuple(dict.fromkeys(name for each in named for name in each.names))
+        if len(parts) > 1 and self._is_of_both(*parts[:2]):
+            self.ask(QuestionKind.HOW_MANY, things, names)
         alike = self.list_called(self.heads.get(slot, ""), slot) if any(each.only for each in named) else []
         rest = (*(thing.name for thing in alike), *(name for each in named for name in each.rest))
         spare = tuple(name for each in named for name in each.spare if name not in names)
@@ -161,6 +163,12 @@ class Discourse:
             rest=tuple(name for name in rest if name not in names),
             number=named[0].number,
         )
+
+    def _is_of_both(self, first: Node, second: Node) -> bool:
+        """Whether a number may count both phrases: `one of the red and blue cubes`."""
+        is_counted = any(find_child(first, each) is not None for each in ("any", "number", "exactly", "half"))
+        plain = list_children(first)[-1]
+        return is_counted and find_child(plain, "head") is None and len(list_children(second)) == 1
 
     def remove(self, names: tuple[str, ...], phrase: Node, slot: Slot, spare: Sequence[str] = ()) -> tuple[str, ...]:
         """The names without those of a phrase's exceptions, each of which has to be among them or those to spare.

@@ -63,6 +63,7 @@ class RequestProblemKind(_Kind):
     CAPABILITY = "capability", "is what no skill here brings about"
     CONTRADICTION = "contradiction", "cannot hold together"
     CONDITION = "condition", "is a condition, which no goal has: ask whether it holds, then say what to do"
+    START = "start", "has to hold all through, and does not as the scene begins"
     PAST = "past", "means something done before, and nothing was"
     GOAL = "goal", "says nothing that shall come true"
     MODEL = "model", "is what the model's answers came to"
@@ -268,6 +269,8 @@ def _excludes(one: _Literal, other: _Literal) -> bool:
     is_place = said.meaning in _PLACES
     if call == second:
         return is_true is not is_other_true
+    if isinstance(said.object, syntax.Star) and said.meaning is other_said.meaning in _PLACES:
+        return not is_true and is_other_true and said.place == other_said.place
     if said.meaning is other_said.meaning is Meaning.ON and call.terms == second.terms[::-1]:
         return is_true and is_other_true
     if said.object == other_said.object and is_true and is_other_true and said.meaning is not Meaning.HOLDING:
