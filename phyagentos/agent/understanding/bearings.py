@@ -120,6 +120,14 @@ def find_between(body: Thing, ends: Sequence[Thing]) -> Vector | None:
     return middle_m if room_m >= 2 * math.hypot(*body.half_m[:2]) else None
 
 
+def lies_between(body: Thing, ends: Sequence[Thing]) -> bool:
+    """Whether two objects are seen from an object more than 120 degrees apart."""
+    if body.at_m is None or any(each.at_m is None for each in ends):
+        return False
+    rays = [(each.at_m[0] - body.at_m[0], each.at_m[1] - body.at_m[1]) for each in ends if each.at_m is not None]
+    return sum(a * b for a, b in zip(*rays, strict=True)) < -0.5 * math.prod(math.hypot(*ray) for ray in rays)
+
+
 def shift(at_m: Vector, side: str, view: float, by_m: float) -> Vector:
     """A point so far to a side of another one [m]."""
     away_m = math.hypot(*at_m[:2])

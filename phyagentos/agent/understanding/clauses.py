@@ -183,14 +183,27 @@ class Clauses(Destinations):
         heaps = str(clause.children[0]).startswith(("stack", "pil"))
         return self._read_wish_place(placing, *list_children(placing), heaps=heaps)
 
+    def _read_put_meant(self, clause: Node, wrong: Node, dest: Node, meant: Node) -> Step:
+        """`put the soap into the rack, no, the ingot`."""
+        self.heads |= {Slot.MOVED: head} if (head := self.find_head(wrong)) else {}
+        return self._read_wish_place(clause, meant, dest)
+
     def _read_placing(self, placing: Node, *parts: Node) -> Step:
         """Without a verb, as in `two cubes into the tray`, it is to put."""
         if self._verb != "put" and len(self.recent) > 1:
             return self.lack(RequestProblemKind.SENTENCE, placing)
         return self._read_wish_place(placing, *parts)
 
-    def _read_pick_put(self, _: Node, things: Node, placing: Node) -> Step:
-        picked = self.resolve(things, Slot.MOVED).names
+    def _resolve_from(self, things: Node, source: Node | None) -> Named:
+        """Objects of a phrase; `the cube from the left bench` is the one that stands there."""
+        owners = self.resolve_aside(list_children(source)[0], Slot.PLACE).names if source is not None else ()
+        self.among = tuple(each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), owners)) if owners else ()
+        objects, self.among = self.resolve(things, Slot.MOVED), ()
+        return objects
+
+    def _read_pick_put(self, clause: Node, things: Node, *more: Node) -> Step:
+        placing = more[-1]
+        picked = self._resolve_from(things, find_child(clause, "source")).names
         self.recent.append([])
         wanted = self._read_wish_place(placing, *list_children(placing))
         if {*picked} != {*self.placed}:  # another object is put down: that is no one clause
@@ -224,8 +237,8 @@ class Clauses(Destinations):
         return self._stand_at(name, at_m) if at_m is not None and not self.get(name).stands else ""
 
     def _put_back(self, name: str) -> str:
-        ground = next((each.name for each in self.list_fitting(Slot.PLACE) if each.kind in SURFACES), "")
-        return self._relate(name, self.get(name).stands or ground)
+        grounds = (each.name for each in self.list_fitting(Slot.PLACE) if each.kind in SURFACES)
+        return self._relate(name, self.get(name).stands or self.get(name).ground or next(grounds, ""))
 
     def _read_put_where(self, clause: Node, things: Node, other: Node) -> Step:
         """To where another object is: in or on what bears it; else, where that stays, a question what is meant."""
@@ -324,8 +337,7 @@ class Clauses(Destinations):
 
     def _read_undo(self, clause: Node) -> Step:
         """What the last goal is about, as the scene has it at first."""
-        texts = self.vocabulary.past[-1].accept if self.vocabulary.past else ()
-        return [back for text in texts for back in self._undo(text)] or self.lack(RequestProblemKind.PAST, clause)
+        return [back for text in self._list_past_texts() for back in self._undo(text)] or self.lack(RequestProblemKind.PAST, clause)
 
     def _undo(self, text: str) -> Step:
         thing = self.get(get_object(text))
@@ -383,9 +395,10 @@ class Clauses(Destinations):
             below = self.resolve_aside(list_children(ground)[0], Slot.PLACE).names
             if dest.data not in {*SIDES, "beside"} or any(self.get(name).kind not in SURFACES for name in below):
                 return self.lack(RequestProblemKind.SENTENCE, placing)
-        objects = self.resolve(things, Slot.MOVED)
+        source = find_child(placing, "source")
+        objects = self._resolve_from(things, source)
         self.unmet = self.unmet if objects.by_colour else ""
-        if (source := find_child(placing, "source")) is not None:
+        if source is not None:
             objects = self.restrict(objects, list_children(source)[0])
         if find_child(placing, "except") is not None and len(objects.names) < 2 and any(map(is_open, list_children(dest))):
             return self.lack(RequestProblemKind.SENTENCE, placing)  # `a cube in every tray but the red one`
@@ -402,7 +415,9 @@ class Clauses(Destinations):
         if any(dest.find_data("different")):
             return self._spread(names, dest, replace(places, names=places.names[: len(names)]))
         if any(find_child(noun, "all") for noun in list_children(dest)) and objects.spare and len(names) == 1:
-            return self._spread((*names, *objects.spare), dest, places)
+            spread = self._spread((*names, *objects.spare), dest, places)
+            rest = [each for each in objects.rest if each not in self.placed]
+            return [*spread, *(f"not {self._locate(each, dest, place)}" for each in rest for place in places.names)]
         wanted = []
         for name in names:
             if place := self._find_place(name, dest, places):
@@ -424,16 +439,29 @@ class Clauses(Destinations):
             return self.lack(RequestProblemKind.CAPABILITY, clause)
         is_all = [each.data for each in list_children(things)] == ["everything"]  # that is to clear it
         names = ("*",) if self._put(objects) and is_all else objects.names
-        return [f"not {self._relate(name, place)}" for name in names for place in places.names]
+        relations = [self._relate(name, place) for name in names for place in places.names]
+        if self._are_vacuous(objects.names, places.names):
+            return self.lack(RequestProblemKind.THING, clause, objects.names)
+        return [f"not {each}" for each in relations]
+
+    def _are_vacuous(self, names: Sequence[str], places: Sequence[str]) -> bool:
+        """Whether none of some objects is in or on any of some places, and no request has put them there."""
+        is_new = {*names}.isdisjoint((*map(get_object, self._said), *self.list_past()))
+        texts = [self._relate(name, place) for name in names for place in places]
+        return is_new and bool(texts) and all(self.vocabulary.is_known(text, is_true=False) for text in texts)
 
     def _read_take_out(self, clause: Node, things: Node) -> Step:
         """Out of the vessels that the objects are in."""
         names = self._put(self.resolve(things, Slot.MOVED))
-        owners = {name: self.get(name).stands for name in names}
+        past = {get_object(text): find_entities(text)[-1] for text in self._list_past_texts() if says(text, Meaning.INSIDE)}
+        owners = {name: self.get(name).stands or past.get(name, "") for name in names}
         if not names or not all(owner and self.get(owner).has_interior for owner in owners.values()):
             return () if self.questions else self.lack(RequestProblemKind.FIT, clause)
         self.left = tuple(dict.fromkeys(owners.values()))
         return [f"not inside({name}, {owner})" for name, owner in owners.items()]
+
+    def _list_past_texts(self) -> Step:
+        return self.vocabulary.past[-1].accept if self.vocabulary.past else ()
 
     def _read_unstack(self, clause: Node, things: Node) -> Step:
         below = {name: self.get(name).stands for name in self.resolve(things, Slot.MOVED).names}
@@ -614,6 +642,9 @@ class Clauses(Destinations):
 
     def _read_until(self, _: Node, command: Node, condition: Node) -> Step:
         done, until = self._read_texts(command), self._read_texts(condition)
+        about, named = ({name for text in texts for name in find_entities(text)} for texts in (done, until))
+        if about.isdisjoint(named):  # until something else is so: for a time
+            return self.lack(RequestProblemKind.SENTENCE, condition)
         filled = {get_object(text) for text in until if says(text, Meaning.CONTAINS)}
         return [
             *(each for each in done if not says(each, Meaning.CONTAINS) or get_object(each) not in filled),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.clauses import Clauses
 from phyagentos.agent.understanding.inquiries import read_inquiry
-from phyagentos.agent.understanding.nouns import Node, list_children
+from phyagentos.agent.understanding.nouns import Node, has_token, list_children
 from phyagentos.agent.understanding.reading import Readings, read_request
 from phyagentos.agent.understanding.steps import finish
 from phyagentos.agent.understanding.understanding import (
@@ -70,6 +70,8 @@ def _interpret(
 ) -> Understanding:
     said = Clauses(text=read.text, vocabulary=vocabulary, answers=answers, view=1.0 if read.is_robots_view else 0.0)
     said.recall()
+    if has_token(tree, "then") and not vocabulary.past:
+        said.lack(RequestProblemKind.PAST, read.text)
     root = list_children(tree)[0]
     if root.data.startswith("ask_"):
         inquiry = read_inquiry(said, root)

@@ -10,7 +10,15 @@ from enum import StrEnum
 
 from lark import Token, Tree
 
-from phyagentos.agent.understanding.bearings import SIDES, VIEWS, is_within, list_beside, list_nth
+from phyagentos.agent.understanding.bearings import (
+    SIDES,
+    VIEWS,
+    is_within,
+    lies_between,
+    list_beside,
+    list_most,
+    list_nth,
+)
 from phyagentos.agent.understanding.reading import pluralise
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
@@ -245,7 +253,7 @@ class Discourse:
     def find_corrected(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
         """The latter of two phrases; the former, which it corrects, lends its noun."""
         wrong, meant = list_children(phrase)
-        if head := next(filter(None, (self._read_head(plain)[0] for plain in wrong.find_data("plain"))), ""):
+        if head := self.find_head(wrong):
             self.heads[slot] = head
         return self.resolve_one(meant, slot).names
 
@@ -256,6 +264,10 @@ class Discourse:
             return self.lack(RequestProblemKind.SENTENCE, phrase)
         meant, other = self._resolve_parts(list_children(phrase), slot)
         return tuple(name for name in meant.names if name not in other.names)
+
+    def find_head(self, phrase: Node) -> str:
+        """The first noun of the scene in a phrase, empty without one."""
+        return next(filter(None, (self._read_head(plain)[0] for plain in phrase.find_data("plain"))), "")
 
     def find_alternatives(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
         """The one of `the red or the blue cube` that the person names."""
@@ -293,14 +305,15 @@ class Discourse:
 
     def find_everything_else(self, noun: Node, slot: Slot) -> tuple[str, ...]:
         """All that fits, and of which nothing was said."""
-        return tuple(name for name in self.find_everything(noun, slot) if name not in (*self.moved, *self.spared))
+        named = (*self.moved, *self.spared) or self.list_past()
+        names = tuple(name for name in self.find_everything(noun, slot) if name not in named)
+        return names if named else self.lack(RequestProblemKind.SENTENCE, noun)
 
     def find_every_one_but(self, noun: Node, slot: Slot) -> tuple[str, ...]:
         """Of `all but the yellow one` all of the noun, else all that fits where these are of one kind."""
         if any(map(is_open, list_children(list_children(noun)[0]))):  # `all but two`
             return self.lack(RequestProblemKind.SENTENCE, noun)
-        plains = [*noun.find_data("plain")]
-        head = next(filter(None, (self._read_head(plain)[0] for plain in plains)), "") or self._find_earlier(slot)
+        head = self.find_head(noun) or self._find_earlier(slot)
         found = self.list_called(head, slot)
         names = tuple(each.name for each in found)
         if not head and len({each.kind for each in found}) < len(found) and len({each.kind for each in found}) > 1:
@@ -508,7 +521,8 @@ class Discourse:
         if not list_children(tail):  # `on the left`, `largest`
             return self._select(list(found), tail, str(tail.data), None, nth)
         heads = dict(self.heads)
-        owners = [owner.name for owner in self._find_candidates(list_children(tail)[0], Slot.ANY, "")[0]]
+        plains = [part for part in list_children(tail) if part.data == "plain"]
+        owners = [owner.name for plain in plains for owner in self._find_candidates(plain, Slot.ANY, "")[0]]
         self.heads = heads
         if tail.data == "not_located":
             found = [*found]
@@ -519,6 +533,17 @@ class Discourse:
             if len(colours) > 1:
                 colours = {self.get(name).colour for name in self.ask(QuestionKind.WHICH, tail, owners)}
             return [thing for thing in found if thing.colour in colours - {""} and thing.name not in owners]
+        if tail.data == "more":
+            (size, _), (owner, *others) = list_children(tail), owners or [""]
+            if others or not owner:
+                owner = next(iter(self.ask(QuestionKind.WHICH, tail, owners)), "")
+            bodies = [each for each in found if owner and each.name != owner]
+            return [each for each in bodies if list_most([each, self.get(owner)], str(size.data), 1.0, None) == [each.name]]
+        if tail.data == "between":
+            ends = [self.get(name) for name in owners]
+            if len(ends) != 2:
+                return [self.get(name) for name in self.ask(QuestionKind.WHICH, tail, owners)][:0]
+            return [each for each in found if each not in ends and lies_between(each, ends)]
         if tail.data not in _OWNED:
             names = owners if len(owners) == 1 else self.ask(QuestionKind.WHICH, tail, owners)
             around = [thing for thing in found if thing.name not in names]
@@ -536,7 +561,7 @@ class Discourse:
             thing
             for thing in found
             if thing.stands in owners
-            or (not thing.stands and has_surface)
+            or (not thing.stands and (thing.ground in owners if thing.ground else has_surface))
             or any(is_within(thing, region) for region in regions)
         ]
 

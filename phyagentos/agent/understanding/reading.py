@@ -26,6 +26,7 @@ _FOLDER = Path(__file__).parent
 _WORD = re.compile(r"[a-z][a-z'-]*|\d+(?:\.\d+)?|[^\s\w]")
 _CONDITION = re.compile(r"\b(if|unless|whenever|when|in case)\b[^,;]*")
 _PLACED = r" (?:in|into|on|onto|to)\b|\s*(?:[,;.]|$)"
+_CORRECTED = r"\b(?:oh|wait|hold on|hang on|oops|sorry|no|i mean|i meant|actually|or rather|scratch that|make that|my mistake)\b"
 _SHORT = (  # contractions and spellings
     (r"[’`]", "'"),
     (r"\b(do|does|did|must|should|would|could|wo|ca|is|are|need)n't\b", r"\1 not"),
@@ -52,6 +53,8 @@ _SHORT = (  # contractions and spellings
     (r"\b(close|shut)((?: \w+){1,4}?),? if (?:it|they) (?:is|are) (?:still open|open|not closed|not shut)\b", r"\1\2"),
     (r"\b(open)((?: \w+){1,4}?),? if (?:it|they) (?:is|are) (?:still |)(?:closed|shut|not open)\b", r"\1\2"),
     (r"\s[-\u2013\u2014]+\s|\u2014", " , "),
+    (rf"(?<=\w)\s*[,;]?\s*(?:{_CORRECTED})(?:\s*,?\s*(?:{_CORRECTED}))+\b(?! not\b)\s*,?\s*", " , no , "),
+    (r"\b(except|except for|but|apart from) what is\b", r"\1 everything that is"),
     (r"(^|[,;] |\b(?:and|but|then) )just (?!the\b|an?\b|one\b)", r"\1"),
     (r"(^|[,;] )only (\w+) the\b", r"\1\2 only the"),
     (r"\bcan you see\b", "do you see"),

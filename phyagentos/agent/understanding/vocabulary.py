@@ -52,7 +52,7 @@ class Thing:
         heads: Nouns that mean it: its kind, and the last word of its name.
         opens: `slide` or `hinge`.
         part_of: The object that it is fixed to, or whose lid, door or drawer it is.
-        stands: The object in or on which the scene places it at first.
+        stands: The object in or on which the scene places it at first; `ground` is the table or the floor under it.
         contents: Number of loose balls in it.
         at_m: (3,) its middle in the world [m], `half_m` (3,) half of the box around it; None where no world is known.
     """
@@ -67,6 +67,7 @@ class Thing:
     opens: str = ""
     part_of: str = ""
     stands: str = ""
+    ground: str = ""
     contents: int = 0
     at_m: Vector | None = None
     half_m: Vector = (0.0, 0.0, 0.0)
@@ -146,11 +147,17 @@ def _locate(things: Mapping[str, Thing], world: Environment) -> dict[str, Thing]
     for name in things.keys() & world.entities.keys():
         entity = world.entities[name]
         x_m, y_m, z_m = ((high - low) / 2 for low, high in (compute_extent(entity, axis) for axis in AXES))
-        below = (each.arguments[-1] for each in find_places(entity, world))
-        stands = things[name].stands or next(
-            (each for each in below if each in things and things[each].kind not in (*SURFACES, REGION)), ""
+        below = [each.arguments[-1] for each in find_places(entity, world) if each.arguments[-1] in things]
+        owners = [each for each in below if things[each].kind not in (*SURFACES, REGION)]
+        stands, ground = things[name].stands, next((each for each in below if things[each].kind in SURFACES), "")
+        is_high = bool(stands) and things[stands].kind not in SURFACES
+        located[name] = replace(
+            things[name],
+            stands=stands if is_high else next(iter(owners), ""),
+            ground=ground,
+            at_m=compute_center(entity),
+            half_m=(x_m, y_m, z_m),
         )
-        located[name] = replace(things[name], stands=stands, at_m=compute_center(entity), half_m=(x_m, y_m, z_m))
     for name, region in world.regions.items():
         located |= (
             {name: replace(things[name], at_m=region.pose.position_m, half_m=region.half_m)} if name in things else {}
