@@ -311,6 +311,10 @@ class Clauses(Destinations):
         if any(clause.find_data("only")):
             return self._read_only(meant)
         past = self.vocabulary.past[-1].accept
+        if meant.data == "things" and (found := self._find_either(meant)) and not self._find_fixed(meant):
+            chosen = self.ask(QuestionKind.WHICH, meant, found)
+            if not chosen or not self.get(chosen[0]).movable:
+                return [self._relate(name, place) for place in chosen for name in self._put(Named(names=tuple(before)))]
         if meant.data == "things" and (place := self._find_fixed(meant)):
             return [self._relate(name, place) for name in self._put(Named(names=tuple(before)))]
         if meant.data != "things":
@@ -321,6 +325,18 @@ class Clauses(Destinations):
         if len(names) != len(before):  # which of several is another one
             return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
         return [rename(text, dict(zip(before, names, strict=True))) for text in past]
+
+    def _find_either(self, things: Node) -> list[str]:
+        """An object and a place that `no, the blue one` may mean; empty where it can mean one kind alone."""
+        plains = list(things.find_data("plain"))
+        if len(plains) != 1 or self._read_head(plains[0])[0]:
+            return []
+        moved, places = (
+            [each.name for each in self._find_candidates(plains[0], Slot.MOVED, head)[0]]
+            for head in (self.heads.get(Slot.MOVED, ""), self.heads.get(Slot.PLACE, ""))
+        )
+        past = self.list_past(is_place=True)
+        return [*moved, *places] if moved and places and {*moved}.isdisjoint(places) and not {*past} & {*places} else []
 
     def _find_fixed(self, things: Node) -> str:
         """The place that a phrase names, as `the blue tray`; empty where it is about objects that can be moved."""
@@ -462,6 +478,13 @@ class Clauses(Destinations):
 
     def _list_past_texts(self) -> Step:
         return self.vocabulary.past[-1].accept if self.vocabulary.past else ()
+
+    def _read_remove(self, clause: Node, things: Node) -> Step:
+        """From what the objects stand in or on, where that is no table; else a question where to."""
+        names = self.resolve(things, Slot.MOVED).names
+        if names and all(self.get(name).stands for name in names):
+            return [f"not {self._relate(name, self.get(name).stands)}" for name in self._put(Named(names=names))]
+        return self._read_put_away(clause, things)
 
     def _read_unstack(self, clause: Node, things: Node) -> Step:
         below = {name: self.get(name).stands for name in self.resolve(things, Slot.MOVED).names}
@@ -609,6 +632,8 @@ class Clauses(Destinations):
         """The last goal but for one object; after a verb, as in `press the red button but not the green one`, never."""
         if self._verb in _ACTS:
             return self._say("never_open" if self._verb == "open" else "never_close", things, constraint=True)
+        if self._verb == "put" and self._dest is not None and len(self.placed) == 1 and not self.chosen:
+            return self._read_never_put(clause, things, self._dest)
         if not (before := self.list_past()):
             return self.lack(RequestProblemKind.PAST, clause)
         self.heads[Slot.MOVED] = next(iter(sorted(self.get(before[-1]).heads)))
@@ -619,6 +644,13 @@ class Clauses(Destinations):
         return []
 
     # states that are wished for, or reached
+
+    def _read_wish_gone(self, clause: Node, things: Node, source: Node) -> Step:
+        return self._read_take(clause, things, source)
+
+    def _read_wish_not_there(self, _: Node, things: Node, dest: Node) -> Step:
+        names, places = self.resolve(things, Slot.MOVED, forbids=True).names, self.find_any_places(dest)
+        return [f"not {self._locate(name, dest, place)}" for name in names for place in places]
 
     def _read_wish_state(self, _: Node, things: Node, state: Node) -> Step:
         return self._say(str(state.data), things)

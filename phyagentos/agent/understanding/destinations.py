@@ -40,7 +40,8 @@ class Destinations(Discourse):
                 return Named(names=tuple(vessels), words=self.quote(dest), by_colour=True)
         noun = list_children(dest)[0]
         count = len(self.questions)
-        found = self.resolve_one(noun, Slot.VESSEL if dest.data == "into" and noun.data == "it" else Slot.PLACE)
+        is_bare = noun.data == "it" or (not self.heads.get(Slot.PLACE) and not self.find_head(noun))
+        found = self.resolve_one(noun, Slot.VESSEL if dest.data == "into" and is_bare else Slot.PLACE)
         if find_child(dest, "except") is not None:  # `into any tray but the red one`: of several, or it is of the objects
             names = self.remove(found.names, dest, Slot.PLACE, found.spare) if is_open(noun) else ()
             found = replace(found, names=names or self.lack(RequestProblemKind.SENTENCE, dest))

@@ -50,6 +50,9 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
             ]  # `in A or B`
             placed = [said.list_placed(names, each) for each in places]
             statements = {name: " or ".join(each[name] for each in placed if name in each) for name in placed[0]}
+        case "ask_contains", [owner, things]:
+            kind, names = _resolve(said, things, Slot.ANY)
+            statements = said.list_placed(names, Node("into", [owner]))
         case "ask_which", [*nouns, dest]:
             some = said.list_alike(nouns[0]) if nouns else [each.name for each in said.list_fitting(Slot.MOVED)]
             is_side = dest.data in {*SIDES, "under"}
@@ -112,6 +115,7 @@ _OPEN = ("any", "number", "exactly", "half", "some")  # quantities that leave op
 _KINDS = {
     "ask_state": InquiryKind.WHETHER,
     "ask_place": InquiryKind.WHETHER,
+    "ask_contains": InquiryKind.WHETHER,
     "ask_where": InquiryKind.WHERE,
     "ask_which": InquiryKind.WHICH,
     "ask_which_state": InquiryKind.WHICH,

@@ -305,7 +305,8 @@ class Discourse:
 
     def find_everything_else(self, noun: Node, slot: Slot) -> tuple[str, ...]:
         """All that fits, and of which nothing was said."""
-        named = (*self.moved, *self.spared) or self.list_past()
+        before = [each for names in self.recent[:-1] for each in names]
+        named = [*self.moved, *self.spared, *before] or self.list_past()
         names = tuple(name for name in self.find_everything(noun, slot) if name not in named)
         return names if named else self.lack(RequestProblemKind.SENTENCE, noun)
 
@@ -533,6 +534,8 @@ class Discourse:
             if len(colours) > 1:
                 colours = {self.get(name).colour for name in self.ask(QuestionKind.WHICH, tail, owners)}
             return [thing for thing in found if thing.colour in colours - {""} and thing.name not in owners]
+        if tail.data == "being":
+            return self._select(list(found), tail, str(list_children(tail)[0].data), None, nth)
         if tail.data == "more":
             (size, _), (owner, *others) = list_children(tail), owners or [""]
             if others or not owner:

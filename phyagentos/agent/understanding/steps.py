@@ -28,10 +28,12 @@ def finish(steps: Sequence[Step]) -> tuple[tuple[tuple[str, ...], ...], tuple[st
         taken = {text for text in step if says(text, Meaning.HOLDING) and get_object(text) in later}
         taken |= {text for text in step if says(text, *_PUT, is_true=False) and get_object(text) in put[n]}
         kept = dict.fromkeys(text for text in step if text not in taken)
+        past = lasting
         gone = {text for text in lasting if says(text, *_BROUGHT) and get_object(text) in put[n] and text not in kept}
         gone |= {text for text in lasting if _passes(text) or not kept.keys().isdisjoint(list_flipped(text))}
         lasting = {text: None for text in lasting if text not in gone} | kept
-        cleaned.append(tuple(kept))
+        if not kept.keys() <= past.keys():
+            cleaned.append(tuple(kept))
     return tuple(step for step in cleaned[:-1] if step), tuple(lasting)
 
 
