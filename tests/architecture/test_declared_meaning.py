@@ -19,6 +19,7 @@ DEFINING = (  # what ships is defined there, or words of people become predicate
     "agent/understanding/clauses.py",
     "agent/understanding/destinations.py",
     "agent/understanding/nouns.py",
+    "agent/understanding/transfers.py",
     "runtime/execution/leaves/",
     "runtime/execution/first_motions.py",
 )

@@ -124,8 +124,8 @@ def lies_between(body: Thing, ends: Sequence[Thing]) -> bool:
     """Whether two objects are seen from an object more than 120 degrees apart."""
     if body.at_m is None or any(each.at_m is None for each in ends):
         return False
-    rays = [(each.at_m[0] - body.at_m[0], each.at_m[1] - body.at_m[1]) for each in ends if each.at_m is not None]
-    return sum(a * b for a, b in zip(*rays, strict=True)) < -0.5 * math.prod(math.hypot(*ray) for ray in rays)
+    one, other = ([a - b for a, b in zip(each.at_m or (), body.at_m, strict=True)] for each in ends)
+    return one[0] * other[0] + one[1] * other[1] < -0.5 * math.hypot(*one[:2]) * math.hypot(*other[:2])
 
 
 def shift(at_m: Vector, side: str, view: float, by_m: float) -> Vector:

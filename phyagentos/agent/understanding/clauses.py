@@ -11,32 +11,21 @@ from itertools import pairwise
 
 from lark import Tree
 
-from phyagentos.agent.understanding.bearings import SIDES, find_beside, find_between, is_within, list_by_size, shift
-from phyagentos.agent.understanding.destinations import Destinations
-from phyagentos.agent.understanding.nouns import (
-    NUMBERS,
-    Named,
-    Node,
-    Slot,
-    find_child,
-    find_side,
-    get_type,
-    has_token,
-    is_open,
-    list_children,
-)
+from phyagentos.agent.understanding.bearings import SIDES, is_within, list_by_size
+from phyagentos.agent.understanding.discourse import Named, Slot
+from phyagentos.agent.understanding.phrases import Node, find_child, find_side, get_type, has_token, list_children
 from phyagentos.agent.understanding.steps import Step, get_object, list_flipped, rename, says
+from phyagentos.agent.understanding.transfers import Transfers
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
-from phyagentos.agent.understanding.vocabulary import REGION, ROLE, SURFACES, read_lexicon
+from phyagentos.agent.understanding.vocabulary import REGION, ROLE, read_lexicon
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.predicate import find_entities
 
 _ACTS = ("open", "close", "press")  # verbs of what has a joint
-SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
 
 
 @dataclass(slots=True, kw_only=True)
-class Clauses(Destinations):
+class Clauses(Transfers):
     """Predicates of a plan, collected clause by clause.
 
     Attributes:
@@ -46,10 +35,7 @@ class Clauses(Destinations):
     constraints: list[str] = field(default_factory=list)
     again: bool = False
     excepted: list[str] = field(default_factory=list)
-    _verb: str = ""
     _wiped: str = ""
-    _dest: Node | None = None
-    _said: list[str] = field(default_factory=list)
 
     def read_plan(self, plan: Node) -> list[Step]:
         """The steps of a plan in the order in which they have to come true."""
@@ -65,7 +51,11 @@ class Clauses(Destinations):
         if not is_all:
             return [text]
         left = {get_object(each) for each in self.constraints if says(each, Meaning.MOVED, is_true=False)}
-        put = {get_object(each) for each in (*self.constraints, *wanted) if re.fullmatch(rf"{relation}\(\w+, {re.escape(place)}", each)}
+        put = {
+            get_object(each)
+            for each in (*self.constraints, *wanted)
+            if re.fullmatch(rf"{relation}\(\w+, {re.escape(place)}", each)
+        }
         standing = [each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), find_entities(text))]
         if not put and left.isdisjoint(standing):
             return [text]
@@ -179,128 +169,11 @@ class Clauses(Destinations):
 
     # placing
 
-    def _read_put(self, clause: Node, placing: Node) -> Step:
-        heaps = str(clause.children[0]).startswith(("stack", "pil"))
-        return self._read_wish_place(placing, *list_children(placing), heaps=heaps)
-
-    def _read_put_meant(self, clause: Node, wrong: Node, dest: Node, meant: Node) -> Step:
-        """`put the soap into the rack, no, the ingot`."""
-        self.heads |= {Slot.MOVED: head} if (head := self.find_head(wrong)) else {}
-        return self._read_wish_place(clause, meant, dest)
-
-    def _read_placing(self, placing: Node, *parts: Node) -> Step:
-        """Without a verb, as in `two cubes into the tray`, it is to put."""
-        if self._verb != "put" and len(self.recent) > 1:
-            return self.lack(RequestProblemKind.SENTENCE, placing)
-        return self._read_wish_place(placing, *parts)
-
-    def _resolve_from(self, things: Node, source: Node | None) -> Named:
-        """Objects of a phrase; `the cube from the left bench` is the one that stands there."""
-        owners = self.resolve_aside(list_children(source)[0], Slot.PLACE).names if source is not None else ()
-        self.among = tuple(each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), owners)) if owners else ()
-        objects, self.among = self.resolve(things, Slot.MOVED), ()
-        return objects
-
-    def _read_pick_put(self, clause: Node, things: Node, *more: Node) -> Step:
-        placing = more[-1]
-        picked = self._resolve_from(things, find_child(clause, "source")).names
-        self.recent.append([])
-        wanted = self._read_wish_place(placing, *list_children(placing))
-        if {*picked} != {*self.placed}:  # another object is put down: that is no one clause
-            self.lack(RequestProblemKind.SENTENCE, things)
-        return wanted
-
-    def _read_put_together(self, clause: Node, things: Node) -> Step:
-        """Of two objects the second beside the first."""
-        names = self.resolve(things, Slot.MOVED).names
-        beside = self._stand_beside(names[1], clause, names[0]) if len(names) == 2 else ""
-        return [beside] if beside else self.lack(RequestProblemKind.CAPABILITY, clause)
-
-    def _read_put_between(self, clause: Node, things: Node, *ends: Node) -> Step:
-        """At the point half-way between two objects, where there is room for one more."""
-        names = self.resolve(things, Slot.MOVED).names
-        owners = [self.get(name) for end in ends for name in self.resolve_one(end, Slot.PLACE).names]
-        if len(names) != 1 or len(owners) != 2:
-            return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
-        point_m = find_between(self.get(names[0]), owners)
-        return [self._stand_at(names[0], point_m)] if point_m else self.lack(RequestProblemKind.FIT, clause, ())
-
-    def _read_put_back(self, clause: Node, things: Node) -> Step:
-        """To where the scene has it at first: what it stands in or on there, else the table."""
-        names = self._put(self.resolve(things, Slot.MOVED))
-        is_exact = any("where" in str(each) for each in clause.children)
-        return [(self._put_exactly(name) if is_exact else "") or self._put_back(name) for name in names]
-
-    def _put_exactly(self, name: str) -> str:
-        """At the point where it is at first; empty where it stands in or on something, or where places are not known."""
-        at_m = self.get(name).at_m
-        return self._stand_at(name, at_m) if at_m is not None and not self.get(name).stands else ""
-
-    def _put_back(self, name: str) -> str:
-        grounds = (each.name for each in self.list_fitting(Slot.PLACE) if each.kind in SURFACES)
-        return self._relate(name, self.get(name).stands or self.get(name).ground or next(grounds, ""))
-
-    def _read_put_where(self, clause: Node, things: Node, other: Node) -> Step:
-        """To where another object is: in or on what bears it; else, where that stays, a question what is meant."""
-        names, owners = self.resolve(things, Slot.MOVED).names, self.resolve_one(other, Slot.MOVED).names
-        if len(names) != 1 or len(owners) != 1 or names == owners:
-            return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
-        owner, at_m = self.get(owners[0]), self.get(names[0]).at_m
-        if owner.stands:
-            return [self._relate(name, owner.stands) for name in self._put(Named(names=names))]
-        if owner.at_m is None or at_m is None:
-            return self.lack(RequestProblemKind.CAPABILITY, clause)
-        beside_m = find_beside(self.get(names[0]), owner, [*self.vocabulary.things.values()])
-        points = {"in its place": owner.at_m} | ({"beside it": beside_m} if beside_m is not None else {})
-        meant = ("in its place",) if owner.name in self.moved else self.ask(QuestionKind.WHERE, clause, points)
-        return [self._stand_at(names[0], (*points[each][:2], at_m[2])) for each in meant]
-
-    def _read_put_away(self, clause: Node, *parts: Node) -> Step:
-        """A question where to, as no skill hands anything to a person; where there is a single vessel, into that."""
-        named = self._find_untidy(clause, *parts)
-        standing = (each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), named))
-        names = self._put(Named(names=named if all(self.get(name).movable for name in named) else tuple(standing)))
-        gives = has_token(clause, "give") or has_token(clause, "hand_over")
-        fixed = [each for each in self.list_fitting(Slot.PLACE) if not each.movable and each.kind != REGION]
-        places = [each.name for each in fixed if each.has_interior or (gives and each.kind in SURFACES)]
-        single = places if len(places) == 1 else []
-        others = places or [each.name for each in fixed if each.kind not in SURFACES]
-        chosen = single or self.ask(QuestionKind.WHERE, clause, others)
-        self.reasons += [f"{self.quote(clause)}: {name} is all that takes objects here" for name in single]
-        return [self._relate(name, place) for place in chosen for name in names]
-
-    def _find_untidy(self, clause: Node, *parts: Node) -> tuple[str, ...]:
-        """What a phrase names; without one, or with `them` of which nothing was said, all that can be moved."""
-        if parts:
-            return self.resolve(parts[0], Slot.ANY).names
-        if has_token(clause, "them") and any(self.recent):
-            return self.find_them(clause, Slot.MOVED)
-        if has_token(clause, "them") and (before := [name for name in self.list_past() if self.get(name).movable]):
-            return tuple(before)
-        return tuple(each.name for each in self.list_fitting(Slot.MOVED))
-
     def _read_by_means(self, _: Node, tool: Node, command: Node) -> Step:
         """A goal says what is true then, and not with what."""
         self.resolve(tool, Slot.ANY)
         self.unsaid.append(f"with {self.quote(tool)}")
         return self._read_texts(command)
-
-    def _read_shift(self, clause: Node, things: Node, *sides: Node) -> Step:
-        """By a measure to a side: a point, where places are known; up, turns and other measures are no skill's."""
-        names, side = self.resolve(things, Slot.MOVED).names, str(sides[0].data) if sides else ""
-        said = [str(token) for token in clause.children if get_type(token) in {"amount", "unit"}]
-        amount = float(NUMBERS.index(said[0]) if said[0] in NUMBERS else said[0]) if said else 0.0
-        by_m = amount * read_lexicon()["units_m"].get(said[-1], 0.0) if said else 0.0
-        if side not in {*SIDES, "toward", "away"} or by_m <= 0.04 or any(self.get(name).at_m is None for name in names):
-            return self.lack(RequestProblemKind.CAPABILITY, " ".join(said) or self.quote(clause))
-        view = self.ask_view(sides[0]) if side in SIDES else 1.0
-        places = ((name, self.get(name).at_m) for name in names)
-        return [self._stand_at(name, shift(at_m, side, view, by_m)) for name, at_m in places if at_m and view]
-
-    def _stand_for(self, name: str, other: str) -> str:
-        """At the point of another object, as high as its own size makes it."""
-        (x_m, y_m, z_m), thing = self.get(other).at_m or (0.0, 0.0, 0.0), self.get(name)
-        return self._stand_at(name, (x_m, y_m, z_m - self.get(other).half_m[2] + thing.half_m[2]))
 
     def _read_instead(self, clause: Node, *said: Node) -> Step:
         """The last goal with another object, or another place: `no, the blue one`, `no, into the blue tray`."""
@@ -311,8 +184,8 @@ class Clauses(Destinations):
         if any(clause.find_data("only")):
             return self._read_only(meant)
         past = self.vocabulary.past[-1].accept
-        if meant.data == "things" and (found := self._find_either(meant)) and not self._find_fixed(meant):
-            chosen = self.ask(QuestionKind.WHICH, meant, found)
+        if meant.data == "things" and (either := self._find_either(meant)) and not self._find_fixed(meant):
+            chosen = self.ask(QuestionKind.WHICH, meant, either)
             if not chosen or not self.get(chosen[0]).movable:
                 return [self._relate(name, place) for place in chosen for name in self._put(Named(names=tuple(before)))]
         if meant.data == "things" and (place := self._find_fixed(meant)):
@@ -353,7 +226,9 @@ class Clauses(Destinations):
 
     def _read_undo(self, clause: Node) -> Step:
         """What the last goal is about, as the scene has it at first."""
-        return [back for text in self._list_past_texts() for back in self._undo(text)] or self.lack(RequestProblemKind.PAST, clause)
+        return [back for text in self._list_past_texts() for back in self._undo(text)] or self.lack(
+            RequestProblemKind.PAST, clause
+        )
 
     def _undo(self, text: str) -> Step:
         thing = self.get(get_object(text))
@@ -365,12 +240,6 @@ class Clauses(Destinations):
         self.moved = [*before]
         self.heads[Slot.MOVED] = next(iter(sorted(self.get(before[-1]).heads)))
         return self.resolve(things, Slot.MOVED).names
-
-    def _read_same_place(self, _: Node, things: Node) -> Step:
-        """`put the mug on the shelf before the can`: to the place that was said."""
-        if self._dest is None or self._verb != "put":
-            return self.lack(RequestProblemKind.SENTENCE, things)
-        return self._read_wish_place(things, things, self._dest)
 
     def _read_anew(self, _: Node, command: Node) -> Step:
         """`actually, put it into the blue tray`."""
@@ -400,96 +269,7 @@ class Clauses(Destinations):
             return self.lack(RequestProblemKind.SENTENCE, clause)
         return self._say(self._verb, things)
 
-    def _read_wish_place(self, placing: Node, things: Node, *more: Node, heaps: bool = False) -> Step:
-        self._verb = "put"
-        if any(self.is_loose(plain) for plain in things.find_data("plain")):  # what has no names is poured
-            return self._fill(
-                placing, self.resolve(things, Slot.LOOSE), self._find_places(list_children(placing)[-1]).names
-            )
-        *_, dest = (each for each in more if each.data not in {"source", "except"})  # one before it was corrected
-        if (ground := find_child(placing, "ground")) is not None:  # `on the table next to the can`
-            below = self.resolve_aside(list_children(ground)[0], Slot.PLACE).names
-            if dest.data not in {*SIDES, "beside"} or any(self.get(name).kind not in SURFACES for name in below):
-                return self.lack(RequestProblemKind.SENTENCE, placing)
-        source = find_child(placing, "source")
-        objects = self._resolve_from(things, source)
-        self.unmet = self.unmet if objects.by_colour else ""
-        if source is not None:
-            objects = self.restrict(objects, list_children(source)[0])
-        if find_child(placing, "except") is not None and len(objects.names) < 2 and any(map(is_open, list_children(dest))):
-            return self.lack(RequestProblemKind.SENTENCE, placing)  # `a cube in every tray but the red one`
-        names = self.remove(objects.names, placing, Slot.MOVED, objects.spare)
-        if placing.data == "wish_place" and any(things.find_data("only")):  # of what is to be there, not of what to put
-            rest = (each.name for each in self.list_fitting(Slot.MOVED) if each.name not in names)
-            objects = replace(objects, rest=tuple(rest))
-        unmet, self._dest = self.unmet, dest
-        places = self._find_places(dest, by_colour=has_token(placing, "of_its_colour"))
-        self.unmet = unmet
-        self._put(replace(objects, names=names))
-        if heaps and len(names) > 1:
-            self.ask(QuestionKind.ORDER, placing, ())
-        if any(dest.find_data("different")):
-            return self._spread(names, dest, replace(places, names=places.names[: len(names)]))
-        if any(find_child(noun, "all") for noun in list_children(dest)) and objects.spare and len(names) == 1:
-            spread = self._spread((*names, *objects.spare), dest, places)
-            rest = [each for each in objects.rest if each not in self.placed]
-            return [*spread, *(f"not {self._locate(each, dest, place)}" for each in rest for place in places.names)]
-        wanted = []
-        for name in names:
-            if place := self._find_place(name, dest, places):
-                beside = self._stand_beside(name, dest, place) if dest.data == "beside" and len(names) == 1 else ""
-                wanted.append(beside or self._locate(name, dest, place))
-                wanted += [f"not {self._locate(each, dest, place)}" for each in objects.rest if each not in names]
-        if not wanted and self.left_out and places.by_colour:
-            return self.lack(RequestProblemKind.THING, "; ".join(self.left_out.values()), places.names)
-        return wanted
-
     # doing other objects
-
-    def _read_take(self, clause: Node, things: Node, source: Node, *_: Node) -> Step:
-        objects = self.restrict(self.resolve(things, Slot.MOVED), source)
-        objects = replace(objects, names=self.remove(objects.names, clause, Slot.MOVED))
-        places = self.resolve_aside(source, Slot.PLACE)
-        self.left = tuple(name for name in places.names if self.get(name).has_interior)
-        if has_token(clause, "away_from") and not self._list_standing(map(self.get, objects.names), places.names):
-            return self.lack(RequestProblemKind.CAPABILITY, clause)
-        is_all = [each.data for each in list_children(things)] == ["everything"]  # that is to clear it
-        names = ("*",) if self._put(objects) and is_all else objects.names
-        relations = [self._relate(name, place) for name in names for place in places.names]
-        if self._are_vacuous(objects.names, places.names):
-            return self.lack(RequestProblemKind.THING, clause, objects.names)
-        return [f"not {each}" for each in relations]
-
-    def _are_vacuous(self, names: Sequence[str], places: Sequence[str]) -> bool:
-        """Whether none of some objects is in or on any of some places, and no request has put them there."""
-        is_new = {*names}.isdisjoint((*map(get_object, self._said), *self.list_past()))
-        texts = [self._relate(name, place) for name in names for place in places]
-        return is_new and bool(texts) and all(self.vocabulary.is_known(text, is_true=False) for text in texts)
-
-    def _read_take_out(self, clause: Node, things: Node) -> Step:
-        """Out of the vessels that the objects are in."""
-        names = self._put(self.resolve(things, Slot.MOVED))
-        past = {get_object(text): find_entities(text)[-1] for text in self._list_past_texts() if says(text, Meaning.INSIDE)}
-        owners = {name: self.get(name).stands or past.get(name, "") for name in names}
-        if not names or not all(owner and self.get(owner).has_interior for owner in owners.values()):
-            return () if self.questions else self.lack(RequestProblemKind.FIT, clause)
-        self.left = tuple(dict.fromkeys(owners.values()))
-        return [f"not inside({name}, {owner})" for name, owner in owners.items()]
-
-    def _list_past_texts(self) -> Step:
-        return self.vocabulary.past[-1].accept if self.vocabulary.past else ()
-
-    def _read_remove(self, clause: Node, things: Node) -> Step:
-        """From what the objects stand in or on, where that is no table; else a question where to."""
-        names = self.resolve(things, Slot.MOVED).names
-        if names and all(self.get(name).stands for name in names):
-            return [f"not {self._relate(name, self.get(name).stands)}" for name in self._put(Named(names=names))]
-        return self._read_put_away(clause, things)
-
-    def _read_unstack(self, clause: Node, things: Node) -> Step:
-        below = {name: self.get(name).stands for name in self.resolve(things, Slot.MOVED).names}
-        wanted = [f"not on({name}, {place})" for name, place in below.items() if place and self.get(place).movable]
-        return wanted or self.lack(RequestProblemKind.FIT, clause)
 
     def _read_pick(self, clause: Node, things: Node) -> Step:
         self.placed = self.resolve(things, Slot.MOVED).names
@@ -513,22 +293,6 @@ class Clauses(Destinations):
             return self.lack(RequestProblemKind.SENTENCE, clause)
         poured = self.resolve(things, Slot.LOOSE)
         return self._fill(clause, poured, self._find_receivers(clause, *poured.names))
-
-    def _find_receivers(self, phrase: Node, *names: str) -> Sequence[str]:
-        """The vessel beside that which is emptied, or a question."""
-        others = [
-            each.name for each in self.list_fitting(Slot.VESSEL) if each.kind != REGION and each.name not in names
-        ]
-        return others if len(others) == 1 else self.ask(QuestionKind.WHERE, phrase, others)
-
-    def _fill(self, clause: Node, poured: Named, receivers: Iterable[str]) -> Step:
-        self._verb = "pour"
-        held = self.get(poured.names[0]).contents if len(poured.names) == 1 else 0
-        if not held and not self.questions:
-            self.lack(RequestProblemKind.FIT, clause, (thing.name for thing in self.list_fitting(Slot.LOOSE)))
-        if not poured.number:
-            self.reasons.append(f"no number is said: most of {held}, as cameras miss some of a pile")
-        return [f"contains({name}, {poured.number or int(SEEN_SHARE * held)})" for name in receivers if held]
 
     def _read_wipe(self, _: Node, things: Node, *tools: Node) -> Step:
         for tool in tools:  # a goal says what is clean then, and not with what
@@ -580,45 +344,6 @@ class Clauses(Destinations):
         chosen = [*said] if len(said) == 1 else self.ask(QuestionKind.ORDER, clause, said)
         return [self._relate(upper, lower) for each in chosen for lower, upper in pairwise([*on, *said[each]])]
 
-    def _read_clear_except(self, _: Node, place: Node, exception: Node) -> Step:
-        """All that stands there, but what is excepted, is to be elsewhere."""
-        places = self.resolve_aside(place, Slot.PLACE).names
-        spared = self.resolve_except(exception, Slot.ANY)
-        self.spared += spared
-        standing = self._list_standing(self.list_fitting(Slot.MOVED), places)
-        gone = [each.name for each in standing if each.name not in spared]
-        return [f"not {self._relate(name, at)}" for at in places for name in gone] or self.lack(
-            RequestProblemKind.THING, exception
-        )
-
-    def _read_swap(self, clause: Node, things: Node, *other: Node) -> Step:
-        names = self.resolve(things, Slot.MOVED).names
-        names += self.resolve_one(other[0], Slot.MOVED).names if other else ()
-        places = [self.get(name).stands for name in names]
-        if len(names) == 2 and all(places) and places[0] != places[1]:
-            return [self._relate(name, place) for name, place in zip(names, reversed(places), strict=True)]
-        if len(names) == 2 and {*names} & {*places}:  # one on the other
-            return [self._relate(*(names if names[0] in places else names[::-1]))]
-        points = [self.get(name).at_m for name in names]
-        if len(names) == 2 and all(points):  # into the place of the other, or to where it stands on the table
-            pairs = zip(names, reversed(names), places[::-1], strict=True)
-            return [
-                self._relate(name, place) if place else self._stand_for(name, other) for name, other, place in pairs
-            ]
-        return self.lack(RequestProblemKind.FIT, clause)
-
-    def _read_exchange(self, clause: Node, gone: Node, come: Node) -> Step:
-        """One object out of what it stands in or on, and another one there."""
-        if has_token(clause, "for") and not str(clause.children[0]).startswith("exchang"):  # substitute B for A
-            gone, come = come, gone
-        old, new = (self.resolve_one(noun, Slot.MOVED).names for noun in (gone, come))
-        if len(old) != 1 or len(new) != 1:
-            return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
-        if not (place := self.get(old[0]).stands):
-            return self.lack(RequestProblemKind.FIT, clause)
-        self._put(Named(names=new))
-        return [f"not {self._relate(old[0], place)}", self._relate(new[0], place)]
-
     def _read_pose(self, clause: Node) -> Step:
         posture = next(str(token) for token in clause.children if get_type(token) == "posture")
         return [f"in_posture({ROLE}, {'_'.join(posture.split())})"]
@@ -644,13 +369,6 @@ class Clauses(Destinations):
         return []
 
     # states that are wished for, or reached
-
-    def _read_wish_gone(self, clause: Node, things: Node, source: Node) -> Step:
-        return self._read_take(clause, things, source)
-
-    def _read_wish_not_there(self, _: Node, things: Node, dest: Node) -> Step:
-        names, places = self.resolve(things, Slot.MOVED, forbids=True).names, self.find_any_places(dest)
-        return [f"not {self._locate(name, dest, place)}" for name in names for place in places]
 
     def _read_wish_state(self, _: Node, things: Node, state: Node) -> Step:
         return self._say(str(state.data), things)

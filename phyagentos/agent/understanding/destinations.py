@@ -7,13 +7,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 from phyagentos.agent.understanding.bearings import SIDES, VIEWS, find_beside, list_beside, place_beside
-from phyagentos.agent.understanding.nouns import Discourse, Named, Node, Slot, find_child, is_open, list_children
+from phyagentos.agent.understanding.discourse import Named, Slot
+from phyagentos.agent.understanding.nouns import Nouns
+from phyagentos.agent.understanding.phrases import Node, find_child, has_token, is_open, list_children
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
 from phyagentos.geometry import Vector
 
 
 @dataclass(slots=True, kw_only=True)
-class Destinations(Discourse):
+class Destinations(Nouns):
     """What was put where so far.
 
     Attributes:
@@ -40,9 +42,12 @@ class Destinations(Discourse):
                 return Named(names=tuple(vessels), words=self.quote(dest), by_colour=True)
         noun = list_children(dest)[0]
         count = len(self.questions)
-        is_bare = noun.data == "it" or (not self.heads.get(Slot.PLACE) and not self.find_head(noun))
+        is_one = any(has_token(head, "one") for head in noun.find_data("head"))
+        is_bare = noun.data == "it" or (is_one and not self.heads.get(Slot.PLACE))
         found = self.resolve_one(noun, Slot.VESSEL if dest.data == "into" and is_bare else Slot.PLACE)
-        if find_child(dest, "except") is not None:  # `into any tray but the red one`: of several, or it is of the objects
+        if (
+            find_child(dest, "except") is not None
+        ):  # `into any tray but the red one`: of several, or it is of the objects
             names = self.remove(found.names, dest, Slot.PLACE, found.spare) if is_open(noun) else ()
             found = replace(found, names=names or self.lack(RequestProblemKind.SENTENCE, dest))
         if dest.data in SIDES and len(found.names) > 1:

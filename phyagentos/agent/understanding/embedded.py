@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.clauses import Clauses
 from phyagentos.agent.understanding.inquiries import read_inquiry
-from phyagentos.agent.understanding.nouns import Node, has_token, list_children
+from phyagentos.agent.understanding.phrases import Node, has_token, list_children
 from phyagentos.agent.understanding.reading import Readings, read_request
 from phyagentos.agent.understanding.steps import finish
 from phyagentos.agent.understanding.understanding import (
@@ -36,7 +36,10 @@ class EmbeddedUnderstander:
         if isinstance(read, Impossible):
             return self._respell(read, request, vocabulary, answers)
         results = [_interpret(tree, read, request, vocabulary, answers) for tree in read.trees]
-        goals = {_summarise(result.goal): result for result in results if isinstance(result, Understood)}
+        understood = [result for result in results if isinstance(result, Understood)]
+        goals = {
+            _summarise(each.goal): each for each in understood if not any(_is_laxer(each, one) for one in understood)
+        }
         if len(goals) > 1 and (answer := answers.get(READING)) not in goals:
             question = Question(kind=QuestionKind.READING, key=READING, words=request, candidates=tuple(goals))
             return Ambiguous(questions=(question,))
@@ -97,6 +100,12 @@ def _interpret(
     reasons, chosen = (tuple(dict.fromkeys(each)) for each in (said.reasons, said.chosen))
     told = {"reasons": reasons, "left_out": said.left_out, "unsaid": (*read.unsaid, *said.unsaid), "chosen": chosen}
     return conclude(request, vocabulary, parts, **told)
+
+
+def _is_laxer(one: Understood, other: Understood) -> bool:
+    """Whether a goal is another one without some of its constraints."""
+    bare, full = one.goal, other.goal
+    return (bare.steps, bare.accept) == (full.steps, full.accept) and {*bare.constraints} < {*full.constraints}
 
 
 def _begin(said: Clauses, steps: tuple[Texts, ...], accept: Texts, constraints: Texts) -> tuple[Texts, Texts]:

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from itertools import product
 
+from phyagentos.agent.understanding.discourse import Slot
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
-from phyagentos.agent.understanding.nouns import Slot
 from phyagentos.agent.understanding.understanding import Understood
 from phyagentos.agent.understanding.vocabulary import SURFACES, Thing, Vocabulary, read_lexicon
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import product
 
 from phyagentos.agent.goals.spec import WantedGoal
-from phyagentos.agent.understanding.nouns import NUMBERS
+from phyagentos.agent.understanding.phrases import NUMBERS
 from phyagentos.agent.understanding.reading import pluralise
 from phyagentos.agent.understanding.understanding import find_incapable, find_unfit
 from phyagentos.agent.understanding.vocabulary import REGION, ROLE, Thing, Vocabulary, read_lexicon

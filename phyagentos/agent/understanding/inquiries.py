@@ -10,7 +10,8 @@ import msgspec
 
 from phyagentos.agent.understanding.bearings import SIDES, list_most
 from phyagentos.agent.understanding.clauses import Clauses
-from phyagentos.agent.understanding.nouns import Node, Slot, find_child, has_token, list_children
+from phyagentos.agent.understanding.discourse import Slot
+from phyagentos.agent.understanding.phrases import Node, find_child, has_token, list_children
 from phyagentos.agent.understanding.understanding import Inquiry, InquiryKind, RequestProblemKind
 from phyagentos.agent.understanding.vocabulary import read_lexicon
 from phyagentos.protocol.predicates.evaluation import Evaluation

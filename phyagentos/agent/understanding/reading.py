@@ -26,7 +26,9 @@ _FOLDER = Path(__file__).parent
 _WORD = re.compile(r"[a-z][a-z'-]*|\d+(?:\.\d+)?|[^\s\w]")
 _CONDITION = re.compile(r"\b(if|unless|whenever|when|in case)\b[^,;]*")
 _PLACED = r" (?:in|into|on|onto|to)\b|\s*(?:[,;.]|$)"
-_CORRECTED = r"\b(?:oh|wait|hold on|hang on|oops|sorry|no|i mean|i meant|actually|or rather|scratch that|make that|my mistake)\b"
+_CORRECTED = (
+    r"\b(?:oh|wait|hold on|hang on|oops|sorry|no|i mean|i meant|actually|or rather|scratch that|make that|my mistake)\b"
+)
 _SHORT = (  # contractions and spellings
     (r"[’`]", "'"),
     (r"\b(do|does|did|must|should|would|could|wo|ca|is|are|need)n't\b", r"\1 not"),
@@ -64,7 +66,10 @@ _SHORT = (  # contractions and spellings
     (rf"\bthe other (two|three|four|five|six)(?={_PLACED})", r"the other \1 ones"),
     (r"^((?:is|are|has|have|does|do) .*?) yet\b", r"\1"),
     (r"^(?:(?:no|sorry|oops)\s*[,;.]?\s*)?wrong (\w+)\s*[,;.:]\s*(?:i meant? )?(the \w+) one\b", r"no , \2 \1"),
-    (r"\bexcept (the (?:\w+ )?\w+),? (?:which|that) (goes|should go|must go|has to go|belongs)\b", r"except \1 , \1 \2"),
+    (
+        r"\bexcept (the (?:\w+ )?\w+),? (?:which|that) (goes|should go|must go|has to go|belongs)\b",
+        r"except \1 , \1 \2",
+    ),
     (r"\bput (.+?) where (.+?) (?:is|was),? and \2 where \1 (?:is|was)\b", r"swap \1 and \2"),
     (r"\binstead of\b", "rather than"),
     (r"_", " "),
