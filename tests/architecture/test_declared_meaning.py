@@ -18,6 +18,7 @@ DEFINING = (  # what ships is defined there, or words of people become predicate
     "protocol/predicates/library.py",
     "agent/understanding/clauses.py",
     "agent/understanding/destinations.py",
+    "agent/understanding/discourse.py",
     "agent/understanding/nouns.py",
     "agent/understanding/transfers.py",
     "runtime/execution/leaves/",

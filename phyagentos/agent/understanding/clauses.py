@@ -65,7 +65,9 @@ class Clauses(Transfers):
         """One step, or one a clause where these exclude each other."""
         clauses = self._list_steps(group)
         flipped = {each for step in clauses[1:] for text in step for each in list_flipped(text)}
-        if any(text in flipped for step in clauses for text in step) or find_child(group, "first_of") is not None:
+        if any(text in flipped for step in clauses for text in step) or any(
+            find_child(group, each) is not None for each in ("first_of", "ordered")
+        ):
             return clauses
         return [[text for step in clauses for text in step]]
 
@@ -119,6 +121,8 @@ class Clauses(Transfers):
         elif clause.data == "series":  # objects in an order, and one destination
             *series, dest = list_children(clause)
             steps = [self._read_wish_place(clause, things, dest) for things in series]
+        elif clause.data == "ordered":
+            steps = [[text] for text in self._read_texts(list_children(clause)[0])]
         elif clause.data == "first_of":  # of what a command is about one before the others
             command, single = list_children(clause)
             texts = self._read_texts(command)
@@ -373,6 +377,16 @@ class Clauses(Transfers):
     def _read_wish_state(self, _: Node, things: Node, state: Node) -> Step:
         return self._say(str(state.data), things)
 
+    def _read_wish_holds(self, clause: Node, vessel: Node, things: Node) -> Step:
+        """`the tray should contain the two bars`, and nothing else where it says `only`."""
+        if any(self.is_loose(plain) for plain in things.find_data("plain")):
+            return self._read_wish_contains(clause, vessel, list_children(things)[0])
+        names, places = self.resolve(things, Slot.MOVED).names, self.resolve_one(vessel, Slot.PLACE).names
+        others = [each.name for each in self.list_fitting(Slot.MOVED) if each.name not in names]
+        gone = others if has_token(clause, "only") else []
+        wanted = [self._relate(name, place) for name in self._put(Named(names=names)) for place in places]
+        return [*wanted, *(f"not {self._relate(name, place)}" for name in gone for place in places)]
+
     def _read_wish_contains(self, clause: Node, *parts: Node) -> Step:
         loose, vessel = parts if has_token(clause, "there") else parts[::-1]
         names = self.resolve_one(vessel, Slot.VESSEL).names
@@ -427,6 +441,13 @@ class Clauses(Transfers):
         if dest.data in SIDES:
             return self.lack(RequestProblemKind.CAPABILITY, dest)
         return self._keep(f"not {self._locate(name, dest, place)}" for name in names for place in places)
+
+    def _read_never_use(self, _: Node, things: Node) -> Step:
+        """What can be moved stays where it is, and nothing comes into or onto a place."""
+        named = [self.get(name) for name in self.resolve(things, Slot.ANY, forbids=True).names]
+        return self._keep(
+            f"not moved({each.name})" if each.movable else f"not {self._relate('*', each.name)}" for each in named
+        )
 
     def _read_never_take(self, clause: Node, things: Node, *sources: Node) -> Step:
         """It stays in or on what it stands in or on, which a request may name."""

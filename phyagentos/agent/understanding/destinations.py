@@ -113,6 +113,9 @@ class Destinations(Nouns):
         """At a point on the freest side, as no skill guarantees `near`; empty where places are not known."""
         others = [each for each in self.vocabulary.things.values() if each.name not in (name, place)]
         point_m = find_beside(self.get(name), self.get(place), others)
+        bearer = self.get(place).stands
+        if bearer and self.get(bearer).has_interior:  # beside it in there, where no skill chooses the point
+            self.lack(RequestProblemKind.CAPABILITY, dest)
         if point_m is None or (self.get(place).has_interior and not self.get(place).movable):
             return ""
         self.reasons.append(f"{self.quote(dest)}: on its freest side, as any will do")

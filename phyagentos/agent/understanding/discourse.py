@@ -83,6 +83,7 @@ class Discourse:
         spared: Everything that some clause says to leave as it is: `the others` are none of it.
         heads: The last noun of each slot.
         among: Those of which an exception takes some away.
+        picked: What `pick every cube up and put it` takes up, while it says where to.
         view: Whose left and right are meant, as in `VIEWS`; 0 where a request does not say.
         kin: Those of which a phrase chose some, as `one red cube`: `the other` is one of them.
         unmet: A phrase with `only`, `exactly` or `of its colour`, until a clause says what becomes of it.
@@ -103,6 +104,7 @@ class Discourse:
     heads: dict[Slot, str] = field(default_factory=dict)
     kin: tuple[str, ...] = ()
     among: tuple[str, ...] = ()
+    picked: tuple[str, ...] = ()
     view: float = 0.0
     unmet: str = ""
 

@@ -68,8 +68,13 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
             *names, other = said.resolve(question, Slot.ANY).names or ("",)
             statements = {name: f"near({name}, {other})" for name in names}
         case "ask_compare", [size, *nouns]:
-            names = [name for noun in nouns for name in said.resolve_one(noun, Slot.ANY).names]
-            statements = dict.fromkeys(list_most([said.get(name) for name in names], str(size.data), 1.0, None), "")
+            named = [
+                (noun, said.resolve_one(list_children(noun)[0] if noun.data == "reference" else noun, Slot.ANY).names)
+                for noun in nouns
+            ]
+            bodies = [said.get(name) for noun, names in named if noun.data != "reference" for name in names]
+            near = [said.get(name).at_m for noun, names in named if noun.data == "reference" for name in names]
+            statements = dict.fromkeys(list_most(bodies, str(size.data), 1.0, next(iter(near), None)), "")
         case "ask_whether_more", [one, size, *reference, other]:
             names = [name for noun in (one, other) for name in said.resolve_one(noun, Slot.ANY).names]
             near = [said.get(name).at_m for noun in reference for name in said.resolve_one(noun, Slot.ANY).names]

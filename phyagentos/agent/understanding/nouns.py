@@ -7,6 +7,7 @@ lack; a phrase is never taken for the nearest object.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from phyagentos.agent.understanding.bearings import list_most
 from phyagentos.agent.understanding.discourse import Discourse, Named, Slot
 from phyagentos.agent.understanding.phrases import (
     Node,
@@ -32,6 +33,10 @@ class Nouns(Discourse):
         parts = [child for child in list_children(things) if child.data != "except"]
         is_pair = len(parts) == 2 and any(parts[0].find_data("both"))  # `both the red and the green cube`
         named = self._resolve_parts(parts, slot, forbids=forbids, is_pair=is_pair)
+        if len(parts) == 2 and (size := self._find_size(parts[0])):
+            bodies = [self.get(name) for each in named for name in each.names]
+            chosen = list_most(bodies, size, 1.0, None)
+            named = [Named(names=tuple(chosen) if len(chosen) == 1 else self.ask(QuestionKind.WHICH, things, chosen))]
         if slot is Slot.LOOSE and len(named) > 1:  # two numbers are no one number
             self.lack(RequestProblemKind.SENTENCE, things)
         names = tuple(dict.fromkeys(name for each in named for name in each.names))
@@ -48,6 +53,11 @@ class Nouns(Discourse):
             rest=tuple(name for name in rest if name not in names),
             number=named[0].number,
         )
+
+    def _find_size(self, first: Node) -> str:
+        """What chooses of both phrases in `the smaller of the mug and the can`; empty where nothing does."""
+        plains = [plain for plain in list_children(first) if has_token(plain, "among")]
+        return str(list_children(plains[0])[0].data) if plains else ""
 
     def _is_of_both(self, first: Node, second: Node) -> bool:
         """Whether a number may count both phrases: `one of the red and blue cubes`."""
@@ -117,6 +127,8 @@ class Nouns(Discourse):
 
     def find_it(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
         """The one fitting object that the latest clause with any named; with several, the person is asked which."""
+        if self.picked:
+            return self.picked
         for before in reversed(self.recent[:-1]):
             found = [name for name in before if name not in self.recent[-1] and slot.takes(self.get(name))]
             if found:
@@ -228,18 +240,8 @@ class Nouns(Discourse):
             if kind == "half":
                 whole = self._count_contents(found) if slot is Slot.LOOSE else len(found)
                 kind, number = "some" if whole % 2 else "number", whole // 2
-            if has_token(
-                quantity, "other"
-            ):  # than what was moved; of places, than where the object of this clause stands
-                recent = self.recent[-1]
-                before = (
-                    {self.get(each).stands for each in recent}
-                    if slot is Slot.PLACE
-                    else {*self.moved, *self.spared, *recent}
-                )
-                found = tuple(name for name in found if name not in before) if before & {*found} else ()
-                is_bare = has_token(find_child(plain, "head") or plain, "one") and len(plain.children) == 1
-                found = tuple(name for name in found if name in self.kin or not is_bare or not self.kin)
+            if has_token(quantity, "other"):
+                found = self._drop_named(found, plain, slot)
             if (total := find_child(quantity, "total")) is not None and read_number(total) != len(found):
                 return Named(names=self.ask(QuestionKind.HOW_MANY, noun, found))
         if slot is Slot.LOOSE and kind == "exactly":  # what is counted is at least so many
@@ -275,6 +277,17 @@ class Nouns(Discourse):
                 return replace(named, names=tuple(own))
             return Named(names=self.ask(QuestionKind.WHICH, noun, found, likely=self._guess(plain, found)))
         return replace(named, only=kind == "only")
+
+    def _drop_named(self, found: tuple[str, ...], plain: Node, slot: Slot) -> tuple[str, ...]:
+        """Those other than what was moved; of places, than where the object of this clause stands."""
+        recent = self.recent[-1]
+        is_bare = has_token(find_child(plain, "head") or plain, "one") and len(plain.children) == 1
+        if is_bare and self.kin and slot is Slot.PLACE:  # `one cube onto the other`
+            return tuple(name for name in self.kin if name not in recent)
+        owners = {self.get(each).stands for each in recent}
+        before = owners if slot is Slot.PLACE else {*self.moved, *self.spared, *recent}
+        left = tuple(name for name in found if name not in before) if before & {*found} else ()
+        return tuple(name for name in left if name in self.kin or not is_bare or not self.kin)
 
     def _choose(self, named: Named, number: int, *, keeps_rest: bool) -> Named:
         """The first of several, where any will do; those that were moved already come last."""

@@ -64,7 +64,9 @@ _SHORT = (  # contractions and spellings
     (r"\bwhatever (?:is|lies|stands)\b", "everything that is"),
     (rf"\bthe other(?={_PLACED})", "the other one"),
     (rf"\bthe other (two|three|four|five|six)(?={_PLACED})", r"the other \1 ones"),
-    (r"^((?:is|are|has|have|does|do) .*?) yet\b", r"\1"),
+    (r"^((?:is|are|has|have|does|do) .*?) (?:yet|still)\b", r"\1"),
+    (r"\bnot yet\b", "not"),
+    (r"(\bnot\b[^,;]*?) yet\b", r"\1"),
     (r"^(?:(?:no|sorry|oops)\s*[,;.]?\s*)?wrong (\w+)\s*[,;.:]\s*(?:i meant? )?(the \w+) one\b", r"no , \2 \1"),
     (
         r"\bexcept (the (?:\w+ )?\w+),? (?:which|that) (goes|should go|must go|has to go|belongs)\b",

@@ -111,7 +111,9 @@ class Transfers(Destinations):
         placing = more[-1]
         picked = self._resolve_from(things, find_child(clause, "source")).names
         self.recent.append([])
+        self.picked = picked
         wanted = self._read_wish_place(placing, *list_children(placing))
+        self.picked = ()
         if {*picked} != {*self.placed}:  # another object is put down: that is no one clause
             self.lack(RequestProblemKind.SENTENCE, things)
         return wanted
@@ -166,7 +168,7 @@ class Transfers(Destinations):
         named = self._find_untidy(clause, *parts)
         standing = (each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), named))
         names = self._put(Named(names=named if all(self.get(name).movable for name in named) else tuple(standing)))
-        gives = has_token(clause, "give") or has_token(clause, "hand_over")
+        gives = any(has_token(clause, each) for each in ("give", "hand_over", "bring", "remove"))
         fixed = [each for each in self.list_fitting(Slot.PLACE) if not each.movable and each.kind != REGION]
         places = [each.name for each in fixed if each.has_interior or (gives and each.kind in SURFACES)]
         single = places if len(places) == 1 else []
