@@ -65,6 +65,14 @@ def list_nth(bodies: Sequence[Thing], kind: str, view: float, nth: int, referenc
     return list_nth([body for body in bodies if body.name not in most], kind, view, nth - 1, reference)
 
 
+def list_first(bodies: Sequence[Thing], kind: str, view: float, count: int, reference: Vector | None) -> list[str]:
+    """Those that are most so, as many as are counted; more where some are equally so."""
+    names: list[str] = []
+    while len(names) < min(count, len(bodies)):
+        names += list_most([body for body in bodies if body.name not in names], kind, view, reference)
+    return names
+
+
 def list_by_size(bodies: Sequence[Thing]) -> list[list[str]]:
     """Names from the largest to the smallest; one order for each of those that are alike, none of more than a few."""
     orders: list[list[str]] = [[]]

@@ -32,7 +32,6 @@ class Clauses(Transfers):
         again: Whether the goal before is meant, and objects that this time are excepted.
     """
 
-    constraints: list[str] = field(default_factory=list)
     again: bool = False
     excepted: list[str] = field(default_factory=list)
     _wiped: str = ""

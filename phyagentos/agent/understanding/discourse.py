@@ -14,6 +14,7 @@ from phyagentos.agent.understanding.bearings import (
     is_within,
     lies_between,
     list_beside,
+    list_first,
     list_most,
     list_nth,
 )
@@ -83,6 +84,7 @@ class Discourse:
         spared: Everything that some clause says to leave as it is: `the others` are none of it.
         heads: The last noun of each slot.
         among: Those of which an exception takes some away.
+        count: How many `the two cubes nearest to the bottle` are, while they are found.
         picked: What `pick every cube up and put it` takes up, while it says where to.
         view: Whose left and right are meant, as in `VIEWS`; 0 where a request does not say.
         kin: Those of which a phrase chose some, as `one red cube`: `the other` is one of them.
@@ -104,6 +106,7 @@ class Discourse:
     heads: dict[Slot, str] = field(default_factory=dict)
     kin: tuple[str, ...] = ()
     among: tuple[str, ...] = ()
+    count: int = 0
     picked: tuple[str, ...] = ()
     view: float = 0.0
     unmet: str = ""
@@ -240,7 +243,9 @@ class Discourse:
         if owner is not None and kind in {*SIDES, "beside", "under"}:
             seen = [list_beside(found, kind, view, owner) for view in views]
         else:
-            seen = [list_nth(found, kind, view, nth, owner.at_m if owner is not None else None) for view in views]
+            at_m = owner.at_m if owner is not None else None
+            seen = [list_first(found, kind, view, max(self.count, 1), at_m) for view in views]
+            seen = [list_nth(found, kind, view, nth, at_m) for view in views] if nth > 1 else seen
         names = seen[0]
         if seen[0] != seen[-1]:
             likely = dict.fromkeys(name for each in seen[::-1] for name in each)

@@ -184,8 +184,9 @@ class Nouns(Discourse):
     def find_everything(self, noun: Node, slot: Slot) -> tuple[str, ...]:
         """All that fits; without a slot, all that can be moved or opened."""
         colours = {str(token) for token in noun.children if get_type(token) == "elliptic"}
+        is_unlike = has_token(noun, "untrue")
         fitting = [each for each in self.list_fitting(slot) if slot is not Slot.ANY or each.movable or each.opens]
-        found = [thing for thing in fitting if colours <= thing.words]
+        found = [thing for thing in fitting if (colours <= thing.words) is not is_unlike]
         for tail in list_children(noun):
             found = self._filter(found, tail)
         return tuple(thing.name for thing in found) or self.lack(RequestProblemKind.THING, noun)
@@ -202,6 +203,7 @@ class Nouns(Discourse):
         if any(map(is_open, list_children(list_children(noun)[0]))):  # `all but two`
             return self.lack(RequestProblemKind.SENTENCE, noun)
         head = self.find_head(noun) or self._find_earlier(slot)
+        head = head if len(self._list_alike(head)) > 1 else ""  # `all but the mug` is of more than mugs
         found = self.list_called(head, slot)
         names = tuple(each.name for each in found)
         if not head and len({each.kind for each in found}) < len(found) and len({each.kind for each in found}) > 1:
@@ -229,7 +231,9 @@ class Nouns(Discourse):
     def _find_quantified(self, noun: Node, slot: Slot, lent: str, *, forbids: bool, is_pair: bool) -> Named:
         *quantities, plain = list_children(noun)
         asked = len(self.questions)
+        self.count = next(map(read_number, quantities), 0)
         things, is_plural, by_colour = self._find_candidates(plain, slot, lent)
+        self.count = 0
         found, kind, number, words = tuple(each.name for each in things), "the", 0, self.quote(noun)
         for quantity in quantities:  # one at most
             kind = "the" if is_pair and quantity.data == "both" else str(quantity.data)
@@ -240,7 +244,7 @@ class Nouns(Discourse):
             if kind == "half":
                 whole = self._count_contents(found) if slot is Slot.LOOSE else len(found)
                 kind, number = "some" if whole % 2 else "number", whole // 2
-            if has_token(quantity, "other"):
+            if has_token(quantity, "other") or has_token(quantity, "another"):
                 found = self._drop_named(found, plain, slot)
             if (total := find_child(quantity, "total")) is not None and read_number(total) != len(found):
                 return Named(names=self.ask(QuestionKind.HOW_MANY, noun, found))

@@ -66,6 +66,8 @@ _SHORT = (  # contractions and spellings
     (rf"\bthe other (two|three|four|five|six)(?={_PLACED})", r"the other \1 ones"),
     (r"^((?:is|are|has|have|does|do) .*?) (?:yet|still)\b", r"\1"),
     (r"\bnot yet\b", "not"),
+    (r"\btogether (?=in\b|into\b|on\b|onto\b)", ""),
+    (r"\bback out\b", "out"),
     (r"(\bnot\b[^,;]*?) yet\b", r"\1"),
     (r"^(?:(?:no|sorry|oops)\s*[,;.]?\s*)?wrong (\w+)\s*[,;.:]\s*(?:i meant? )?(the \w+) one\b", r"no , \2 \1"),
     (

@@ -31,6 +31,7 @@ SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
 class Transfers(Destinations):
     """What is brought from one place to another."""
 
+    constraints: list[str] = field(default_factory=list)
     _verb: str = ""
     _dest: Node | None = None
     _said: list[str] = field(default_factory=list)
@@ -38,6 +39,14 @@ class Transfers(Destinations):
     def _read_put(self, clause: Node, placing: Node) -> Step:
         heaps = str(clause.children[0]).startswith(("stack", "pil"))
         return self._read_wish_place(placing, *list_children(placing), heaps=heaps)
+
+    def _read_not_there(self, clause: Node, dest: Node) -> Step:
+        """`stack red on blue, but not on green`."""
+        if not self.placed:
+            return self.lack(RequestProblemKind.SENTENCE, clause)
+        places = self.find_any_places(dest)
+        self.constraints += [f"not {self._locate(name, dest, place)}" for name in self.placed for place in places]
+        return []
 
     def _read_put_meant(self, clause: Node, wrong: Node, dest: Node, meant: Node) -> Step:
         """`put the soap into the rack, no, the ingot`."""
