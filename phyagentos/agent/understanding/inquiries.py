@@ -69,7 +69,7 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
             statements = {name: f"near({name}, {other})" for name in names}
         case "ask_compare", [plain, *_] if plain.data == "plain":
             said.heads[Slot.MOVED] = said.find_head(plain)
-            return read_inquiry(said, Node(question.data, parts[1:]))
+            return read_inquiry(said, Node(question.data, [*parts[1:]]))
         case "ask_compare", [size, *nouns]:
             named = [
                 (noun, said.resolve_one(list_children(noun)[0] if noun.data == "reference" else noun, Slot.ANY).names)
