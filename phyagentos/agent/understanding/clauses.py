@@ -131,6 +131,7 @@ class Clauses(Transfers):
             if len(steps[0]) in {0, len(texts)}:
                 self.lack(RequestProblemKind.SENTENCE, single)
         elif clause.data in read_lexicon()["meanings"]:
+            self._verb = str(clause.data)
             steps = [self._say(str(clause.data), list_children(clause)[0])]
         else:
             read: Callable[..., Step] = getattr(self, f"_read_{clause.data}")
@@ -243,6 +244,10 @@ class Clauses(Transfers):
         self.moved = [*before]
         self.heads[Slot.MOVED] = next(iter(sorted(self.get(before[-1]).heads)))
         return self.resolve(things, Slot.MOVED).names
+
+    def _read_go_on(self, _: Node, things: Node) -> Step:
+        """`drive to the bay and then to the dock`."""
+        return self._say("go", things) if self._verb == "go" else self.lack(RequestProblemKind.SENTENCE, things)
 
     def _read_anew(self, _: Node, command: Node) -> Step:
         """`actually, put it into the blue tray`."""
@@ -431,7 +436,7 @@ class Clauses(Transfers):
 
     def _read_keep_out(self, clause: Node, things: Node, place: Node) -> Step:
         names = self.resolve(things, Slot.MOVED).names
-        places = self.resolve_one(place, Slot.PLACE).names
+        places = self.resolve_one(place, Slot.VESSEL if place.data == "it" else Slot.PLACE).names
         return self._keep(f"not {self._relate(name, place)}" for name in names for place in places)
 
     def _read_never_put(self, _: Node, things: Node, dest: Node) -> Step:

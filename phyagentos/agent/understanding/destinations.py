@@ -42,6 +42,8 @@ class Destinations(Nouns):
                 return Named(names=tuple(vessels), words=self.quote(dest), by_colour=True)
         noun = list_children(dest)[0]
         count = len(self.questions)
+        if noun.data == "it" and dest.data == "into" and self.left:
+            return Named(names=self.left)
         is_one = any(has_token(head, "one") for head in noun.find_data("head"))
         is_bare = noun.data == "it" or (is_one and not self.heads.get(Slot.PLACE))
         found = self.resolve_one(noun, Slot.VESSEL if dest.data == "into" and is_bare else Slot.PLACE)

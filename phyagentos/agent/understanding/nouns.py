@@ -237,7 +237,16 @@ class Nouns(Discourse):
         found, kind, number, words = tuple(each.name for each in things), "the", 0, self.quote(noun)
         for quantity in quantities:  # one at most
             kind = "the" if is_pair and quantity.data == "both" else str(quantity.data)
-            number = read_number(quantity)
+            number, said = (
+                read_number(quantity),
+                [str(each) for each in quantity.children if get_type(each) != "number"],
+            )
+            if kind == "exactly" and any(each.split()[-1] == "the" for each in said[:1]) and len(said) < 2:
+                return Named(names=self.lack(RequestProblemKind.SENTENCE, noun))  # `only the two cubes` are which
+            if number and len(said) == 1 and " of" in said[0] and kind == "any":  # `one of the two`
+                kind, number = "number", 1
+                if read_number(quantity) != len(found):
+                    return Named(names=self.ask(QuestionKind.HOW_MANY, noun, found))
             if kind == "all_but":
                 whole = self._count_contents(found) if slot is Slot.LOOSE else len(found)
                 kind, number = "number", max(whole - number, 0)

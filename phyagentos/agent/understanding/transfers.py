@@ -55,7 +55,7 @@ class Transfers(Destinations):
 
     def _read_placing(self, placing: Node, *parts: Node) -> Step:
         """Without a verb, as in `two cubes into the tray`, it is to put."""
-        if self._verb != "put" and len(self.recent) > 1:
+        if self._verb not in {"put", "take"} and len(self.recent) > 1:
             return self.lack(RequestProblemKind.SENTENCE, placing)
         return self._read_wish_place(placing, *parts)
 
@@ -220,6 +220,7 @@ class Transfers(Destinations):
         return self._read_wish_place(things, things, self._dest)
 
     def _read_take(self, clause: Node, things: Node, source: Node, *_: Node) -> Step:
+        self._verb = "take"
         objects = self.restrict(self.resolve(things, Slot.MOVED), source)
         objects = replace(objects, names=self.remove(objects.names, clause, Slot.MOVED))
         places = self.resolve_aside(source, Slot.PLACE)
