@@ -132,6 +132,10 @@ class Clauses(Transfers):
                 self.lack(RequestProblemKind.SENTENCE, single)
         elif clause.data in read_lexicon()["meanings"]:
             self._verb = str(clause.data)
+            if has_token(clause, "leave") and any(
+                clause.find_data("located")
+            ):  # `leave the mug on the table` says where
+                self.lack(RequestProblemKind.SENTENCE, clause)
             steps = [self._say(str(clause.data), list_children(clause)[0])]
         else:
             read: Callable[..., Step] = getattr(self, f"_read_{clause.data}")

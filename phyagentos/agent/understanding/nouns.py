@@ -206,7 +206,12 @@ class Nouns(Discourse):
         head = head if len(self._list_alike(head)) > 1 else ""  # `all but the mug` is of more than mugs
         found = self.list_called(head, slot)
         names = tuple(each.name for each in found)
-        if not head and len({each.kind for each in found}) < len(found) and len({each.kind for each in found}) > 1:
+        if (
+            not head
+            and not self.find_head(noun)
+            and len({each.kind for each in found}) < len(found)
+            and len({each.kind for each in found}) > 1
+        ):
             return self.ask(QuestionKind.HOW_MANY, noun, names)
         return self.remove(names, noun, slot)
 
@@ -214,7 +219,11 @@ class Nouns(Discourse):
         """Those of which nothing was said, of a noun or of the last one."""
         slot = Slot.MOVED if slot is Slot.ANY else slot
         plain, head = find_child(noun, "plain"), self._find_earlier(slot)
-        found = self.list_called(head, slot) if plain is None else self._find_candidates(plain, slot, "")[0]
+        found = (
+            self.list_called(head * (len(self._list_alike(head)) > 1), slot)
+            if plain is None
+            else self._find_candidates(plain, slot, "")[0]
+        )
         named = {*self.moved, *self.spared}
         names = tuple(each.name for each in found if each.name not in named) if named else ()
         return names or self.lack(RequestProblemKind.THING, noun, (each.name for each in found))

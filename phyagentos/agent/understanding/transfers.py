@@ -264,7 +264,9 @@ class Transfers(Destinations):
 
     def _read_unstack(self, clause: Node, things: Node) -> Step:
         below = {name: self.get(name).stands for name in self.resolve(things, Slot.MOVED).names}
-        wanted = [f"not on({name}, {place})" for name, place in below.items() if place and self.get(place).movable]
+        wanted = [
+            f"not {self._relate(name, place)}" for name, place in below.items() if place and self.get(place).movable
+        ]
         return wanted or self.lack(RequestProblemKind.FIT, clause)
 
     def _read_clear_except(self, _: Node, place: Node, exception: Node) -> Step:
