@@ -71,17 +71,11 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
             said.heads[Slot.MOVED] = said.find_head(plain)
             return read_inquiry(said, Node(question.data, [*parts[1:]]))
         case "ask_compare", [size, *nouns]:
-            named = [
-                (noun, said.resolve_one(list_children(noun)[0] if noun.data == "reference" else noun, Slot.ANY).names)
-                for noun in nouns
-            ]
-            bodies = [said.get(name) for noun, names in named if noun.data != "reference" for name in names]
-            near = [said.get(name).at_m for noun, names in named if noun.data == "reference" for name in names]
-            statements = dict.fromkeys(list_most(bodies, str(size.data), 1.0, next(iter(near), None)), "")
+            others = [noun for noun in nouns if noun.data != "reference"]
+            near = [part for noun in nouns if noun.data == "reference" for part in list_children(noun)]
+            statements = dict.fromkeys(_compare(said, size, others, near)[1], "")
         case "ask_whether_more", [one, size, *reference, other]:
-            names = [name for noun in (one, other) for name in said.resolve_one(noun, Slot.ANY).names]
-            near = [said.get(name).at_m for noun in reference for name in said.resolve_one(noun, Slot.ANY).names]
-            most = list_most([said.get(name) for name in names], str(size.data), 1.0, next(iter(near), None))
+            names, most = _compare(said, size, (one, other), reference)
             statements = {names[0]: ", ".join(most)} if len(names) == 2 else {}
             if len(names) != 2 and not said.questions:
                 said.lack(RequestProblemKind.SENTENCE, question)
@@ -92,6 +86,15 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
     if has_token(question, "untrue"):
         statements = {name: f"not ({text})" for name, text in statements.items()}
     return Inquiry(kind=kind, words=said.text.strip(" ;"), statements=statements)
+
+
+def _compare(said: Clauses, size: Node, nouns: Iterable[Node], near: Iterable[Node]) -> tuple[list[str], list[str]]:
+    """The objects that phrases mean, and those of them that are most so, or nearest to or farthest from another one."""
+    names, owners = (
+        [name for noun in each for name in said.resolve_one(noun, Slot.ANY).names] for each in (nouns, near)
+    )
+    at_m = next((said.get(owner).at_m for owner in owners), None)
+    return names, list_most([said.get(name) for name in names], str(size.data), 1.0, at_m)
 
 
 def _resolve(said: Clauses, things: Node, slot: Slot) -> tuple[InquiryKind, Iterable[str]]:

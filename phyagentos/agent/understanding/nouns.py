@@ -245,27 +245,12 @@ class Nouns(Discourse):
         self.count = 0
         found, kind, number, words = tuple(each.name for each in things), "the", 0, self.quote(noun)
         for quantity in quantities:  # one at most
-            kind = "the" if is_pair and quantity.data == "both" else str(quantity.data)
-            number, said = (
-                read_number(quantity),
-                [str(each) for each in quantity.children if get_type(each) != "number"],
-            )
-            if kind == "exactly" and any(each.split()[-1] == "the" for each in said[:1]) and len(said) < 2:
-                return Named(names=self.lack(RequestProblemKind.SENTENCE, noun))  # `only the two cubes` are which
-            if number and len(said) == 1 and " of" in said[0] and kind == "any":  # `one of the two`
-                kind, number = "number", 1
-                if read_number(quantity) != len(found):
-                    return Named(names=self.ask(QuestionKind.HOW_MANY, noun, found))
-            if kind == "all_but":
-                whole = self._count_contents(found) if slot is Slot.LOOSE else len(found)
-                kind, number = "number", max(whole - number, 0)
-            if kind == "half":
-                whole = self._count_contents(found) if slot is Slot.LOOSE else len(found)
-                kind, number = "some" if whole % 2 else "number", whole // 2
+            kind, number = self._read_quantity(quantity, found, noun, slot)
+            kind = "the" if is_pair and kind == "both" else kind
             if has_token(quantity, "other") or has_token(quantity, "another"):
                 found = self._drop_named(found, plain, slot)
-            if (total := find_child(quantity, "total")) is not None and read_number(total) != len(found):
-                return Named(names=self.ask(QuestionKind.HOW_MANY, noun, found))
+            if not kind:
+                return Named()
         if slot is Slot.LOOSE and kind == "exactly":  # what is counted is at least so many
             return Named(names=self.lack(RequestProblemKind.CAPABILITY, noun))
         if slot is Slot.LOOSE and kind == "some":
@@ -299,6 +284,27 @@ class Nouns(Discourse):
                 return replace(named, names=tuple(own))
             return Named(names=self.ask(QuestionKind.WHICH, noun, found, likely=self._guess(plain, found)))
         return replace(named, only=kind == "only")
+
+    def _read_quantity(self, quantity: Node, found: Sequence[str], noun: Node, slot: Slot) -> tuple[str, int]:
+        """The kind and the number of a quantity; no kind where it is open, which is noted."""
+        kind, number = str(quantity.data), read_number(quantity)
+        said = [str(each) for each in quantity.children if get_type(each) != "number"]
+        whole = self._count_contents(found) if slot is Slot.LOOSE else len(found)
+        total = find_child(quantity, "total")
+        count = read_number(total) if total is not None else len(found)
+        if kind == "exactly" and len(said) == 1 and said[0].split()[-1] == "the":  # `only the two cubes` are which
+            self.lack(RequestProblemKind.SENTENCE, noun)
+            return "", 0
+        if kind == "any" and number and len(said) == 1 and " of" in said[0]:  # `one of the two`
+            kind, count, number = "number", number, 1
+        if kind == "all_but":
+            kind, number = "number", max(whole - number, 0)
+        if kind == "half":
+            kind, number = "some" if whole % 2 else "number", whole // 2
+        if count != len(found):
+            self.ask(QuestionKind.HOW_MANY, noun, found)
+            return "", 0
+        return kind, number
 
     def _drop_named(self, found: tuple[str, ...], plain: Node, slot: Slot) -> tuple[str, ...]:
         """Those other than what was moved; of places, than where the object of this clause stands."""
