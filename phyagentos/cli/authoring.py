@@ -73,7 +73,7 @@ def compile_graph(
     from phyagentos.operations import compile as compiling
 
     found = compiling.compile_graph(get_file(graph, "goal_graphs"), parse_overrides(set_), runs_python=run_python)
-    return Reply(found, found.mermaid if mermaid else "\n".join(_render(found)))
+    return Reply(found, found.mermaid if mermaid else "\n".join(_render(found)), folds=not mermaid)
 
 
 def _render(graph: "CompiledGraph") -> Iterator[str]:
