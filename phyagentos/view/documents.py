@@ -21,7 +21,7 @@ from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import Record
 
 BUNDLES_KEPT = 64
-_FAILED = (SessionState.FAILED, SessionState.REJECTED)
+_MISSED = ((SessionState.FAILED, SessionState.REJECTED), (SessionState.REPLANNED,))  # what is worth a look first
 _WATCHED = (
     "signals",
     "signals/new",
@@ -129,17 +129,17 @@ class Documents:
         return self.ledger.goals.get(GoalId(id or latest))
 
     def find_session(self, id: str = "", goal: str = "") -> SessionStatus | None:
-        """A session by its id; without one that which runs or waits, else one that failed last, else the latest.
+        """A session by its id; without one that which runs or waits, else one that failed last, or was replanned last.
 
-        Without a name the goal is that of the latest session.
+        Without such a one it is the latest. Without a name the goal is that of the latest session.
         """
         if id:
             return self.ledger.sessions.get(SessionId(id))
         of_goal = [each for each in self.ledger.sessions.values() if not goal or each.contract.goal == goal]
         live = [each for each in of_goal if each.state not in FINAL_STATES]
         last = [each for each in reversed(of_goal) if each.contract.goal == of_goal[-1].contract.goal]
-        failed = [each for each in last if each.state in _FAILED]
-        return next(iter([*(each for each in live if each.claimed_by), *live, *failed, *last]), None)
+        missed = [each for state in _MISSED for each in last if each.state in state]
+        return next(iter([*(each for each in live if each.claimed_by), *live, *missed, *last]), None)
 
     def read_beats(self) -> dict[str, Heartbeat]:
         """The latest heartbeat of each target."""
