@@ -41,7 +41,7 @@ def init(
     install = "" if find_spec("pytest") else "pip install pytest && "  # which no run needs
     test = f"{install}pytest {found.tests} && " if found.tests else ""
     steps = f"next: {test}paos lint {folder} && paos run {found.graph}"
-    return Reply(found, steps, [f"wrote {each}" for each in found.files])
+    return Reply(found, "\n".join([*(f"wrote {each}" for each in found.files), steps]))
 
 
 def lint(
