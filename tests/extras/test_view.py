@@ -388,7 +388,8 @@ def test_the_keyboard_alone_finds_a_session_and_presses_the_stop(acting, visits)
     shoot(page, "keyboard_stop", whole=False)
     page.keyboard.press("Enter")
     try:
-        page.locator("#result").get_by_text("kind: estop").wait_for()
+        page.locator("#result").get_by_text("The emergency stop is latched").wait_for()
+        assert "kind: estop" in page.locator("#result").text_content()
         assert is_latched(workspace.signals.parent)
     finally:
         reset(workspace.signals.parent, "the test is over", SystemClock())

@@ -52,7 +52,7 @@ function play(starts) {
   }
   if (button) { button.textContent = playing ? "❚❚ Pause" : "▶ Play"; button.setAttribute("aria-pressed", String(Boolean(playing))); }
 }
-document.addEventListener("click", (event) => { if (event.target.id === "play") play(!playing); });
+document.addEventListener("click", (event) => { if (event.target.id === "play") play(!playing); if (event.target.matches("#result .close")) one("#result").replaceChildren(); });
 // Where nothing draws in 3D, pictures stand in place of the scene.
 const canvas = document.createElement("canvas");
 if (!(canvas.getContext("webgl2") || canvas.getContext("webgl"))) document.documentElement.classList.add("flat-only");
