@@ -11,8 +11,8 @@ from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposa
 from phyagentos.protocol.sessions.estop import is_latched
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.workspace.array_files import encode_arrays
-from phyagentos.view.access import FORM_HEADER, Access
 from phyagentos.protocol.world.truth import Truth
+from phyagentos.view.access import FORM_HEADER, Access
 from phyagentos.view.archive import build_archive
 from phyagentos.view.comparison import compare_sessions
 from phyagentos.view.documents import Documents
@@ -416,7 +416,7 @@ def test_what_waits_for_a_person_is_said_in_the_first_lines_and_asked_above_the_
     assert names.index("questions") < names.index("timeline")
     client = TestClient(build_app(documents, access, allows_actions=True), base_url=OWN, headers=carry_token(access))
     page = client.get("/").text
-    assert page.index("Is it clean?") < page.index("<svg class=\"timeline\"")
+    assert page.index("Is it clean?") < page.index('<svg class="timeline"')
     assert 'hx-post="actions/deny"' in page
 
 
