@@ -9,7 +9,7 @@ from pathlib import Path
 from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.sessions.evidence import TRACE, Bundle, read_bundle
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, is_process_alive, read_heartbeats
-from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState, Side
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, REVIEW, SessionState, Side
 from phyagentos.protocol.sessions.session import Ended, Execution, GoalId, SessionId, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.process_lock import RUNTIME_LOCK, WATCHDOG_LOCK, is_held
@@ -80,7 +80,7 @@ class Documents:
                 self._follower = Follower(folder)
             for record in self._follower.read_new() if self._follower is not None else ():
                 self.ledger.apply(record)
-                if record.to is not None:
+                if record.to is not None and record.ev != REVIEW:  # which leaves a session as it is
                     self.passages[SessionId(record.id)].append(Passage(str(record.to), record.at))
                 if record.side == Side.OPERATOR:
                     self.requests.append(record)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
 from pathlib import Path
+from textwrap import shorten
 
 from phyagentos.bench.episode import WORKSPACE
 from phyagentos.bench.records import AXES, LOG, EpisodeRecord, read_records
@@ -130,5 +131,5 @@ def _show(missing: Sequence[Problem], record: EpisodeRecord | None, folder: str,
         Standing.AGAIN: bool(record.replans),
     }
     why = record.error.strip().rpartition("\n")[2] or record.reason
-    text = f"{record.verdict or record.ended} {why}"[:TEXT_MAX]
+    text = shorten(f"{record.verdict or record.ended} {why}", TEXT_MAX, placeholder=" …")
     return Cell(next((each for each, holds in found.items() if holds), Standing.MET), text, Path(record.folder).name)
