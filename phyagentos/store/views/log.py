@@ -143,7 +143,8 @@ def _format_goal(record: Record, hint: str) -> str:
         return _format_journal(record, body)
     match record.ev:
         case GoalEvent.GOAL_SUBMITTED:
-            return f"goal requested: {str(body.get('objective') or body.get('graph', '')).rstrip('.')}, seed {body.get('seed')}"
+            words = str(body.get("objective") or body.get("graph", "")).rstrip(".")
+            return f"goal requested: {words}, seed {body.get('seed')}"
         case GoalEvent.GOAL_COMPILED:
             nodes = body.get("nodes", {})
             shown = ", ".join(list(nodes)[:NODES_NAMED]) + (", …" if len(nodes) > NODES_NAMED else "")
