@@ -228,6 +228,8 @@ def test_one_cursor_moves_scene_plots_and_log_and_plays_by_itself(page, shown, v
     await_true(page, "document.querySelectorAll('.log li.now').length === 1")
     assert page.locator("#panel-scene input.cursor").input_value() == page.locator("#moment").input_value() != "0"
     assert page.locator("svg.plot > line.cursor[visibility=visible]").count() == page.locator("svg.plot").count()
+    curves = page.locator("#panel-motion svg.plot polyline").count()
+    assert page.locator("#panel-motion output.at:not(:empty)").count() == curves > 5, "each curve says its value there"
     before = float(page.locator("#moment").input_value())
     page.locator("#play").click()
     await_true(page, f"Number(document.querySelector('#moment').value) > {before + 5}")
