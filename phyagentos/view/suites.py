@@ -106,7 +106,7 @@ def find_episode(place: Place, folder: str) -> Path:
 def _read_run(root: Path, *_: tuple[int, int]) -> tuple[Manifest, dict[str, EpisodeRecord], Suite | None]:
     suite = None
     with suppress(DefinitionError):  # the run stands without its words
-        suite, _ = read_suite(root / SUITE)
+        suite = read_suite(root / SUITE)[0]
     return read_manifest(root), {record.id: record for record in read_records(root)}, suite
 
 

@@ -418,6 +418,9 @@ def test_what_waits_for_a_person_is_said_in_the_first_lines_and_asked_above_the_
     page = client.get("/").text
     assert page.index("Is it clean?") < page.index('<svg class="timeline"')
     assert 'hx-post="actions/deny"' in page
+    sent = {"origin": OWN, FORM_HEADER: access.form_secret}
+    answered = client.post("/actions/answer", headers=sent, data={"subject": "tidy-7", "says": "no", "question": "1"})
+    assert (answered.status_code, "Your answer is recorded: no." in see(answered.text)) == (200, True), answered.text
 
 
 def test_a_document_of_400_mb_stops_no_panel_and_a_link_is_not_followed(documents, tmp_path):
