@@ -41,7 +41,8 @@ def print_report(report: RunReport, rows: Sequence[Row], console: Console) -> No
         console.print(f"picture {pictures[-1]}{more}", style="dim", soft_wrap=True)
     console.print(f"documents in {report.workspace}", style="dim", soft_wrap=True)
     where = "" if Path(report.workspace).resolve().parent == FOLDER.resolve() else f" -w {report.workspace}"
-    console.print(f"next: paos why{where} (what decided), paos view{where} (the run, on a page)", soft_wrap=True)
+    console.print(f"next: paos why{where} (what decided)", soft_wrap=True)
+    console.print(f"      paos view{where} (the run, on a page)", soft_wrap=True)
 
 
 def _list_cells(row: Row) -> tuple[str | Text, ...]:
