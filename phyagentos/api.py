@@ -157,6 +157,10 @@ def run_many(
         speed=speed,
         pictures=pictures,
     )
+    if isinstance(seeds, int):
+        raise DefinitionError.of(
+            "INVALID_VALUE", "seeds", str(seeds), "several", f"Write range({seeds}), or [{seeds}]."
+        )
     order = many.ManyRequest(run=request, seeds=tuple(seeds), folder=_to_path(folder), settings=settings or {})
     return many.run_many(order, jobs=jobs, ends=ends, shows=progress)
 

@@ -42,6 +42,11 @@ def _tell_apart(
     return words(value), words(limit)
 
 
+def format_time(iso: str) -> str:
+    """A wall time, UTC, to the second: `2026-11-30 07:43:05 UTC`."""
+    return f"{iso[:19].replace('T', ' ')} UTC"
+
+
 def count(number: int, noun: str, plural: str = "") -> str:
     """`1 session`, `2 sessions`; the noun takes an s unless its plural is given."""
     return f"{number} {noun if number == 1 else plural or noun + 's'}"

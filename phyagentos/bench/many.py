@@ -10,7 +10,7 @@ import re
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,12 +58,16 @@ class ManyRequest(msgspec.Struct, frozen=True, kw_only=True):
     settings: Mapping[str, Mapping[str, object]] = {}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Episode:
     """One run; notebooks show its verdict and the pictures of the session that decided."""
 
-    record: EpisodeRecord = field(repr=False)
+    record: EpisodeRecord
     folder: Path
+
+    def __repr__(self) -> str:
+        """`<seed 3: failure, red_cube is not inside red_tray>`."""
+        return f"<seed {self.seed}: {', '.join(filter(None, (self.verdict, self.reason)))}>"
 
     @property
     def seed(self) -> int:
@@ -109,12 +113,12 @@ class Episodes(tuple[Episode, ...]):
         return "".join(each._repr_html_() for each in self[:SHOWN]) + more
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Runs:
     """Many runs, as far as they are; `folder` is what `open_runs` opens again."""
 
     folder: Path
-    episodes: Episodes = field(repr=False)
+    episodes: Episodes
     pending: int
 
     @classmethod
@@ -160,6 +164,9 @@ class Runs:
     def __str__(self) -> str:
         """`runs/tidy_table-1: 9/10 = 90.0 % [59.6, 98.2]`."""
         return f"{self.folder}: {self.rate}" + (f", {self.pending} left" if self.pending else "")
+
+    def __repr__(self) -> str:
+        return f"<{self}>"
 
     def _repr_html_(self) -> str:
         cells = [(str(each.seed), each.verdict, each.reason) for each in self.failures]

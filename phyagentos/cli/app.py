@@ -8,6 +8,7 @@ import functools
 import inspect
 import os
 import pkgutil
+import re
 import signal
 import sys
 import textwrap
@@ -128,10 +129,10 @@ HELP = """Robots run on sessions that are verified, not merely finished.
 
 \b
 Begin with
-  paos run tidy_table    a goal, carried out to its verdict
-  paos why               what decided that verdict
-  paos init DIR          a project of your own
-  paos help WORDS        how to do something: paos help make the arm slower
+  paos run tidy_table  a goal, carried out to its verdict
+  paos why             what decided that verdict
+  paos init DIR        a project of your own
+  paos help WORDS      how to do it: paos help slower arm
 """
 
 
@@ -156,11 +157,15 @@ class Commands(TyperGroup):
         width = max(map(len, self.commands))
         room = formatter.width - 6 - width
         for title, names in SECTIONS.items():
-            lines = [
-                (f"{name:<{width}}", textwrap.shorten(read_summary(name), room, placeholder="...")) for name in names
-            ]
+            lines = [(f"{name:<{width}}", _shorten(read_summary(name), room)) for name in names]
             with formatter.section(title):
                 formatter.write_dl(lines)
+
+
+def _shorten(text: str, room: int) -> str:
+    """As many of its clauses as there is room for; else as many words."""
+    ends = [each.start() for each in re.finditer("[:;] ", text) if each.start() <= room]
+    return text if len(text) <= room else text[: ends[-1]] if ends else textwrap.shorten(text, room, placeholder="...")
 
 
 def read_summary(name: str) -> str:
@@ -194,7 +199,7 @@ app = typer.Typer(
     help=HELP,
     cls=Commands,
     **PLAIN,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 
 

@@ -41,7 +41,7 @@ def init(
     install = "" if find_spec("pytest") else "pip install pytest && "  # which no run needs
     test = f"{install}pytest {found.tests} && " if found.tests else ""
     steps = f"next: {test}paos lint {folder} && paos run {found.graph}"
-    return Reply(found, steps, [f"wrote {each}" for each in found.files])
+    return Reply(found, "\n".join([*(f"wrote {each}" for each in found.files), steps]))
 
 
 def lint(
@@ -73,7 +73,7 @@ def compile_graph(
     from phyagentos.operations import compile as compiling
 
     found = compiling.compile_graph(get_file(graph, "goal_graphs"), parse_overrides(set_), runs_python=run_python)
-    return Reply(found, found.mermaid if mermaid else "\n".join(_render(found)))
+    return Reply(found, found.mermaid if mermaid else "\n".join(_render(found)), folds=not mermaid)
 
 
 def _render(graph: "CompiledGraph") -> Iterator[str]:

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType
 from rich.live import Live
+from rich.padding import Padding
 from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
@@ -32,6 +33,7 @@ _STYLES = {  # of states and verdicts
 }
 PIPE_WIDTH = 160  # characters of a table that no terminal bounds
 UNBOUNDED = 4096  # of what is read by programs line by line
+INDENT = 4  # columns before a criterion
 GAP, TIME = 2, 11  # columns between two of a table, and of a time, `at 1234.5 s`
 COLOURS = {Truth.TRUE: "green", Truth.FALSE: "red", Truth.UNKNOWN: "yellow"}
 
@@ -114,7 +116,7 @@ class RunConsole:
             Text.assemble(f"{row.name}: ", (row.state, choose_style(row, row.state)), f"  {describe(row)}")
         )
         for criterion in row.session.decision.criteria if row.session.decision is not None else ():
-            self._console.print(build_criterion_line(criterion))
+            print_criterion(criterion, self._console)
 
 
 def build_progress_table(title: str, rows: list[Row], width: int = PIPE_WIDTH) -> Table:
@@ -186,10 +188,14 @@ def describe(row: Row) -> str:
     return row.session.reason or (f"{execution.ended.value} {execution.code}".strip() if execution is not None else "")
 
 
-def build_criterion_line(criterion: Criterion) -> Text:
-    """One judged criterion with the numbers that decided it."""
+def print_criterion(criterion: Criterion, console: Console) -> None:
+    """One judged criterion with the numbers that decided it; on a terminal what is broken off is indented, too."""
     mark = (criterion.truth.mark, COLOURS[criterion.truth])
-    return Text.assemble("    ", mark, f" {criterion.text}", (f"  {criterion.sentence}".rstrip(), "dim"))
+    line = Text.assemble(mark, f" {criterion.text}", (f"  {criterion.sentence}".rstrip(), "dim"))
+    if console.is_terminal and line.cell_len + INDENT > console.width:
+        console.print(Padding(line, (0, 0, 0, INDENT)))
+    else:
+        console.print(Text.assemble(" " * INDENT, line))
 
 
 def build_table(head: Sequence[str], rows: Iterable[Sequence[str | Text]]) -> Table:

@@ -41,7 +41,7 @@ def show_graph(
         before = [name if how is Relation.AFTER else f"{name} ({how})" for name, how in relations.items()]
         after = f"  after {', '.join(before)}" if before else ""
         lines.append(f"  {step.name:<{width}}  {step.state:<11}{after}".rstrip())
-    return Reply(found, found.mermaid if mermaid else "\n".join(lines))
+    return Reply(found, found.mermaid if mermaid else "\n".join(lines), folds=not mermaid)
 
 
 def show_context(
@@ -55,4 +55,4 @@ def show_context(
 
     found = read_context(workspace, goal, purpose=for_, budget_tokens=budget)
     facts = asdict(found) | {"tokens": found.tokens, "sha256": found.sha256}
-    return Reply(facts, found.text, [f"{found.tokens} of {budget} tokens, sha256 {found.sha256}"])
+    return Reply(facts, found.text, [f"{found.tokens} of {budget} tokens, sha256 {found.sha256}"], folds=False)

@@ -65,7 +65,7 @@ def mermaid(
     """Print a behaviour tree, the statechart of a session, or the graph of a goal as it stands, as Mermaid."""
     found = export.draw_mermaid(subject, workspace)
     is_chosen = workspace is None and found.workspace is not None
-    return Reply(found, found.text, [f"workspace {found.workspace} (the newest)"] if is_chosen else [])
+    return Reply(found, found.text, [f"workspace {found.workspace} (the newest)"] if is_chosen else [], folds=False)
 
 
 def bt_xml(

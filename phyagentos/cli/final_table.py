@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from phyagentos.cli.console import PIPE_WIDTH, build_criterion_line, build_table, choose_style, summarise, tell_failure
+from phyagentos.cli.console import PIPE_WIDTH, build_table, choose_style, print_criterion, summarise, tell_failure
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations.progress import Row
 from phyagentos.operations.run import RunReport
@@ -29,7 +29,7 @@ def print_report(report: RunReport, rows: Sequence[Row], console: Console) -> No
         word, style = ("met", "bold green") if is_met else ("not met", "bold red")
         console.print(Text.assemble(f"goal {goal.goal}: ", (word, style), f"  {goal.reason}"))
         for criterion in goal.criteria:
-            console.print(build_criterion_line(criterion))
+            print_criterion(criterion, console)
         refused = [row.session.reason for row in rows if row.session is not None and row.session.problems]
         for reason in (each for each in refused if each not in goal.reason):
             console.print(reason, soft_wrap=True)
@@ -41,7 +41,8 @@ def print_report(report: RunReport, rows: Sequence[Row], console: Console) -> No
         console.print(f"picture {pictures[-1]}{more}", style="dim", soft_wrap=True)
     console.print(f"documents in {report.workspace}", style="dim", soft_wrap=True)
     where = "" if Path(report.workspace).resolve().parent == FOLDER.resolve() else f" -w {report.workspace}"
-    console.print(f"next: paos why{where} (what decided), paos view{where} (the run, on a page)", soft_wrap=True)
+    console.print(f"next: paos why{where} (what decided)", soft_wrap=True)
+    console.print(f"      paos view{where} (the run, on a page)", soft_wrap=True)
 
 
 def _list_cells(row: Row) -> tuple[str | Text, ...]:

@@ -3,7 +3,6 @@
 import difflib
 import math
 import re
-import textwrap
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -13,12 +12,14 @@ import msgspec
 import typer
 
 from phyagentos.cli import app
+from phyagentos.cli.outcome import fold
 from phyagentos.cli.reply import Reply
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import find_shipped_root
 
 PAGES = Path("docs") / "howto"  # below what ships
 _MOST_PAGES, _MOST_COMMANDS, _MOST_TYPED, _NEAR = 3, 4, 6, 0.3
+_COLUMNS = 98  # of what no terminal bounds
 _NAME_WEIGHT = 6.0  # of the words of a file name: `stop` is about stopping before it is about going on after a stop
 _STOP_WORDS = frozenset(
     re.findall(
@@ -119,7 +120,7 @@ def _describe(name: str, module: str, function: str) -> Entry:
 
 
 def _show_page(page: Found) -> str:
-    about = textwrap.fill(page.about, 98, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
+    about = fold(f"  {page.about}", _COLUMNS)
     return "\n".join([f"{page.title}  ({page.file})", about, *(f"    $ {each}" for each in page.commands)])
 
 

@@ -6,9 +6,10 @@ Results go to stdout, everything else to stderr, so that a command can be piped.
 import codecs
 import os
 import sys
+import textwrap
 import traceback
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from enum import IntEnum
 from io import TextIOWrapper
 from itertools import islice
@@ -71,8 +72,30 @@ def writing(stream: IO[str]) -> Iterator[None]:
 
 
 def print_note(text: str) -> None:
-    """One line to stderr."""
-    _print(sys.stderr, clean(text))
+    """Text to stderr; on a terminal its lines are broken between words."""
+    _print(sys.stderr, fold(clean(text), find_columns(sys.stderr)))
+
+
+def find_columns(stream: IO[str] | None) -> int:
+    """How many letters a line of a terminal has; 0 for what is none."""
+    with suppress(OSError, ValueError):
+        if stream is not None and stream.isatty():
+            return os.get_terminal_size(stream.fileno()).columns
+    return 0
+
+
+def fold(text: str, columns: int) -> str:
+    """Lines of at most so many letters, broken between words, what follows indented as its line; 0 breaks none."""
+    if not columns:
+        return text
+    lines = [
+        textwrap.wrap(
+            line, columns, subsequent_indent=line[: len(line) - len(line.lstrip())],
+            break_long_words=False, break_on_hyphens=False,
+        ) if len(line) > columns else [line]
+        for line in text.split("\n")
+    ]  # fmt: skip
+    return "\n".join(part for parts in lines for part in parts)
 
 
 def print_result(text: str) -> None:

@@ -64,7 +64,7 @@ def plan(
         output.write_text(found.graph, encoding="utf-8")
         notes.append(f"wrote {output}; next: paos run {output}")
     text = "\n".join(iter_plan(found.goal, found.objective, found.sessions, found.accept))
-    return Reply(found, found.mermaid if mermaid and found.mermaid else text, notes)
+    return Reply(found, found.mermaid if mermaid and found.mermaid else text, notes, folds=not mermaid)
 
 
 def _open_planner(answers: Path | None, limits: Fields, objective: str, scene: str) -> "ModelPlanner":

@@ -1,10 +1,11 @@
 """What a command answers: the struct of its operation, the same for people, and an exit code. `app` prints it."""
 
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from phyagentos.cli.outcome import ExitCode, print_json, print_note, print_result
+from phyagentos.cli.outcome import ExitCode, find_columns, fold, print_json, print_note, print_result
 from phyagentos.errors import Problem
 
 Found_co = TypeVar("Found_co", covariant=True)
@@ -19,12 +20,14 @@ class Reply(Generic[Found_co]):
         text: The same for people on stdout: text, or what rich draws; nothing where it is empty.
         notes: For people on stderr.
         code: How the command ends.
+        folds: Whether lines of a text may be broken between words on a terminal; not those that programs read.
     """
 
     found: Found_co
     text: object = ""
     notes: Sequence[str] = ()
     code: ExitCode = ExitCode.GOAL_MET
+    folds: bool = True
 
     def print(self, *, as_json: bool) -> ExitCode:
         """Print it; the exit code."""
@@ -32,7 +35,7 @@ class Reply(Generic[Found_co]):
             print_json(self.found)
             return self.code
         if self.text and isinstance(self.text, str):
-            print_result(self.text)
+            print_result(fold(self.text, find_columns(sys.stdout)) if self.folds else self.text)
         elif self.text:
             from phyagentos.cli.console import UNBOUNDED, CleanConsole
 

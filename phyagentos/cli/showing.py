@@ -46,7 +46,7 @@ def describe(
     else:
         found = declarations.describe_name(name := kind)
     if not name:
-        return Reply(found, build_table(("", ""), ((each.name, each.summary) for each in found)))
+        return Reply(found, build_table(("", ""), ((each.name, _plain(each.summary)) for each in found)))
     return Reply(found, Group(*(part for each in found for part in _render_declaration(each))))
 
 
@@ -58,7 +58,7 @@ def show_schema(
     found = schemas.show(kind)
     if not kind:
         return Reply(found, "\n".join(found.kinds))
-    return Reply(found, schemas.render_fields(kind) if fields else schemas.render_schema(kind))
+    return Reply(found, schemas.render_fields(kind) if fields else schemas.render_schema(kind), folds=False)
 
 
 def show_lifecycle(
@@ -70,7 +70,7 @@ def show_lifecycle(
     for row in found.transitions:
         condition = f"by {', '.join(row.by)}" if row.by else f"when {row.when}" if row.when else ""
         lines.append(f"{row.trigger:<15} {', '.join(row.sources)} -> {row.dest}   {condition}".rstrip())
-    return Reply(found, found.mermaid if mermaid else "\n".join(lines))
+    return Reply(found, found.mermaid if mermaid else "\n".join(lines), folds=not mermaid)
 
 
 def show_codes(
@@ -94,7 +94,7 @@ def show(
     if svg is not None:
         svg.write_text(found.svg, encoding="utf-8")
         return Reply(found, notes=[f"wrote {svg}"])
-    return Reply(found, found.mermaid if mermaid else _grow(found.root))
+    return Reply(found, found.mermaid if mermaid else _grow(found.root), folds=not mermaid)
 
 
 def serve(
@@ -111,14 +111,19 @@ def serve(
 def _render_declaration(each: Described) -> Iterator[RenderableType]:
     """Its exact name first, then what it is, in short facts and a table of what it takes."""
     yield Text.assemble((each.name, "bold"), f"  {each.kind}")
-    yield Text(each.summary)
+    yield Text(_plain(each.summary))
     facts = [row for row in each.rows if not (row.takes or row.default or row.meaning)]
     yield build_table(("", ""), ((row.part, row.name) for row in facts))
     rows = [row for row in each.rows if row not in facts]
     if rows:
         columns = ("name", "part", "takes", "default", "meaning")
-        yield build_table(columns, ([getattr(row, column) for column in columns] for row in rows))
+        yield build_table(columns, ([_plain(getattr(row, column)) for column in columns] for row in rows))
     yield Text()
+
+
+def _plain(text: str) -> str:
+    """Without the marks of Markdown, which the pages of the same declarations have."""
+    return text.replace("`", "")
 
 
 def _grow(node: Drawing) -> Printed:

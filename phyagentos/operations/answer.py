@@ -24,6 +24,7 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.subjects import get_session
+from phyagentos.wording import format_time
 
 _REPLACED = {SessionState.REPLANNED, SessionState.CANCELLED}
 _DONE = {NodeState.DONE, NodeState.SKIPPED, NodeState.RESCUED}
@@ -124,7 +125,7 @@ def contest(root: Path, name: str, *, because: str, by: str) -> Judged:
     attempt = Attempt(
         verdict=says,
         criteria=(),
-        reason=f"{by} at {clock.wall_iso()}: {because}",
+        reason=f"{by} at {format_time(clock.wall_iso())}: {because}",
         sensing="none",
         verifier=PERSON,
         judges=(by,),

@@ -52,7 +52,14 @@ def describe_name(name: str) -> tuple[Described, ...]:
                 found.append(msgspec.structs.replace(each, kind=kind))
     if found:
         return tuple(found)
-    hint = format_hint(name, known) or f"paos list KIND prints the names of {', '.join(KINDS)}."
+    elsewhere = {
+        "paos compile": library.names_of_goal_graphs(),
+        "paos scene render": library.names_of_scenes(),
+        "paos robot show": library.names_of_targets(),
+        "paos tree show": library.names_of_trees(),
+    }
+    hint = next((f"{command} {name} shows it." for command, names in elsewhere.items() if name in names), "")
+    hint = hint or format_hint(name, known) or f"paos list KIND prints the names of {', '.join(KINDS)}."
     raise DefinitionError.of("UNKNOWN_NAME", "paos describe", repr(name), f"a name, or {', '.join(KINDS)}", hint)
 
 
@@ -116,7 +123,8 @@ def _iter_structures(models: Mapping[str, type[Authored]]) -> Iterator[Described
         schema, definitions = build_authored_schema(model)
         for title, each in iter_structures(schema, definitions):
             rows = tuple(Row("field", name, *row) for name, row in list_fields(each, definitions).items())
-            yield Described(title.lower(), f"{each.get('description', '').removesuffix('.')} ({file})", rows)
+            about = each.get("description", "").removesuffix(".")
+            yield Described(title.lower(), f"The whole of {file}" if about == file else f"{about} ({file})", rows)
 
 
 KINDS: dict[str, Callable[[Library], Iterable[Described]]] = {

@@ -48,7 +48,7 @@ def render(path: Path, to: Path, robot: str = "", camera: str = "", seed: int = 
     robots = _find_robots(library, spec.scene, robot)
     scene = name_placed(spec.scene, [read_target(library.get_target(each)) for each in robots])
     names = [name for name, body in spec.bodies.items() if body.listed and body.kind not in SURFACES]
-    draw_scene(library, scene, robots, seed, Drawing(names=names, camera=camera), to)
+    draw_scene(library, scene, robots, seed, Drawing(names=names, camera=camera), to, robots_whole=True)
     return Written(file=to)
 
 

@@ -28,6 +28,7 @@ from phyagentos.protocol.world.idealisations import format_idealisations
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.subjects import find_node, get_goal, get_session
+from phyagentos.wording import count
 
 Fact = tuple[str, str]  # what a line is about, and its text
 
@@ -134,7 +135,7 @@ def _iter_execution(execution: Execution) -> Iterator[Fact]:
         "execution",
         (
             f"{f'{execution.ended.value} {execution.code}'.strip()}: {execution.sim_time_s:.2f} s simulated, "
-            f"{execution.ticks} commands, {execution.interventions} safety interventions"
+            f"{count(execution.ticks, 'command')}, {count(execution.interventions, 'safety intervention')}"
         ),
     )
     yield "", execution.message

@@ -42,9 +42,14 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """What a picture shows beside the scene: names of bodies, moves in their order, and lines of text below."""
+    """What a picture shows beside the scene: names of bodies, moves in their order, and lines of text below.
+
+    Attributes:
+        whole: Further bodies that are in view, without their names.
+    """
 
     names: Collection[str] = ()
+    whole: Collection[str] = ()
     moves: Sequence[Move] = ()
     lines: Sequence[str] = ()
     camera: str = ""
@@ -86,10 +91,11 @@ def _make_projection(scene: mujoco.MjvScene) -> Callable[[NDArray[np.float64]], 
 
 def _aim(model: mujoco.MjModel, data: mujoco.MjData, drawing: Drawing) -> mujoco.MjvCamera:
     """A view from the front that holds every named body, and where each is to be."""
-    points = np.array([*(data.body(name).xpos for name in drawing.names), *(move.to_m for move in drawing.moves)])
+    bodies = [data.body(name).xpos for name in (*drawing.names, *drawing.whole)]
+    points = np.array([*bodies, *(move.to_m for move in drawing.moves)])
     points = points if len(points) else np.array([[0.4, 0.0, 0.1]])
     low_m, high_m = points.min(axis=0), points.max(axis=0)
-    radius_m = max(LEAST_RADIUS_M, float(np.linalg.norm(high_m - low_m)) / 2)
+    radius_m = max(LEAST_RADIUS_M, float(np.linalg.norm(points - (low_m + high_m) / 2, axis=1).max()))
     camera = mujoco.MjvCamera()
     camera.lookat[:] = (low_m + high_m) / 2
     camera.azimuth, camera.elevation = AZIMUTH_DEG, ELEVATION_DEG

@@ -12,7 +12,7 @@ PICTURE, LINE = (112, 84), 15  # width and height of a picture in a box, height 
 STYLE = """
 .box rect{fill:#eceff1;stroke:#78909c}.box text{fill:#263238;font:12px sans-serif;text-anchor:middle}
 .box .sub{fill:#455a64;font-size:11px}.edge{stroke:#78909c;fill:none}.edge.other{stroke-dasharray:5 3}
-.note{fill:#546e7a;font:10px sans-serif;text-anchor:middle}
+.note{fill:#546e7a;font:10px sans-serif;text-anchor:middle;paint-order:stroke;stroke:#fff;stroke-width:4px}
 .ready rect{fill:#e3f2fd;stroke:#1e88e5}.active rect,.here rect{fill:#fff3e0;stroke:#e65100;stroke-width:2}
 .done rect{fill:#e8f5e9;stroke:#388e3c}.blocked rect,.invalidated rect{fill:#ffebee;stroke:#c62828}
 .skipped rect{fill:#fafafa;stroke:#b0bec5}.rescued rect{fill:#f9fbe7;stroke:#827717}.past rect{fill:#fff}

@@ -29,17 +29,20 @@ class Action:
         command: Words of the command that does the same; `{field}` is a field of the form.
         needs: Fields that may not be empty.
         act: What is done in the workspace at a path, with a form of clean texts; its result is shown.
+        said: What came of it, in a sentence; with fields likewise.
     """
 
     command: str
     needs: tuple[str, ...]
     act: Callable[[Path, Form], object]
+    said: str
 
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """What came of an action: the command that does the same, and the result of its use case."""
+    """What came of an action: a sentence, the command that does the same, and the result of its use case."""
 
+    said: str
     command: str
     result: object
 
@@ -58,7 +61,8 @@ def perform(workspace: Workspace, name: str, form: Form) -> Done:
         raise DefinitionError.of("MISSING_VALUE", name, "nothing", ", ".join(missing))
     fields = {"reason": "", **{key: clean(value) for key, value in form.items()}}
     result = action.act(workspace.root, fields)
-    return Done(f"paos {action.command.format_map(fields)} -w {workspace.root}", result)
+    command = f"paos {action.command.format_map(fields)} -w {workspace.root}"
+    return Done(action.said.format_map(fields), command, result)
 
 
 def _estop(root: Path, form: Form) -> object:
@@ -100,45 +104,62 @@ def _submit(root: Path, form: Form) -> object:
 
 
 ACTIONS = {
-    STOP: Action("estop", (), _estop),
+    STOP: Action("estop", (), _estop, "The emergency stop is latched: every target halts."),
     "reset": Action(
         "estop --reset --reason='{reason}'",
         ("reason",),
         lambda root, form: stop.reset_estop(root, reason=form["reason"]),
+        "The emergency stop is reset.",
     ),
     "cancel": Action(
         "cancel {session} --reason='{reason}'",
         ("session",),
         lambda root, form: stop.cancel(form["session"], root, reason=form["reason"]),
+        "{session} is being cancelled.",
     ),
     "pause": Action(
         "pause {session} --reason='{reason}'",
         ("session",),
         lambda root, form: stop.pause(form["session"], root, reason=form["reason"]),
+        "{session} will rest at the end of its present motion.",
     ),
-    "resume": Action("resume {session}", ("session",), lambda root, form: stop.resume(form["session"], root)),
+    "resume": Action(
+        "resume {session}",
+        ("session",),
+        lambda root, form: stop.resume(form["session"], root),
+        "{session} goes on.",
+    ),
     "approve": Action(
         "approve {proposal} --yes",
         ("proposal", "sha256"),
         lambda root, form: submit_proposal(root, form["proposal"], form["sha256"], SystemClock(), by=getpass.getuser()),
+        "{proposal} is approved and runs.",
     ),
     "deny": Action(
         "deny {proposal} --reason='{reason}'",
         ("proposal", "reason"),
         lambda root, form: deny(root, form["proposal"], by=getpass.getuser(), reason=form["reason"]),
+        "{proposal} is refused.",
     ),
-    "answer": Action("answer {subject} {says} --question {question}", ("subject", "says", "question"), _answer),
+    "answer": Action(
+        "answer {subject} {says} --question {question}",
+        ("subject", "says", "question"),
+        _answer,
+        "Your answer is recorded: {says}.",
+    ),
     "contest": Action(
         "contest {session} --because '{because}'",
         ("session", "because"),
         lambda root, form: answer.contest(root, form["session"], because=form["because"], by=getpass.getuser()),
+        "What you say of {session} is recorded beside its verdict.",
     ),
     "retract": Action(
         "memory forget {entry} --reason='{reason}'",
         ("entry", "reason"),
         lambda root, form: recall.forget(root, form["entry"], reason=form["reason"], by=getpass.getuser()),
+        "{entry} counts no longer.",
     ),
-    "amend": Action("edit", ("session",), _change),
-    "lint": Action("lint GRAPH", ("graph",), _lint),
-    "submit": Action("run GRAPH", ("graph",), _submit),
+    "amend": Action("edit", ("session",), _change, "{session} is changed."),
+    "lint": Action("lint GRAPH", ("graph",), _lint, "No problem was found."),
+    "submit": Action("run GRAPH", ("graph",), _submit, "The goal is submitted."),
 }

@@ -9,7 +9,7 @@ from pathlib import Path
 from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.sessions.evidence import TRACE, Bundle, read_bundle
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, is_process_alive, read_heartbeats
-from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState, Side
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, REVIEW, SessionState, Side
 from phyagentos.protocol.sessions.session import Ended, Execution, GoalId, SessionId, SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.protocol.workspace.process_lock import RUNTIME_LOCK, WATCHDOG_LOCK, is_held
@@ -21,7 +21,7 @@ from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import Record
 
 BUNDLES_KEPT = 64
-_FAILED = (SessionState.FAILED, SessionState.REJECTED)
+_MISSED = ((SessionState.FAILED, SessionState.REJECTED), (SessionState.REPLANNED,))  # what is worth a look first
 _WATCHED = (
     "signals",
     "signals/new",
@@ -80,7 +80,7 @@ class Documents:
                 self._follower = Follower(folder)
             for record in self._follower.read_new() if self._follower is not None else ():
                 self.ledger.apply(record)
-                if record.to is not None:
+                if record.to is not None and record.ev != REVIEW:  # which leaves a session as it is
                     self.passages[SessionId(record.id)].append(Passage(str(record.to), record.at))
                 if record.side == Side.OPERATOR:
                     self.requests.append(record)
@@ -129,17 +129,17 @@ class Documents:
         return self.ledger.goals.get(GoalId(id or latest))
 
     def find_session(self, id: str = "", goal: str = "") -> SessionStatus | None:
-        """A session by its id; without one that which runs or waits, else one that failed last, else the latest.
+        """A session by its id; without one that which runs or waits, else one that failed last, or was replanned last.
 
-        Without a name the goal is that of the latest session.
+        Without such a one it is the latest. Without a name the goal is that of the latest session.
         """
         if id:
             return self.ledger.sessions.get(SessionId(id))
         of_goal = [each for each in self.ledger.sessions.values() if not goal or each.contract.goal == goal]
         live = [each for each in of_goal if each.state not in FINAL_STATES]
         last = [each for each in reversed(of_goal) if each.contract.goal == of_goal[-1].contract.goal]
-        failed = [each for each in last if each.state in _FAILED]
-        return next(iter([*(each for each in live if each.claimed_by), *live, *failed, *last]), None)
+        missed = [each for state in _MISSED for each in last if each.state in state]
+        return next(iter([*(each for each in live if each.claimed_by), *live, *missed, *last]), None)
 
     def read_beats(self) -> dict[str, Heartbeat]:
         """The latest heartbeat of each target."""

@@ -33,6 +33,7 @@ class Row:
         link: Address of its page, relative to the list, and of its `picture`.
         state: Verdict; `running`, `open` or `cancelled` without one.
         counts: Of a suite: episodes by how they stand.
+        suite: Values of its grid.
         problem: Why it cannot be read.
     """
 
@@ -43,6 +44,7 @@ class Row:
     wall_s: float = 0.0
     picture: str = ""
     counts: Counter[Standing] | None = None
+    suite: Fields | None = None
     problem: str = ""
 
 
@@ -61,9 +63,9 @@ def _list_rows(place: Place, *, is_running: bool) -> list[Row]:
     link = f"{'suites' if place.is_suite else 'w'}/{place.key}/"
     try:
         if place.is_suite:
-            counts = read_grid(place)["counts"]
-            state = "running" if is_running else "open" if counts[Standing.WAITING] else "done"
-            return [Row(place=place, link=link, state=state, counts=counts)]
+            grid = read_grid(place)
+            state = "running" if is_running else "open" if grid["counts"][Standing.WAITING] else ""
+            return [Row(place=place, link=link, state=state, counts=grid["counts"], suite=grid)]
         written = tuple(find_latest([path]) for path in sorted(place.root.glob("sessions/*/*")))
         workspace, ledger = _read_workspace(place.root, written)
         goals = [*reversed(ledger.goals.values())][:GOALS_MAX]

@@ -115,7 +115,12 @@ def _read_headline(documents: Documents, query: Query, status: Session) -> Field
     sessions = [each for node in goal.nodes.values() for each in node.sessions]
     replans = [each for node in goal.nodes.values() for each in node.replans]
     _, wall_s = measure_length(documents, goal)
-    return {"goal": goal, "goals": others, "sessions": sessions, "replans": replans, "wall_s": wall_s}
+    asks = any(not each.is_decided for each in iter_open(documents.workspace, documents.ledger, goal.id))
+    state = goal.verdict or ("cancelled" if goal.is_cancelled else "running" if documents.is_running() else "open")
+    return {
+        "goal": goal, "goals": others, "sessions": sessions, "replans": replans, "wall_s": wall_s,
+        "state": state, "waits": asks and state in {"open", "running"},
+    }  # fmt: skip
 
 
 def _read_timeline(documents: Documents, query: Query, status: Session) -> Fields:
@@ -297,7 +302,9 @@ def _read_runtime(documents: Documents, _: Query, __: Session) -> Fields:
     ended = [each for each in documents.ledger.sessions.values() if goal and each.contract.goal == goal.id]
     is_open = goal is None or not (goal.verdict or goal.is_cancelled or any(each.execution for each in ended))
     waits = stages["command"] and is_open and not stages["motion"]
-    return {"stages": stages, "begins": waits, "latch": read_latch(place.signals.parent), "beats": list(beats)}
+    proposed = len(Proposals(place.proposals).list_waiting())
+    seen = {"latch": read_latch(place.signals.parent), "beats": list(beats), "proposed": proposed}
+    return {"stages": stages, "begins": waits, **seen}
 
 
 def _read_proposals(documents: Documents, _: Query, __: Session) -> Fields:
@@ -334,9 +341,11 @@ _OWN = ("session",)
 _LIVE = (_JOURNAL, _BEATS)
 PANELS = (
     Panel(name="headline", title="Run", file="TASK.md", command="paos graph -w {w}", read=_read_headline,
-          follows=_LIVE, place=Place.TOP),
+          follows=(_JOURNAL, _BEATS, _FILES, _STAGE), place=Place.TOP),
     Panel(name="runtime", title="Now", file="heartbeats/", command="paos status -w {w}", read=_read_runtime,
           follows=(_JOURNAL, _BEATS, _FILES, _STAGE), place=Place.TOP),
+    Panel(name="questions", title="Questions to you", file="evidence/{id}/", command="paos answer {id} yes -w {w}",
+          read=_read_questions, follows=(_JOURNAL, _BEATS, _FILES), place=Place.TOP, empty="questions"),
     Panel(name="timeline", title="Timeline", file="sessions/", command="paos graph -w {w}", read=_read_timeline,
           follows=_LIVE, place=Place.TOP, empty="timeline"),
     Panel(name="story", title="Session", file="SESSIONS.md", command="paos why {id} -w {w}", read=_read_story,
@@ -363,8 +372,6 @@ PANELS = (
           empty="goal"),
     Panel(name="sessions", title="Sessions", file="SESSIONS.md", command="paos graph -w {w}", read=_read_sessions,
           place=Place.RIGHT, empty="all"),
-    Panel(name="questions", title="Questions to you", file="evidence/{id}/", command="paos answer {id} yes -w {w}",
-          read=_read_questions, follows=(_JOURNAL, _BEATS, _FILES), place=Place.RIGHT, empty="questions"),
     Panel(name="proposals", title="Proposals", file="proposals/new/", command="paos approve -w {w}",
           read=_read_proposals, follows=(_FILES,), place=Place.RIGHT, empty="proposals"),
     Panel(name="memory", title="Memory", file="LESSONS.md", command="paos memory show --all -w {w}", read=_read_memory,

@@ -31,6 +31,7 @@ class Plot:
         curves: Points of a polyline each.
         limits: Heights of its limits, and what each is; of those that are near.
         words: Least and greatest value, for people.
+        edges: Value at the upper and at the lower edge, likewise.
         time_s: First and last simulated time.
     """
 
@@ -39,6 +40,7 @@ class Plot:
     curves: tuple[str, ...]
     limits: tuple[tuple[float, str], ...]
     words: str
+    edges: tuple[str, str]
     time_s: tuple[float, float]
 
 
@@ -150,6 +152,7 @@ def _draw(
         tuple(join_points(across, raise_to(np.asarray(each)), thin(each)) for each in curves),
         tuple((round(float(raise_to(np.array(bound))), 2), f"{text} {say(bound)}") for bound, text in shown),
         f"{say(least)} to {say(most)}{beyond}",
+        (say(high + room), say(low - room)),
         (float(time[0]), float(time[-1])),
     )
 

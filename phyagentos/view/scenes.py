@@ -79,6 +79,7 @@ class Control(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     paths: bool = True
     believed: bool = True
     cameras: bool = False
+    dark: bool = False
 
 
 def add_scenes(app: FastAPI, documents: Documents, access: Access) -> None:
@@ -190,7 +191,8 @@ class Stage:
         self._folder = tempfile.TemporaryDirectory(prefix="paos-scene-")
         self.socket = Path(self._folder.name) / "scene"
         self._server = _start_server(self.socket)
-        self._server.gui.configure_theme(control_width="small", show_logo=False, show_share_button=False)
+        self._is_dark = False
+        self._choose_theme()
         self._scene = ViserMujocoScene(self._server, self._model, num_envs=1)
         self._scene.camera_tracking_enabled = False
         camera = self._server.initial_camera
@@ -214,6 +216,11 @@ class Stage:
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
         self._folder.cleanup()
+
+    def _choose_theme(self) -> None:
+        self._server.gui.configure_theme(
+            control_width="small", show_logo=False, show_share_button=False, dark_mode=self._is_dark
+        )
 
     def _run(self) -> None:
         while not self._ended.wait(STEP_S):
@@ -279,6 +286,9 @@ class Stage:
             mujoco.mj_forward(self._model, self._data)
             self._scene.update_from_mjdata(self._data)
         status, control = self._documents.ledger.sessions[self._session], self.control
+        if control.dark != self._is_dark:
+            self._is_dark = control.dark
+            self._choose_theme()
         self._cameras.show(self._documents.read_bundle(status), time_s, is_wanted=control.cameras)
         if believed is not None and (key := (believed.revision, round(time_s), control.believed)) != self._believed:
             self._believed = key

@@ -4,15 +4,19 @@ import os
 import stat
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
 from pathlib import Path
+from textwrap import shorten
 
 from phyagentos.bench.episode import WORKSPACE
 from phyagentos.bench.records import AXES, LOG, EpisodeRecord, read_records
-from phyagentos.bench.sweep import MANIFEST, Manifest, read_manifest
-from phyagentos.errors import Problem
+from phyagentos.bench.report import Rate
+from phyagentos.bench.suite_file import Suite, read_suite
+from phyagentos.bench.sweep import MANIFEST, SUITE, Manifest, read_manifest
+from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.regular_files import UnfitFileError
 from phyagentos.view.places import PLAIN, Place
@@ -20,6 +24,7 @@ from phyagentos.view.places import PLAIN, Place
 CELLS_MAX = 5000
 FILE_MAX = 64 << 20  # bytes of the records of a run
 TEXT_MAX = 300  # letters of why an episode ended so
+UNMET_SHOWN = 20  # episodes with their reasons
 _EPISODES = "episodes"
 
 
@@ -59,17 +64,28 @@ class Cell:
 
 def read_grid(place: Place) -> Fields:
     """Values of the template `grid`; raises DefinitionError `CHANGED`, `NOT_A_WORKSPACE`, and OSError."""
-    manifest, records = _read_run(place.root, *(_stamp(place.root / name) for name in (MANIFEST, LOG)))
+    manifest, records, suite = _read_run(place.root, *(_stamp(place.root / name) for name in (MANIFEST, LOG, SUITE)))
     begun = {path.name.rpartition("-")[0]: path.name for path in sorted(place.root.glob(f"{_EPISODES}/*"))}
     shown, is_running = manifest.orders[:CELLS_MAX], place.is_running
     rows: dict[str, dict[int, Cell]] = {}
+    met, unmet = Counter[str](), list[tuple[str, int, Cell]]()
     for order in shown:
         name = " ".join(value for axis in AXES if (value := getattr(order, axis)))
         folder = begun.get(order.id, "")
         cell = _show(manifest.missing.get(order.id, ()), records.get(order.id), folder, is_running=is_running)
         rows.setdefault(name, {})[order.seed] = cell
+        if (record := records.get(order.id)) is not None:
+            met[name] += bool(record.is_met)
+            unmet += [(name, order.seed, cell)] * (not record.is_met)
+    every = records.values()
     return {
         "place": place,
+        "suite": suite,
+        "rate": Rate(sum(bool(each.is_met) for each in every), len(every)),
+        "wall_s": sum(each.wall_s for each in every),
+        "met": met,
+        "unmet": unmet[:UNMET_SHOWN],
+        "more_unmet": len(unmet[UNMET_SHOWN:]),
         "rows": rows,
         "seeds": sorted({order.seed for order in shown}),
         "counts": Counter(cell.standing for row in rows.values() for cell in row.values()),
@@ -87,8 +103,11 @@ def find_episode(place: Place, folder: str) -> Path:
 
 
 @lru_cache(maxsize=32)
-def _read_run(root: Path, *_: tuple[int, int]) -> tuple[Manifest, dict[str, EpisodeRecord]]:
-    return read_manifest(root), {record.id: record for record in read_records(root)}
+def _read_run(root: Path, *_: tuple[int, int]) -> tuple[Manifest, dict[str, EpisodeRecord], Suite | None]:
+    suite = None
+    with suppress(DefinitionError):  # the run stands without its words
+        suite = read_suite(root / SUITE)[0]
+    return read_manifest(root), {record.id: record for record in read_records(root)}, suite
 
 
 def _stamp(path: Path) -> tuple[int, int]:
@@ -112,5 +131,5 @@ def _show(missing: Sequence[Problem], record: EpisodeRecord | None, folder: str,
         Standing.AGAIN: bool(record.replans),
     }
     why = record.error.strip().rpartition("\n")[2] or record.reason
-    text = f"{record.verdict or record.ended} {why}"[:TEXT_MAX]
+    text = shorten(f"{record.verdict or record.ended} {why}", TEXT_MAX, placeholder=" …")
     return Cell(next((each for each, holds in found.items() if holds), Standing.MET), text, Path(record.folder).name)

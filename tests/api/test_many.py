@@ -26,6 +26,8 @@ def test_runs_come_back_with_their_rate_and_their_failures_as_pictures(carried):
     )
 
     assert str(runs) == "runs/tidy_table-1: 3/4 = 75.0 % [30.1, 95.4]"
+    assert repr(runs) == f"<{runs}>", "a prompt shows what print() does"
+    assert repr(runs.failures[0]).startswith("<seed 2: failure, ")
     assert (runs.rate.value, runs.pending, [each.seed for each in runs.failures]) == (0.75, 0, [2])
     assert [path.name for path in runs.failures[0].pictures] == ["before.png", "after.png"]
     assert runs.failures._repr_html_().count('src="data:image/jpeg;base64,') == 2
@@ -42,6 +44,11 @@ def test_an_override_is_the_value_that_its_text_is_in_yaml(carried, tmp_path):
     graph.write_text(written.replace("goal: tidy_table", f"goal: far\n{parameters}".rstrip()))
     library.run_many(graph, seeds=[0], overrides={"far_m": 0.25, "targets.arm": "panda"})
     assert carried.jobs[0].order.variant["set"] == {"far_m": 0.25, "targets.arm": "panda"}
+
+
+def test_one_number_in_place_of_seeds_is_refused_with_what_was_meant(carried):
+    with pytest.raises(DefinitionError, match=r"seeds: INVALID_VALUE.*range\(3\)"):
+        run_tidy(seeds=3)
 
 
 def test_nothing_that_a_run_says_becomes_markup(carried):

@@ -24,12 +24,13 @@ def test_each_kind_is_described_by_its_declaration(paos, kind, name, row):
     ]
     assert row in rows
     text = paos("describe", kind, name).out
-    assert all(word in text for word in (name, *row))
+    assert all(word.replace("`", "") in text for word in (name, *row))
+    assert "`" not in text + paos("describe", kind).out, "a terminal shows no Markdown"
     assert name in paos("describe", kind).out
 
 
 def test_a_setting_is_found_by_its_name_alone(paos):
-    assert paos("describe", "setting", "sensing").out.startswith("perception  setting\nperception.yaml")
+    assert paos("describe", "setting", "sensing").out.startswith("perception  setting\nThe whole of perception.yaml\n")
 
 
 def test_slips_name_the_nearest(paos):
@@ -41,6 +42,19 @@ def test_slips_name_the_nearest(paos):
 def test_a_name_alone_is_found_in_every_kind_and_stands_first(paos):
     assert paos("describe", "pick_and_place").out.startswith("pick_and_place  skill\nTakes an object")
     assert "Did you mean 'slip'?" in paos("describe", "slipp").err
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("tidy_table", "paos compile"),
+        ("tabletop/drawer", "paos scene render"),
+        ("panda", "paos robot show"),
+        ("turn_once", "paos tree show"),
+    ],
+)
+def test_what_another_command_shows_is_refused_with_that_command(paos, name, command):
+    assert f"{command} {name} shows it." in paos("describe", name).err
 
 
 def test_a_robot_is_shown_in_columns_without_markup(paos):

@@ -43,8 +43,10 @@ def test_init_never_overwrites(paos, tmp_path):
 
 def test_the_next_command_that_init_prints_names_a_file_that_exists(paos, tmp_path):
     place = tmp_path / "mine"
-    words = paos("init", place).out.split()
-    assert Path(words[-1]).is_file()
+    lines = paos("init", place).out.splitlines()
+    assert lines[-1].startswith("next: ")
+    assert Path(lines[-1].split()[-1]).is_file()
+    assert f"wrote {place / 'scenes' / 'desk.png'}" in lines, "what was begun is seen at once"
 
 
 def test_the_scaffold_uses_the_skill_of_the_first_example_unchanged(paos, tmp_path):

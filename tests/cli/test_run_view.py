@@ -172,7 +172,7 @@ def test_the_final_table_names_nodes_verdicts_times_and_pictures(replanned):
     for said in ("goal tidy-7: not met  because", "6.5 s", "the criterion holds"):
         assert said in text
     assert text.count(str(picture)) == 1
-    assert text.endswith(f"next: paos why -w {root} (what decided), paos view -w {root} (the run, on a page)\n")
+    assert text.endswith(f"next: paos why -w {root} (what decided)\n      paos view -w {root} (the run, on a page)\n")
 
 
 def test_a_success_whose_execution_was_lost_is_never_shown_as_plain_success(run, screen):

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 from msgspec.structs import replace
+from PIL import Image
 
 from phyagentos.assembly.project import open_library
 from phyagentos.assembly.scene_start import draw_start
@@ -32,6 +33,20 @@ def test_a_scene_is_drawn_by_its_name_and_an_unknown_camera_is_refused(paos):
     assert Path("it.png").read_bytes().startswith(b"\x89PNG")
     assert refused.code == ExitCode.INVALID_INPUT
     assert "overview" in refused.err
+
+
+def test_a_scene_of_bodies_alone_has_a_light_and_a_camera_that_sees_them(paos):
+    Path("scenes").mkdir()
+    data = yaml.safe_load(open_library().get_scene(CUBES).read_text(encoding="utf-8"))
+    bare = {name: value for name, value in data.items() if name not in {"cameras", "lights"}} | {"scene": "bare"}
+    Path("scenes/bare.yaml").write_text(yaml.safe_dump(bare, sort_keys=False), encoding="utf-8")
+
+    assert paos("scene", "check", "bare", "--robot", "panda").code == ExitCode.GOAL_MET
+    drawn = paos("scene", "render", "bare", "--camera", "overview", "-o", "bare.png")
+
+    assert drawn.code == ExitCode.GOAL_MET, drawn.err
+    with Image.open("bare.png") as picture:
+        assert len(picture.convert("RGB").getcolors(1 << 20)) > 500, "something is lit and seen"
 
 
 def test_a_check_names_what_floats_what_overlaps_and_what_is_far_at_its_line(paos):

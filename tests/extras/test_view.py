@@ -228,6 +228,8 @@ def test_one_cursor_moves_scene_plots_and_log_and_plays_by_itself(page, shown, v
     await_true(page, "document.querySelectorAll('.log li.now').length === 1")
     assert page.locator("#panel-scene input.cursor").input_value() == page.locator("#moment").input_value() != "0"
     assert page.locator("svg.plot > line.cursor[visibility=visible]").count() == page.locator("svg.plot").count()
+    curves = page.locator("#panel-motion svg.plot polyline").count()
+    assert page.locator("#panel-motion output.at:not(:empty)").count() == curves > 5, "each curve says its value there"
     before = float(page.locator("#moment").input_value())
     page.locator("#play").click()
     await_true(page, f"Number(document.querySelector('#moment').value) > {before + 5}")
@@ -289,7 +291,7 @@ def test_a_click_in_the_list_opens_a_run_and_one_in_the_grid_an_episode(visit):
     page.wait_for_url("**/w/met/?goal=tidy_table-7")
     assert "1 replan" in squeeze(get_panel(page, "headline").text_content())
     page.get_by_role("link", name="All runs").click()
-    page.get_by_role("link", name="one, one").click()
+    page.get_by_role("link", name="Does it count?, one").click()
     page.locator("a.cell").first.click()
     page.wait_for_url("**/e/one/**")
     assert "Three steps up." in get_panel(page, "headline").text_content()
@@ -388,7 +390,8 @@ def test_the_keyboard_alone_finds_a_session_and_presses_the_stop(acting, visits)
     shoot(page, "keyboard_stop", whole=False)
     page.keyboard.press("Enter")
     try:
-        page.locator("#result").get_by_text("kind: estop").wait_for()
+        page.locator("#result").get_by_text("The emergency stop is latched").wait_for()
+        assert "kind: estop" in page.locator("#result").text_content()
         assert is_latched(workspace.signals.parent)
     finally:
         reset(workspace.signals.parent, "the test is over", SystemClock())

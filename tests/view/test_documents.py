@@ -30,6 +30,11 @@ def test_a_session_that_failed_is_chosen_before_a_later_one_that_succeeded(desk)
     assert documents.find_session().contract.id == running
 
 
+def test_of_a_run_that_was_met_in_the_end_what_was_replanned_is_chosen(documents):
+    assert [each.state for each in documents.ledger.sessions.values()] == ["replanned", "succeeded"]
+    assert documents.find_session().contract.id == "tidy-7.a"
+
+
 def test_a_run_is_followed_from_its_first_second(desk):
     place = desk.workspace
     documents = Documents(place.root)

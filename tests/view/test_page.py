@@ -9,14 +9,17 @@ import pytest
 
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.protocol.sessions.estop import is_latched
+from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.workspace.array_files import encode_arrays
+from phyagentos.protocol.world.truth import Truth
 from phyagentos.view.access import FORM_HEADER, Access
 from phyagentos.view.archive import build_archive
 from phyagentos.view.comparison import compare_sessions
+from phyagentos.view.documents import Documents
 from phyagentos.view.pages import NOTHING, PanelRenderer
-from phyagentos.view.panels import PANELS, Query
+from phyagentos.view.panels import PANELS, Place, Query
 from tests.looks import keep_look
-from tests.view.conftest import HOSTILE
+from tests.view.conftest import GOAL, HOSTILE
 
 pytest.importorskip("fastapi", reason="the extra `dev` brings it: make setup")
 from fastapi.testclient import TestClient
@@ -393,6 +396,31 @@ def test_a_proposal_is_shown_by_its_own_bytes_and_no_other_hides_it(documents, t
     assert "objective: after" not in shown
     assert "of another file" not in shown
     assert shown.count("CHANGED") + shown.count("UNREADABLE_FILE") == 2
+
+
+def test_what_waits_for_a_person_is_said_in_the_first_lines_and_asked_above_the_timeline(desk, access):
+    node = {"objective": "Put it away.", "skill": "pick_and_place", "target": "panda"}
+    desk.record(GOAL, "goal_submitted", graph="tidy", seed=7, objective="Tidy.")
+    desk.record(GOAL, "goal_compiled", nodes={"a": node}, accept=["human: Is it clean?"], constraints=[])
+    session = desk.submit("a")
+    desk.execute(session)
+    desk.judge(session, "accept", Verdict.SUCCESS, Truth.TRUE)
+    desk.record("node:tidy-7/a", "node_done")
+    documents = Documents(desk.workspace.root)
+    documents.refresh()
+    put_proposal(documents)
+
+    assert "open waits for your answer" in see(read(documents, "headline"))
+    assert "1 proposal to decide" in see(read(documents, "runtime"))
+    names = [panel.name for panel in PANELS if panel.place is Place.TOP]
+    assert names.index("questions") < names.index("timeline")
+    client = TestClient(build_app(documents, access, allows_actions=True), base_url=OWN, headers=carry_token(access))
+    page = client.get("/").text
+    assert page.index("Is it clean?") < page.index('<svg class="timeline"')
+    assert 'hx-post="actions/deny"' in page
+    sent = {"origin": OWN, FORM_HEADER: access.form_secret}
+    answered = client.post("/actions/answer", headers=sent, data={"subject": "tidy-7", "says": "no", "question": "1"})
+    assert (answered.status_code, "Your answer is recorded: no." in see(answered.text)) == (200, True), answered.text
 
 
 def test_a_document_of_400_mb_stops_no_panel_and_a_link_is_not_followed(documents, tmp_path):

@@ -32,6 +32,7 @@ def test_a_peak_of_one_sample_is_drawn_beside_the_limit_of_the_guard(limits):
     ((limit, text),) = error.limits
     assert (limit < min(heights), text) == (True, "limit 250.0 mrad")
     assert error.words == "0.0 mrad to 200.0 mrad"
+    assert error.edges == ("265.0 mrad", "-15.0 mrad"), "so that a page can say what a height is"
     assert [text for _, text in plots["Gripper"].limits] == ["least 0 mm", "limit 80 mm"]
     assert len(plots["Joint positions, of their range"].curves) == 7
 

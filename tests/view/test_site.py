@@ -142,6 +142,11 @@ def test_the_grid_of_a_suite_shows_how_every_episode_stands(ask, run):
     assert 'href="./e/suite/lift.0-1/"' in page
     assert "NOT_INSTALLED no module" in page
     assert "✓ 1 met" in see(page)
+    assert "4 of 7 met" in see(page)
+    assert "1 false success" in see(page)
+    assert "2 are left" in see(page)
+    left_open = page[page.index("Not met") :]
+    assert [f"lift, seed {seed}" in left_open for seed in range(9)] == [seed in {2, 3, 5} for seed in range(9)]
     lock = become_sole(run / LOCK, SystemClock(), "BUSY", "held")
     try:
         assert read_grid(place)["rows"]["lift"][7].standing is Standing.RUNNING

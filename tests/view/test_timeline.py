@@ -3,10 +3,11 @@
 import pytest
 
 from phyagentos.clock import SystemClock
+from phyagentos.operations.answer import contest
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.tasks import Relation
 from phyagentos.store.journal import Entry, Journal
-from phyagentos.view.timeline import BARS_MARKED, SLIVER, Timeline, read_timeline
+from phyagentos.view.timeline import BARS_MARKED, SLIVER, Timeline, measure_length, read_timeline
 from tests.view.conftest import HOSTILE
 from tests.view.test_page import read, see
 
@@ -55,6 +56,18 @@ def test_a_session_without_a_worker_waits_and_a_request_of_an_operator_is_marked
     timeline = read_timeline(documents, documents.find_goal())
     assert timeline.waiting == []
     assert [(mark.kind, mark.text) for mark in timeline.requests] == [("request", "cancel by person")]
+
+
+def test_a_judgement_that_comes_days_after_a_verdict_makes_no_run_longer(documents, desk):
+    goal = documents.find_goal()
+    before, states = measure_length(documents, goal), [*documents.passages["tidy-7.a"]]
+    contest(desk.workspace.root, "tidy-7.a", because=f"It leans. {HOSTILE}", by="ann")
+    documents.refresh()
+    assert measure_length(documents, goal) == before
+    assert documents.passages["tidy-7.a"] == states
+    shown = see(read(documents, "story", session="tidy-7.a"))
+    assert "Contested: success ann at 2" in shown
+    assert "0 criteria" not in shown
 
 
 def test_many_narrow_neighbours_of_one_state_are_one_bar_and_the_chosen_one_stays_alone(documents, desk):

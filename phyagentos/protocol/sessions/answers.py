@@ -13,6 +13,7 @@ from phyagentos.protocol.documents.durable_files import create_durably
 from phyagentos.protocol.predicates.predicate import find_question
 from phyagentos.protocol.sessions.evidence_manifest import read_part
 from phyagentos.protocol.world.truth import Truth
+from phyagentos.wording import format_time
 
 ANSWERS = "answers/"
 
@@ -33,7 +34,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     at: str
 
     def __str__(self) -> str:
-        return f"{'yes' if self.truth is Truth.TRUE else 'no'}, answered by {self.by} at {self.at}"
+        return f"{'yes' if self.truth is Truth.TRUE else 'no'}, answered by {self.by} at {format_time(self.at)}"
 
 
 def get_answer_name(question: str) -> str:

@@ -306,6 +306,7 @@ class SceneSpec(Authored):
     Attributes:
         rows: Bodies side by side, or in a grid, without places of their own.
         stacks: Names of bodies that stand on each other, each from below; the lowest has a place.
+        cameras: By default one, `overview`, which looks at the table from before it.
         lights: One lamp above the table by default.
     """
 
@@ -317,7 +318,9 @@ class SceneSpec(Authored):
     rows: tuple[Row, ...] = ()
     stacks: tuple[tuple[str, ...], ...] = ()
     regions: dict[str, NamedRegion] = {}
-    cameras: dict[str, Camera]
+    cameras: dict[str, Camera] = {
+        "overview": Camera(position_m=(1.85, 0.46, 1.15), target_m=(0.27, 0.05, 0.26), fovy_deg=41.0)
+    }
     lights: dict[str, Light] = {"key": Light(position_m=(1.2, -1.2, 2.2), direction=(-0.4, 0.55, -1.0))}
     friction: dict[str, Span] = {}
     settle_s: float = pydantic.Field(default=0.4, ge=0.0, le=10.0)

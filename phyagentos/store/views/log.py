@@ -12,6 +12,7 @@ from phyagentos.store.admission import GoalEvent
 from phyagentos.store.ledger import Ledger, read_replan
 from phyagentos.store.records import JOURNAL_ID, Record
 from phyagentos.store.views.sessions import describe_attempt, describe_execution
+from phyagentos.wording import count
 
 NODES_NAMED = 10
 LINES_SHOWN = 1000  # some hundred sessions; a person scrolls no further back
@@ -142,11 +143,12 @@ def _format_goal(record: Record, hint: str) -> str:
         return _format_journal(record, body)
     match record.ev:
         case GoalEvent.GOAL_SUBMITTED:
-            return f"goal requested: {body.get('objective') or body.get('graph', '')}, seed {body.get('seed')}"
+            words = str(body.get("objective") or body.get("graph", "")).rstrip(".")
+            return f"goal requested: {words}, seed {body.get('seed')}"
         case GoalEvent.GOAL_COMPILED:
             nodes = body.get("nodes", {})
             shown = ", ".join(list(nodes)[:NODES_NAMED]) + (", …" if len(nodes) > NODES_NAMED else "")
-            return f"compiled into {len(nodes)} nodes: {shown}"
+            return f"compiled into {count(len(nodes), 'node')}: {shown}"
         case GoalEvent.CHILD_OF:
             replan = read_replan(body)
             return f"{replan.session} continues as {replan.child}: {hint or replan.reason or 'as before'}"

@@ -27,6 +27,7 @@ from phyagentos.protocol.sessions.verdicts import Attempt, Criterion
 from phyagentos.protocol.world.idealisations import format_idealisations
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.ledger import Ledger
+from phyagentos.wording import count
 
 FINISHED_SHOWN = 50
 END_MARK = "<!-- end of view -->\n"
@@ -134,8 +135,8 @@ def describe_execution(status: SessionStatus) -> str:
         how += f" ({execution.code})"
     if execution.message:
         how += f": {execution.message.rstrip('.')}"
-    guard = f", {execution.interventions} safety interventions" if execution.interventions else ""
-    return f"{how}; {execution.sim_time_s:.2f} s simulated, {execution.ticks} commands{guard}."
+    guard = f", {count(execution.interventions, 'safety intervention')}" if execution.interventions else ""
+    return f"{how}; {execution.sim_time_s:.2f} s simulated, {count(execution.ticks, 'command')}{guard}."
 
 
 def describe_attempt(attempt: Attempt) -> str:

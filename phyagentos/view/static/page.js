@@ -13,12 +13,29 @@ let share = null;
 const chosen = () => { const bar = one("a.bar.chosen"); return bar && Number(bar.dataset.simTo) > Number(bar.dataset.simFrom) ? bar.dataset : null; };
 const between = (from, to, at) => Number(from) + at * (Number(to) - Number(from));
 const put = (line, percent) => { const is = percent >= 0 && percent <= 100; line.setAttribute("visibility", is ? "visible" : "hidden"); if (is) for (const end of ["x1", "x2"]) line.setAttribute(end, `${percent}%`); };
+// What each curve of a plot says where the cursor is; a plot names the values at its edges, with their unit.
+const courses = new WeakMap();
+function readCourse(line) {
+  const text = line.getAttribute("points");
+  if (courses.get(line)?.text !== text) courses.set(line, { text, points: text.trim().split(/\s+/).map((point) => point.split(",").map(Number)) });
+  return courses.get(line).points;
+}
+function tell(plot, at) {
+  const { top, bottom } = plot.dataset, outputs = plot.closest("figure").querySelectorAll("output.at"), number = (text) => parseFloat(text.replace("−", "-"));
+  const digits = (top.match(/\.(\d+)/) || ["", ""])[1].length, unit = top.replace(/^[−\-\d.]+/, "");
+  plot.querySelectorAll("polyline").forEach((line, index) => {
+    const points = readCourse(line), x = at * line.ownerSVGElement.viewBox.baseVal.width, next = points.findIndex((point) => point[0] >= x), output = outputs[index];
+    if (!output || !points.length) return;
+    const [b, a] = next < 0 ? [points.at(-1), points.at(-1)] : [points[next], points[Math.max(next - 1, 0)]], y = b[0] > a[0] ? between(a[1], b[1], (x - a[0]) / (b[0] - a[0])) : b[1];
+    output.textContent = at < 0 || at > 1 ? "" : between(number(top), number(bottom), y / 100).toFixed(digits).replace("-", "−") + unit;
+  });
+}
 function follow() {
   const bar = chosen();
   if (share === null || !bar) return;
   const sim = between(bar.simFrom, bar.simTo, share);
   all("svg.timeline > line.cursor").forEach((line) => put(line, between(bar.from, bar.to, share)));
-  all("svg.plot").forEach((plot) => put(plot.querySelector("line.cursor"), 100 * (sim - plot.dataset.from) / (plot.dataset.to - plot.dataset.from)));
+  all("svg.plot").forEach((plot) => { const at = (sim - plot.dataset.from) / (plot.dataset.to - plot.dataset.from); put(plot.querySelector("line.cursor"), 100 * at); tell(plot, at); });
   all("input.cursor").forEach((slider) => { slider.value = 1000 * share; });
   all(".moment-at").forEach((words) => { words.textContent = `${sim.toFixed(2)} s simulated, ${new Date(between(bar.wallFrom, bar.wallTo, share)).toISOString().slice(11, 21)} UTC`; });
   const clock = new Date(between(bar.wallFrom, bar.wallTo, share)).toISOString().slice(11, 19), before = [...all(".log li[data-clock]")].filter((line) => line.dataset.clock <= clock);
@@ -32,7 +49,7 @@ function follow() {
   all(".frames").forEach((frames) => frames.classList.add("following"));
 }
 // The 3D scene stands at the cursor, and shows what is ticked: its frame, of another origin, is sent that.
-const scene = {};
+const scene = { dark: matchMedia("(prefers-color-scheme: dark)").matches };
 function direct(change) {
   Object.assign(scene, change);
   const frame = one("#panel-scene iframe");
@@ -52,7 +69,7 @@ function play(starts) {
   }
   if (button) { button.textContent = playing ? "❚❚ Pause" : "▶ Play"; button.setAttribute("aria-pressed", String(Boolean(playing))); }
 }
-document.addEventListener("click", (event) => { if (event.target.id === "play") play(!playing); });
+document.addEventListener("click", (event) => { if (event.target.id === "play") play(!playing); if (event.target.matches("#result .close")) one("#result").replaceChildren(); });
 // Where nothing draws in 3D, pictures stand in place of the scene.
 const canvas = document.createElement("canvas");
 if (!(canvas.getContext("webgl2") || canvas.getContext("webgl"))) document.documentElement.classList.add("flat-only");
