@@ -281,7 +281,8 @@ class _Builder:
         return self._build_leaf(node, scope, path)
 
     def _build_leaf(self, node: Node, scope: _Scope, path: str) -> Leaf:
-        with blaming(kind := self._registry.get(node.type), "__init__"):
+        kind = self._registry.get(node.type)
+        with blaming(f"{kind.__name__}.__init__", kind):
             leaf = kind(node.name, self._context, path)
         kinds = expand_ports(leaf.INPUT_PORTS, node.wiring)
         keys = {

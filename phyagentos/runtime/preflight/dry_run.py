@@ -368,8 +368,10 @@ def _find_in(
         leaf = registry.find(child.type) if child.kind is NodeKind.LEAF else None
         foreseen = Foreseen(onward=Onward.OPEN)
         if leaf is not None:
-            with blaming(leaf, "foresee"):
+            with blaming(f"{leaf.__name__}.foresee", leaf, leaf.foresee):
                 foreseen = leaf.foresee(wired, where)
+                if not isinstance(foreseen, Foreseen):
+                    raise TypeError(f"it answered {foreseen!r:.80}; expected a Foreseen")
         if foreseen.motion is not None:
             yield foreseen.motion
         if foreseen.onward is not Onward.SURE:
