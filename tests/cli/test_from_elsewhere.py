@@ -151,7 +151,7 @@ def test_what_is_executed_is_the_text_and_no_cached_form_of_it(tmp_path, monkeyp
     os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
     assert Path(cached).exists()
 
-    with pytest.raises(AttributeError, match="good"):
+    with pytest.raises(DefinitionError, match="good"):
         register_file(LeafRegistry(), path)
 
 

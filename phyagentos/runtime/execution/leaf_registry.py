@@ -6,7 +6,6 @@ a function that takes the registry) and from a skill folder's own `behaviours.py
 """
 
 import ast
-import inspect
 import operator
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -33,7 +32,8 @@ class LeafRegistry:
         Raises:
             DefinitionError: `DUPLICATE_NAME` when another class has the name; `BROKEN_PYTHON`.
         """
-        if not (inspect.isclass(leaf) and issubclass(leaf, Leaf)):
+        given: object = leaf
+        if not (isinstance(given, type) and issubclass(given, Leaf)):
             raise DefinitionError.of("BROKEN_PYTHON", str(name), repr(leaf), "a subclass of phyagentos.skills.Leaf")
         existing = self._classes.get(name)
         if existing is not None and existing is not leaf:
