@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry, register_file
