@@ -16,6 +16,9 @@ from types import CodeType
 
 import msgspec
 
+from phyagentos.overtime import limit_time
+
+LOAD_S = 60.0  # for a person's code to load: a library of models takes half of it
 ROOM_BYTES = 1 << 20  # with less room than that no process can keep its records
 
 
@@ -173,13 +176,14 @@ def find_full_disk(error: BaseException) -> str:
 
 
 @contextmanager
-def blaming(call: str, *own: object) -> Iterator[None]:
+def blaming(call: str, *own: object, limit_s: float = LOAD_S) -> Iterator[None]:
     """Around a call of a person's code before anything moves: its errors become DefinitionError `BROKEN_PYTHON`.
 
-    `own` is as of `find_place`.
+    `own` is as of `find_place`; so is a call that takes longer than its limit [s].
     """
     try:
-        yield
+        with limit_time(limit_s):
+            yield
     except PhyAgentOSError:
         raise
     except list_foreign_errors() as error:

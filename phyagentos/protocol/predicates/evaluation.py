@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import msgspec
 
 from phyagentos.errors import DefectError, find_place, list_foreign_errors
+from phyagentos.overtime import limit_time
 from phyagentos.protocol.documents.plain_data import to_numbers, to_plain
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.exchanges import find_agreed, iter_exchanged
@@ -31,6 +32,7 @@ from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.environment import UNNAMED, Environment, Pose
 from phyagentos.protocol.world.truth import Truth
 
+MEASURE_S = 5.0  # for a predicate of a project: half of what a worker may be silent
 _RANK = {Truth.FALSE: 0, Truth.UNKNOWN: 1, Truth.TRUE: 2}
 _INVERSE = {Truth.TRUE: Truth.FALSE, Truth.FALSE: Truth.TRUE, Truth.UNKNOWN: Truth.UNKNOWN}
 _RELATIONS: dict[str, Callable[[float, float], bool]] = {
@@ -220,7 +222,8 @@ def _measure(call: syntax.Call, view: View) -> Reading:
 
 def _ask_project(definition: PredicateDefinition, view: View, resolved: Sequence[Resolved]) -> Reading:
     """The answer of a person's code, on a copy of the world; raises TypeError or ValueError where it is no reading."""
-    answer: object = definition.measure(_copy_view(view), *resolved)
+    with limit_time(MEASURE_S):
+        answer: object = definition.measure(_copy_view(view), *resolved)
     if not isinstance(answer, Reading) or not isinstance(answer.because, str):
         raise TypeError(f"it answered {answer!r:.120}; expected a Reading, `because` in words")
     numbers = to_numbers({"value": answer.value, **answer.measured})

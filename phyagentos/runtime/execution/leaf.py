@@ -7,6 +7,7 @@ stay with the tree, not on the blackboard of the process.
 
 import copy
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from enum import StrEnum
 from typing import Any, ClassVar, final
 
@@ -17,7 +18,9 @@ from py_trees.ports_utils import is_instance_of_type
 
 from phyagentos.errors import PhyAgentOSError, find_place, list_foreign_errors
 from phyagentos.geometry import Vector
+from phyagentos.overtime import limit_time
 from phyagentos.protocol.documents.plain_data import Fields, to_plain
+from phyagentos.protocol.sessions.session import Limits
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.runtime.execution.context import SkillContext
@@ -25,6 +28,7 @@ from phyagentos.runtime.execution.first_motions import Foreseen, foresee_by_role
 from phyagentos.runtime.execution.ports import Port, find_misfit
 from phyagentos.runtime.perception.world_model import BELIEF, Need
 
+TICK_S = 0.7 * Limits().heartbeat_s  # for a person's leaf, by the wall clock: its worker is given up after all of it
 __all__ = ["FailureCode", "Leaf", "LeafError", "LeafFailure", "Port", "PortInformation", "Role", "Status"]
 
 
@@ -163,7 +167,8 @@ class Leaf(Behaviour):
         """Dispatch one tick; sealed."""
         begin = self.on_running if self._active else self.on_start
         try:
-            status = begin()
+            with self._limit():
+                status = begin()
         except LeafFailure as failure:
             status = self.fail(failure.code, failure.message, **failure.numbers)
         except list_foreign_errors() as error:
@@ -175,6 +180,12 @@ class Leaf(Behaviour):
             raise LeafError(self.path, error, find_place(error, begin)) from error
         self._active = status is Status.RUNNING
         return status
+
+    def _limit(self) -> AbstractContextManager[None]:
+        """Of a tick of a person's leaf: shorter than the silence for which its worker would be given up."""
+        if type(self).__module__.startswith("phyagentos."):
+            return nullcontext()
+        return limit_time(TICK_S)
 
     def _check_answer(self, name: str, status: object) -> None:
         """Raise TypeError for what is no answer; numbers become plain data, as evidence holds them."""
@@ -190,7 +201,8 @@ class Leaf(Behaviour):
         if new_status is Status.INVALID and self._active:
             self._active = False
             try:
-                self.on_halted()
+                with self._limit():
+                    self.on_halted()
             except list_foreign_errors() as error:
                 raise LeafError(self.path, error, find_place(error, type(self))) from error
 

@@ -21,7 +21,7 @@ from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.context import SkillContext
-from phyagentos.runtime.execution.leaf import FailureCode, Leaf
+from phyagentos.runtime.execution.leaf import TICK_S, FailureCode, Leaf
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.port_types import EXPORTED_TYPES, PORT_TYPES
 from phyagentos.runtime.execution.ports import expand_ports
@@ -282,7 +282,7 @@ class _Builder:
 
     def _build_leaf(self, node: Node, scope: _Scope, path: str) -> Leaf:
         kind = self._registry.get(node.type)
-        with blaming(f"{kind.__name__}.__init__", kind):
+        with blaming(f"{kind.__name__}.__init__", kind, limit_s=TICK_S):
             leaf = kind(node.name, self._context, path)
         kinds = expand_ports(leaf.INPUT_PORTS, node.wiring)
         keys = {

@@ -15,6 +15,7 @@ from msgspec import UNSET, UnsetType
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, Problem, blaming, find_place, is_defect, list_foreign_errors
+from phyagentos.overtime import limit_time
 from phyagentos.plugins import Plugins
 from phyagentos.protocol.documents.plain_data import to_numbers, to_plain
 from phyagentos.protocol.sessions.evidence import Bundle
@@ -22,6 +23,7 @@ from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.settings.verification import JudgeOption, Verification
 from phyagentos.protocol.world.truth import Truth
 
+JUDGE_S = 300.0  # for a judge of a plug-in, which may ask a model
 FORESEEN = "lookahead"
 """Kind of predictions: recorded with every judgement, decisive only where nothing was observed that could decide."""
 
@@ -96,7 +98,8 @@ class ForeignJudge:
     def judge(self, bundle: Bundle) -> Sequence[Criterion]:
         """Criteria of the wrapped judge, which gets a copy of the evidence; an unknown one where it failed."""
         try:
-            return [_accept(each) for each in self.other.judge(copy.deepcopy(bundle))]
+            with limit_time(JUDGE_S):
+                return [_accept(each) for each in self.other.judge(copy.deepcopy(bundle))]
         except list_foreign_errors() as error:  # the session must be judged
             raised = f"the judge raised {type(error).__name__}: {error}"
             if not is_defect(error):
