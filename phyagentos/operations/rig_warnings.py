@@ -27,7 +27,7 @@ from phyagentos.runtime.perception.views import MAP_LIKE_M, MAP_M
 from phyagentos.wording import compare_angles, compare_lengths, format_length
 
 LENGTHS = frozenset({"tol_m", "distance_m"})  # names of arguments of predicates that say how near is near
-NUMBERS = {"distance": compare_lengths, "tilt": compare_angles}  # measured of bodies, and never below zero
+NUMBERS = {"m": compare_lengths, "rad": compare_angles}  # of predicates, by unit
 UNDER = frozenset({"<", "<="})
 
 
@@ -125,13 +125,16 @@ def _iter_of_body(name: str, located: Located, path: Address, rig: Rig) -> Itera
 def _iter_of_number(compared: syntax.Compare, located: Located, path: Address, rig: Rig) -> Iterator[Problem]:
     """Of what is never below zero no bound within its doubt is surely kept; no measured number equals another."""
     call, bound = compared.left, compared.bound
-    if not (isinstance(call, syntax.Call) and call.name in NUMBERS and isinstance(bound, float)):
+    if not isinstance(call, syntax.Call) or not isinstance(bound, float):
+        return
+    definition = get_predicate_library().find(call.name)
+    if definition is None or definition.unit not in NUMBERS:
         return
     names = [each.text for each in call.terms if isinstance(each, syntax.Name) and each.text in rig.scene.bodies]
-    estimate = rig.estimate_turn_std if call.name == "tilt" else rig.estimate_std
+    estimate = rig.estimate_turn_std if definition.unit == "rad" else rig.estimate_std
     doubt = DOUBT_STDS * math.hypot(*map(estimate, names))
     if doubt > 0.0 and (compared.relation == "==" or (compared.relation in UNDER and bound <= doubt)):
-        asked, least = NUMBERS[call.name](bound, doubt)
+        asked, least = NUMBERS[definition.unit](bound, doubt)
         expected = f"more than ±{least}, as well as these cameras measure {' and '.join(names)} at best"
         wanted = "Compare it with < or >" if compared.relation == "==" else f"Write more than {doubt:.2g}"
         hint = f"{wanted}, or place a camera nearer in sensors.yaml."
