@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Literal
 
 import mujoco
-import numpy as np
 from rich.console import Console
 
 from benchmarks.runner import finish, run, show
@@ -24,8 +23,10 @@ from phyagentos.bench.report import Spread, Threshold
 from phyagentos.bench.scoring import measure
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
+from phyagentos.pictures.model_file import read_model
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.settings.perception import Sensing
+from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Journal
 
@@ -42,11 +43,11 @@ def time_physics(workspace: Workspace, report: MissionReport) -> float:
     spent_s = 0.0
     for session in report.sessions:
         folder = workspace.evidence_of(session.id)
-        model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
+        model = read_model(folder / "scene.mjb")
         data = mujoco.MjData(model)
-        with np.load(folder / "initial.npz") as initial, np.load(folder / "terminal.npz") as terminal:
-            mujoco.mj_setState(model, data, initial["state"], mujoco.mjtState.mjSTATE_INTEGRATION)
-            steps = round(float(terminal["time"] - initial["time"]) / model.opt.timestep)
+        initial, terminal = read_arrays(folder / "initial.npz"), read_arrays(folder / "terminal.npz")
+        mujoco.mj_setState(model, data, initial["state"], mujoco.mjtState.mjSTATE_INTEGRATION)
+        steps = round(float(terminal["time"] - initial["time"]) / model.opt.timestep)
         began_s = time.perf_counter()
         for _ in range(steps):
             mujoco.mj_step(model, data)

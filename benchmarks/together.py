@@ -22,7 +22,9 @@ from typer import Argument, BadParameter
 from benchmarks.runner import finish, run, show
 from phyagentos.bench.records import EpisodeRecord, read_records
 from phyagentos.bench.report import Threshold
+from phyagentos.pictures.model_file import read_model
 from phyagentos.protocol.capabilities.targets import BASE_JOINTS
+from phyagentos.protocol.workspace.array_files import read_arrays
 
 ARM = tuple(f"joint{k}" for k in range(1, 8))
 CART = (*BASE_JOINTS, "Rotation_R", "Pitch_R", "Elbow_R", "Wrist_Pitch_R", "Wrist_Roll_R")
@@ -45,8 +47,8 @@ NEAR_M, MOMENT_S = 0.10, 0.02
 
 def measure_makespan(folders: Sequence[Path]) -> float:
     """Simulated time from the first snapshot to the last [s]."""
-    began = min(float(np.load(folder / "initial.npz")["time"]) for folder in folders)
-    return max(float(np.load(folder / "terminal.npz")["time"]) for folder in folders) - began
+    began = min(float(read_arrays(folder / "initial.npz")["time"]) for folder in folders)
+    return max(float(read_arrays(folder / "terminal.npz")["time"]) for folder in folders) - began
 
 
 def write_joints(
@@ -66,7 +68,7 @@ def measure_distance(
     folders: Sequence[Path], owners: Mapping[Path, str], robots: Mapping[str, tuple[str, ...]]
 ) -> float:
     """How near the robots came, from their recorded joint positions [m]; `NEAR_M` where they were never nearer."""
-    model = mujoco.MjModel.from_binary_path(str(folders[0] / "scene.mjb"))
+    model = read_model(folders[0] / "scene.mjb")
     data = mujoco.MjData(model)
     owner = np.array(
         [
@@ -76,11 +78,10 @@ def measure_distance(
     )
     model.geom_margin[owner >= 0] = NEAR_M
     model.body_margin[np.unique(model.geom_bodyid[owner >= 0])] = NEAR_M
-    with np.load(folders[0] / "initial.npz") as first:
-        data.qpos[:] = first["qpos"]
+    data.qpos[:] = read_arrays(folders[0] / "initial.npz")["qpos"]
     courses = {}
     for robot in robots:
-        parts = [np.load(folder / "trajectory.npz") for folder in folders if owners[folder] == robot]
+        parts = [read_arrays(folder / "trajectory.npz") for folder in folders if owners[folder] == robot]
         if not parts:  # it stood where it began
             continue
         times = np.concatenate([part["time_s"] for part in parts])

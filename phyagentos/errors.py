@@ -12,9 +12,13 @@ import traceback
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import CodeType
 
 import msgspec
 
+from phyagentos.overtime import limit_time
+
+LOAD_S = 60.0  # for a person's code to load: a library of models takes half of it
 ROOM_BYTES = 1 << 20  # with less room than that no process can keep its records
 
 
@@ -121,13 +125,32 @@ def is_defect(error: BaseException) -> bool:
     return isinstance(error, DefectError) or not isinstance(error, PhyAgentOSError | OSError | MemoryError)
 
 
-def find_place(error: BaseException, own: object) -> str:
-    """`file:line` of the deepest call in the file of a person's function or class, or of all where none is in it."""
-    functions = (own,) if inspect.isfunction(own) else vars(own).values()
-    files = {each.__code__.co_filename for each in functions if inspect.isfunction(each)}
-    calls = traceback.extract_tb(error.__traceback__)
-    inner = next((call for call in reversed(calls) if call.filename in files), calls[-1])
-    return f"{inner.filename}:{inner.lineno}"
+def list_foreign_errors() -> tuple[type[BaseException], ...]:
+    """What to catch of a person's code: all but an interrupt from the keyboard, which is that of its user."""
+    return tuple(kind for kind in BaseException.__subclasses__() if kind is not KeyboardInterrupt)
+
+
+def find_place(error: BaseException, *own: object) -> str:
+    """`file:line` of the deepest call in the files of a person's functions, classes or modules (a path).
+
+    Where none is in them, as when an answer is refused, where the last of `own` begins; without any, the deepest call.
+    """
+    begins = {place[0]: place for each in own for place in _list_beginnings(each)}
+    if isinstance(error, SyntaxError) and str(error.filename) in begins:
+        return f"{error.filename}:{error.lineno or 1}"
+    calls = [(call.filename, call.lineno or 1) for call in traceback.extract_tb(error.__traceback__)]
+    inner = next((call for call in reversed(calls) if call[0] in begins), None)
+    file, line = inner or [*calls[-1:], *begins.values()][-1]
+    return f"{file}:{line}"
+
+
+def _list_beginnings(own: object) -> list[tuple[str, int]]:
+    """File and first line of each function of it."""
+    if isinstance(own, Path):
+        return [(str(own), 1)]
+    parts = vars(own).values() if isinstance(own, type) else [own]
+    codes = [getattr(inspect.unwrap(each), "__code__", None) for each in parts if callable(each)]
+    return [(code.co_filename, code.co_firstlineno) for code in codes if isinstance(code, CodeType)]
 
 
 def has_room(path: Path) -> bool:
@@ -153,15 +176,21 @@ def find_full_disk(error: BaseException) -> str:
 
 
 @contextmanager
-def blaming(own: type, call: str) -> Iterator[None]:
-    """Around a call of a person's class before anything moves: its errors become DefinitionError `BROKEN_PYTHON`."""
+def blaming(call: str, *own: object, limit_s: float = LOAD_S) -> Iterator[None]:
+    """Around a call of a person's code before anything moves: its errors become DefinitionError `BROKEN_PYTHON`.
+
+    `own` is as of `find_place`; so is a call that takes longer than its limit [s].
+    """
     try:
-        yield
+        with limit_time(limit_s):
+            yield
     except PhyAgentOSError:
         raise
-    except (Exception, SystemExit) as error:
-        found = f"{own.__name__}.{call} raised {type(error).__name__}: {error}"
-        raise DefinitionError.of("BROKEN_PYTHON", find_place(error, own), found, "no error") from error
+    except list_foreign_errors() as error:
+        found = f"{call} raised {type(error).__name__}: {error}"
+        raise DefinitionError.of(
+            "BROKEN_PYTHON", find_place(error, *own), found, "no error", "Repair that line."
+        ) from error
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
 
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, blaming, list_foreign_errors
 
 T = TypeVar("T")
 PACKAGE = "phyagentos"
@@ -88,7 +88,7 @@ class Plugins(Generic[T]):
             return cast("T", point.load())
         except DefinitionError:
             raise
-        except Exception as error:  # foreign code
+        except list_foreign_errors() as error:
             raise self._refuse(point, f"raised {type(error).__name__}: {error}", "a module that loads") from error
 
     def _refuse(self, point: T | EntryPoint, found: str, expected: str) -> DefinitionError:
@@ -112,14 +112,8 @@ def run_file(path: Path) -> dict[str, Any]:
     Raises DefinitionError `BROKEN_PYTHON`.
     """
     names: dict[str, Any] = {"__name__": f"phyagentos_project_{path.parent.name}_{path.stem}", "__file__": str(path)}
-    try:
+    with blaming("loading it", path):
         exec(compile(path.read_bytes(), path, "exec"), names)
-    except DefinitionError:
-        raise
-    except Exception as error:  # foreign code
-        raise DefinitionError.of(
-            "BROKEN_PYTHON", str(path), f"{type(error).__name__}: {error}", "Python that loads"
-        ) from error
     return names
 
 

@@ -66,6 +66,7 @@ def test_a_package_never_replaces_what_ships(announce):
     ("code", "found"),
     [
         ("1 / 0", r"'zeal' \(one:ZEAL\) of package one raised ZeroDivisionError: division by zero"),
+        ("import sys; sys.exit(0)", "raised SystemExit: 0"),
         ("", "raised AttributeError: module 'one' has no attribute 'ZEAL'"),
         ("ZEAL = 'text'", "a str; expected a int"),
     ],

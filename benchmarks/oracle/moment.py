@@ -6,6 +6,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from phyagentos.pictures.model_file import read_model
+from phyagentos.protocol.workspace.array_files import read_arrays
+
 Array = NDArray[np.float64]
 GEOM = mujoco.mjtGeom
 FREE = mujoco.mjtJoint.mjJNT_FREE
@@ -13,19 +16,17 @@ FREE = mujoco.mjtJoint.mjJNT_FREE
 
 def read_state(path: Path) -> Array:
     """The state vector (mjSTATE_INTEGRATION) of `initial.npz` or `terminal.npz`."""
-    with np.load(path) as stored:
-        return np.asarray(stored["state"])
+    return np.asarray(read_arrays(path)["state"])
 
 
 def read_time(path: Path) -> float:
     """Simulated time of such a file [s]."""
-    with np.load(path) as stored:
-        return float(stored["time"])
+    return float(read_arrays(path)["time"])
 
 
-def read_model(bundle: Path) -> mujoco.MjModel:
-    """The world of an evidence bundle."""
-    return mujoco.MjModel.from_binary_path(str(bundle / "scene.mjb"))
+def read_world(bundle: Path) -> mujoco.MjModel:
+    """The world of an evidence bundle, no larger than its file."""
+    return read_model(bundle / "scene.mjb")
 
 
 class Moment:
@@ -44,7 +45,7 @@ class Moment:
     @classmethod
     def read(cls, bundle: Path, at: str = "terminal") -> "Moment":
         """The end of a recorded session, or its beginning with `initial`."""
-        return cls(read_model(bundle), read_state(bundle / f"{at}.npz"))
+        return cls(read_world(bundle), read_state(bundle / f"{at}.npz"))
 
     def find(self, name: str) -> int:
         """Number of a body; raises ValueError where there is none."""

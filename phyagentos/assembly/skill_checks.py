@@ -8,7 +8,9 @@ from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.places import iter_too_large
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, read_skill
+from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.capabilities.trees import Tree, read_tree
 from phyagentos.protocol.documents.schema import Address, Located
 from phyagentos.protocol.documents.yaml_scalars import format_scalar
@@ -26,7 +28,8 @@ def check_skill(path: Path, library: Library) -> list[Problem]:
         skill, located = read_skill(path)
     except DefinitionError as error:
         return list(error.problems)
-    return [*_check_predicates(skill, located), *_check_tree(skill, located, library)]
+    beside = [*_check_needs(skill, located, library), *_check_tree(skill, located, library)]
+    return [*_check_predicates(skill, located), *beside]
 
 
 def check_arguments(graph: GoalGraph, located: Located, catalogue: Catalogue, library: Library) -> Iterator[Problem]:
@@ -66,6 +69,23 @@ def _check_predicates(skill: SkillRuntime, located: Located) -> Iterator[Problem
                     found = f"'${{{name}}}' in {text!r}"
                     fix = f"Declare {name!r} among the parameters, or write one of these."
                     yield Problem.unknown("parameter", located.address_of(address), name, known, found, fix=fix)
+
+
+def _check_needs(skill: SkillRuntime, located: Located, library: Library) -> Iterator[Problem]:
+    """What no robot here has: every session would be refused."""
+    profiles = [profile for name in library.names_of_targets() if (profile := _find_profile(library, name))]
+    for key in ("observations", "actions"):
+        known = {each for profile in profiles for each in getattr(profile, key)}
+        for index, name in enumerate(getattr(skill.needs, key)):
+            if name not in known:
+                yield located.unknown(key.removesuffix("s"), ("needs", key, index), name, known)
+
+
+def _find_profile(library: Library, name: str) -> TargetProfile | None:
+    try:
+        return read_target(library.get_target(name))
+    except DefinitionError:
+        return None
 
 
 def _check_tree(skill: SkillRuntime, located: Located, library: Library) -> Iterator[Problem]:

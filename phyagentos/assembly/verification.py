@@ -42,9 +42,9 @@ def build_verifier(
     costly: list[Judge] = []
     for definition in choose_judges(JUDGES, names, place):
         options = settings.options.get(definition.name, {})
-        judge = definition.open(JudgeSettings(verification=settings, clock=clock, options=options, address=address))
-        if definition.name not in JUDGES.shipped:
-            judge = ForeignJudge(judge, definition.name)
+        how = JudgeSettings(verification=settings, clock=clock, options=options, address=address)
+        is_shipped = definition.name in JUDGES.shipped
+        judge = definition.open(how) if is_shipped else ForeignJudge.open(definition, how)
         (costly if definition.is_costly else free).append(judge)
     return SessionVerifier(judges=free, costly=costly, mode=settings.mode if mode is None else mode)
 

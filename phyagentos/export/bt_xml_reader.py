@@ -38,6 +38,7 @@ def read_trees(path: Path, leaves: Collection[str] = ()) -> tuple[tuple[Located,
 
 
 SCRIPTS = frozenset({"_skipIf", "_successIf", "_failureIf", "_while", "_onSuccess", "_onFailure", "_onHalted", "_post"})
+TREES_MAX = 500  # of a file
 _SCRIPTED = "It would be lost: write a <condition> beside this node, in a Sequence, Fallback or ReactiveSequence."
 
 
@@ -70,6 +71,11 @@ class _Reader:
                 trees[each.id] = each
         if not trees:
             self._refuse(root, "no tree", "<BehaviorTree>")
+        if len(trees) > TREES_MAX:
+            self._refuse(
+                root, f"{len(trees)} trees", f"at most {TREES_MAX} in one file", "Import them in several files."
+            )
+            return ()
         self.names = {name: _fit_name(name) for name in trees}
         return tuple(map(self._read_tree, trees.values()))
 

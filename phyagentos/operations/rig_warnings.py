@@ -21,12 +21,14 @@ from phyagentos.protocol.settings.sensors import WORLD, CameraSettings, Sensors
 from phyagentos.protocol.world.alike import ALIKE_M, find_alike
 from phyagentos.protocol.world.entity_geometry import compute_sides
 from phyagentos.protocol.world.scenes import SceneSpec
-from phyagentos.runtime.perception.inventory import iter_like_map
-from phyagentos.runtime.perception.pose_uncertainty import BIAS_M, BIAS_PER_M, RESIDUAL_M
+from phyagentos.runtime.perception.inventory import iter_like_map, measure_turning_width
+from phyagentos.runtime.perception.pose_uncertainty import BIAS_M, BIAS_PER_M, BIAS_TURN, RESIDUAL_M
 from phyagentos.runtime.perception.views import MAP_LIKE_M, MAP_M
-from phyagentos.wording import compare_lengths, format_length
+from phyagentos.wording import compare_angles, compare_lengths, format_length
 
 LENGTHS = frozenset({"tol_m", "distance_m"})  # names of arguments of predicates that say how near is near
+NUMBERS = {"m": compare_lengths, "rad": compare_angles}  # of predicates, by unit
+UNDER = frozenset({"<", "<="})
 
 
 class Rig:
@@ -55,6 +57,10 @@ class Rig:
             return 0.0
         depth_m = noise.depth_constant_m + noise.depth_quadratic_per_m * (away_m - noise.depth_offset_m) ** 2
         return BIAS_M + BIAS_PER_M * max(depth_m, RESIDUAL_M) ** 2
+
+    def estimate_turn_std(self, name: str) -> float:
+        """Standard deviation of how it is measured to lean at best [rad]: its place, as off at its two ends."""
+        return BIAS_TURN * self.estimate_std(name) / max(measure_turning_width(self.scene.bodies[name]), 1e-3)
 
     def _look(self, camera: CameraSettings, point_m: NDArray[np.float64], radius_m: float) -> float:
         """Distance [m] to a body that a camera sees; infinite to one out of its picture."""
@@ -94,10 +100,13 @@ def iter_rig_warnings(graph: GoalGraph, located: Located, rig: Rig) -> Iterator[
             hint = "Give it another colour. Until a look has shown it, on() is unknown of what may stand on it."
             expected = f"another hue, or more than {least}"
             yield located.problem("NOT_OBSERVED", named.get(body.name, ("scene",)), found, expected, hint)
-    formulas = ((path, find_formula(text)) for path, text in texts.items())
-    calls = ((path, call) for path, formula in formulas if formula is not None for call in syntax.iter_calls(formula))
+    formulas = [(path, formula) for path, text in texts.items() if (formula := find_formula(text)) is not None]
+    calls = ((path, call) for path, formula in formulas for call in syntax.iter_calls(formula))
+    compares = ((path, each) for path, formula in formulas for each in syntax.iter_compares(formula))
     for path, call in calls:
         yield from _iter_of_call(call, located, path, rig)
+    for path, compared in compares:
+        yield from _iter_of_number(compared, located, path, rig)
 
 
 def _iter_of_body(name: str, located: Located, path: Address, rig: Rig) -> Iterator[Problem]:
@@ -111,6 +120,26 @@ def _iter_of_body(name: str, located: Located, path: Address, rig: Rig) -> Itera
         found = f"{name!r}, which has the colours of {format_names(others)} and {sides}"
         hint = "Give one of them another colour, or a size that differs by more."
         yield located.problem("AMBIGUOUS", path, found, "an object that differs from the others", hint)
+
+
+def _iter_of_number(compared: syntax.Compare, located: Located, path: Address, rig: Rig) -> Iterator[Problem]:
+    """Of what is never below zero no bound within its doubt is surely kept; no measured number equals another."""
+    call, bound = compared.left, compared.bound
+    if not isinstance(call, syntax.Call) or not isinstance(bound, float):
+        return
+    definition = get_predicate_library().find(call.name)
+    if definition is None or definition.unit not in NUMBERS:
+        return
+    names = [each.text for each in call.terms if isinstance(each, syntax.Name) and each.text in rig.scene.bodies]
+    estimate = rig.estimate_turn_std if definition.unit == "rad" else rig.estimate_std
+    doubt = DOUBT_STDS * math.hypot(*map(estimate, names))
+    if doubt > 0.0 and (compared.relation == "==" or (compared.relation in UNDER and bound <= doubt)):
+        asked, least = NUMBERS[definition.unit](bound, doubt)
+        expected = f"more than ±{least}, as well as these cameras measure {' and '.join(names)} at best"
+        wanted = "Compare it with < or >" if compared.relation == "==" else f"Write more than {doubt:.2g}"
+        hint = f"{wanted}, or place a camera nearer in sensors.yaml."
+        found = f"{compared.relation} {asked} in {syntax.render(compared)!r}"
+        yield located.problem("UNDECIDABLE", path, found, expected, hint)
 
 
 def _iter_of_call(call: syntax.Call, located: Located, path: Address, rig: Rig) -> Iterator[Problem]:

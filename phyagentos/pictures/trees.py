@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from phyagentos.errors import DefinitionError
 from phyagentos.pictures.layers import draw_layers
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, read_tree
+from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, find_oversize, read_tree
 from phyagentos.protocol.documents.flowchart import Arrow, Box, render_flowchart
 from phyagentos.protocol.sessions.trace import TraceEvent
 
@@ -79,8 +79,10 @@ def draw_tree(tree: Tree, library: Library) -> Drawing:
     """A tree and the subtrees it names.
 
     Raises:
-        DefinitionError: With every problem of the first file that has any; `CYCLE` when a tree contains itself.
+        DefinitionError: With every problem of the first file that has any; `CYCLE`, `TOO_LARGE`.
     """
+    if (oversize := find_oversize(tree, library)) is not None:
+        raise DefinitionError(oversize[1])
     return _draw_tree(tree, library, (tree.header.tree,))
 
 

@@ -90,7 +90,10 @@ def test_a_judge_of_an_installed_package_is_found_and_weighed_like_the_own_ones(
 
 @pytest.mark.parametrize(
     ("ticks_max", "because"),
-    [(-1, "the judge raised ZeroDivisionError: no time at all ("), (0, "the judge answered with str")],
+    [
+        (-1, "the judge raised ZeroDivisionError: no time at all ("),
+        (0, "the judge raised TypeError: it answered 'slow'; expected a Criterion ("),
+    ],
 )
 def test_a_judge_of_others_that_fails_ends_the_node_with_its_place(announce, make_verifier, ticks_max, because):
     announce()
@@ -101,7 +104,40 @@ def test_a_judge_of_others_that_fails_ends_the_node_with_its_place(announce, mak
     assert (attempt.verdict, attempt.cause) == (Verdict.FAILURE, "BROKEN_PYTHON")
     (criterion,) = attempt.criteria[1:]
     assert (criterion.truth, criterion.because.startswith(because)) == (Truth.UNKNOWN, True)
-    assert ticks_max == 0 or "haste_judge.py:14)" in criterion.because
+    assert f"haste_judge.py:{14 if ticks_max else 12})" in criterion.because
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "raise SystemExit(0)",
+        "raise GeneratorExit",
+        "raise StopIteration",
+        "return None",
+        "return [Criterion(text='in time', kind='haste', truth='yes')]",
+        "return [Criterion(text='in time', kind='haste', truth=Truth.TRUE, measured={'s': float('nan')})]",
+        "return [Criterion(text='in time', kind='haste', truth=Truth.TRUE, measured={'s': object()})]",
+        "return self.judge(bundle)",
+    ],
+)
+def test_no_answer_of_a_judge_of_others_passes_for_a_finding(announce, make_verifier, body):
+    announce(HASTE.replace("if self.ticks_max < 0:", f"{body}\n        if True:"))
+    attempt = make_verifier("verification: {judges: [predicates, haste]}").judge(make_bundle(DONE), BUDGET)
+    assert (attempt.verdict, attempt.cause) == (Verdict.FAILURE, "BROKEN_PYTHON")
+    assert "haste_judge.py:1" in attempt.criteria[-1].because
+
+
+def test_a_judge_of_others_changes_nothing_that_others_judge(announce, make_verifier):
+    taking = "bundle.after.entities.clear()\n        if self.ticks_max < 0:"
+    announce(HASTE.replace("if self.ticks_max < 0:", taking))
+    verifier = make_verifier("verification: {judges: [haste, predicates], options: {haste: {ticks_max: 999}}}")
+    assert verifier.judge(make_bundle(DONE), BUDGET).verdict is Verdict.SUCCESS
+
+
+def test_a_judge_that_does_not_open_is_refused_with_its_place(announce, make_verifier):
+    announce(HASTE.replace("self.ticks_max = ticks_max", "self.ticks_max = ticks_max / 0"))
+    with pytest.raises(DefinitionError, match=r"haste_judge\.py:\d+: BROKEN_PYTHON: found judge haste raised ZeroDiv"):
+        make_verifier("verification: {judges: [predicates, haste]}")
 
 
 def test_a_judge_that_is_not_installed_is_refused_in_the_settings_with_its_place(make_verifier):

@@ -39,6 +39,21 @@ def test_no_file_is_longer_than_six_hundred_lines():
     assert not {name: n for name, n in lengths.items() if n > MAX_LINES}, "split them by concept"
 
 
+def test_files_that_demand_memory_are_read_in_bounds_alone():
+    unbounded = {"from_binary_path", "load"}
+    owners = {"MjModel", "mujoco.MjModel", "np", "numpy"}
+    bounding = {"phyagentos/pictures/model_file.py", "phyagentos/protocol/workspace/array_files.py"}
+    readers = {
+        name_of(path)
+        for path in OWN_PYTHON
+        if path.relative_to(ROOT).parts[0] in {"phyagentos", "benchmarks"}
+        for node in ast.walk(parse(path))
+        if isinstance(node, ast.Attribute) and node.attr in unbounded and ast.unparse(node.value) in owners
+    }
+    own = "benchmarks/safety_parts/attacker.py"  # what its own process wrote
+    assert readers - {own} <= bounding, "read_model and read_arrays reserve no more than a file has"
+
+
 def test_no_module_is_named_after_nothing():
     found = [name_of(path) for path in OWN_PYTHON if path.stem in BANNED_STEMS]
     assert not found, "put the functions next to their users"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry, register_file
@@ -151,7 +152,7 @@ def test_what_is_executed_is_the_text_and_no_cached_form_of_it(tmp_path, monkeyp
     os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
     assert Path(cached).exists()
 
-    with pytest.raises(AttributeError, match="good"):
+    with pytest.raises(DefinitionError, match="good"):
         register_file(LeafRegistry(), path)
 
 

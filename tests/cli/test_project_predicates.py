@@ -120,6 +120,6 @@ def test_the_latest_project_has_the_name_and_a_shipped_one_keeps_its_own(project
 
 
 def test_a_file_that_does_not_load_is_named(project):
-    (project / "predicates" / "far_out.py").write_text("1 / 0")
-    with pytest.raises(DefinitionError, match=r"far_out\.py: BROKEN_PYTHON: found ZeroDivisionError"):
+    (project / "predicates" / "far_out.py").write_text("\n1 / 0")
+    with pytest.raises(DefinitionError, match=r"far_out\.py:2: BROKEN_PYTHON: found loading it raised ZeroDivision"):
         load_predicates(Library((project, find_shipped_root())).iter_predicates())

@@ -28,6 +28,7 @@ from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.handshake import Hello, greet, make_key, mint
 from phyagentos.runtime.targets.websocket import connect_websocket
 from phyagentos.testing import DRIVER_CHECKS, DriverSubject, ReachedTarget
+from phyagentos.testing.driver_checks import stops_in_an_emergency
 from tests.monitors.silence import LogMonitor
 
 pytestmark = pytest.mark.slow
@@ -409,3 +410,27 @@ def test_it_runs_on_the_oldest_python_that_it_declares(tmp_path):
 
     assert done.returncode == 0, done.stderr
     assert [json.loads(line)["kind"] for line in log.read_bytes().splitlines()][-2:] == ["Halt", "EStop"]
+
+
+DEAF = """
+from slide import Slide, main
+
+
+class Deaf(Slide):
+    def emergency_stop(self):
+        self.halt(2)
+
+
+main(Deaf)
+"""
+
+
+def test_a_body_that_hears_of_no_emergency_stop_fails_its_check(tmp_path):
+    (tmp_path / "deaf.py").write_text(DEAF)
+    (tmp_path / "slide.py").write_text(SLIDE.read_text())
+    made = Served(tmp_path, sys.executable, tmp_path / "deaf.py")
+    subject = DriverSubject(open=made.reach, scene="counter", set_stop=made.set_stop, count_stops=count_stops)
+    with pytest.raises(AssertionError, match="did not hear of the emergency stop"):
+        stops_in_an_emergency(subject)
+    subject.close()
+    made.close()

@@ -478,6 +478,13 @@ def test_a_tree_with_leaves_of_a_skills_own_python_comes_back_whether_that_is_ex
     assert ('<Action ID="move_beside">' in file.read_text()) is bool(options)
 
 
+def test_a_file_of_countless_trees_is_refused_at_once(tmp_path):
+    trees = "".join(f'<BehaviorTree ID="t{each}"><AlwaysSuccess/></BehaviorTree>' for each in range(501))
+    (tmp_path / "many.xml").write_text(f'<root BTCPP_format="4">{trees}</root>')
+    (problem,) = read_trees(tmp_path / "many.xml")[1]
+    assert "found 501 trees; expected at most 500 in one file" in str(problem)
+
+
 def test_a_file_of_countless_elements_is_refused_at_once(tmp_path):
     path, inside = tmp_path / "wide.xml", "<Foo/>" * 100_000
     path.write_text(f'<root BTCPP_format="4"><BehaviorTree ID="a"><Sequence>{inside}</Sequence></BehaviorTree></root>')

@@ -9,6 +9,7 @@ from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperR
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.skill_runtimes import AgentLoop, Needs, Parameter, SkillRuntime
+from phyagentos.protocol.predicates.library import PredicateDefinition, get_predicate_library
 from phyagentos.protocol.sessions.session import Scene, Session
 from phyagentos.protocol.settings.perception import read_perception
 from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
@@ -188,6 +189,19 @@ def test_names_and_preconditions_are_judged_on_the_live_world():
     assert codes(problems) == ["NOT_OBSERVED", "PRECONDITION_UNMET"]
     assert "Did you mean 'cube'?" in problems[0].hint
     assert codes(make_preflight().find_contract_problems(session)) == ["SYNTAX"]
+
+
+@pytest.mark.parametrize("kind", ["requires", "hold", "accept"])
+def test_nothing_moves_for_a_condition_whose_predicate_raises(monkeypatch, kind):
+    def measure(_view):
+        raise KeyError("gap")
+
+    gap = PredicateDefinition(name="gap", arguments=(), measure=measure)
+    monkeypatch.setitem(get_predicate_library()._definitions, "gap", gap)
+    session = make_session(**{kind: ("gap()",)})
+    (problem,) = make_preflight().find_world_problems(session, describe(), NOW)
+    assert (problem.code, problem.address) == ("BROKEN_PYTHON", f"g.a: {kind}")
+    assert f"{__file__}:{measure.__code__.co_firstlineno + 1}" in str(problem)
 
 
 @pytest.mark.parametrize(

@@ -438,6 +438,22 @@ def test_a_violated_hold_condition_stops_the_session(build_bench, session, plant
     assert (execution.ticks, execution.interventions) == (5, 1)
 
 
+def test_a_hold_condition_whose_predicate_raises_ends_the_session_as_its_defect(
+    build_bench, session, plant, monkeypatch
+):
+    def measure(view):
+        return 1.0 / max(0.05 - view.now.time_s, 0.0)
+
+    gap = PredicateDefinition(name="gap", arguments=(), measure=measure)
+    monkeypatch.setitem(get_predicate_library()._definitions, "gap", gap)
+    bench = build_bench(library=plant(["wait: {seconds: 5}"]))
+    execution = bench.run(msgspec.structs.replace(session, hold=("gap()",)))
+
+    assert execution.defect == f"{__file__}:{measure.__code__.co_firstlineno + 1}", execution
+    assert (execution.code, execution.ticks) == ("BROKEN_PYTHON", 5)
+    assert was_halted(bench.target)
+
+
 def test_what_happens_while_the_arm_comes_to_rest_counts_for_the_hold_conditions(build_bench, session, plant, doubles):
     class Robbed(doubles.PerfectTarget):
         def handle(self, request):

@@ -313,13 +313,33 @@ def test_no_answer_lets_a_script_in_or_is_kept_and_the_scene_has_an_origin_of_it
 @pytest.mark.parametrize("origin", ["http://elsewhere.example", "", "null", OWN, f"http://{SCENES}.elsewhere.example"])
 def test_the_socket_of_a_scene_asks_for_origin_host_and_key(open_page, access, origin):
     client, key = open_page(), access.scene_key("tidy-7.a")
+    own = {"origin": f"http://{SCENES}", "host": SCENES}
+    others = {name: access.scene_key(name) for name in ("tidy-7.a.r1", "")}
     for path, headers in (
-        (f"/scene/tidy-7.a/{key}", {"origin": origin, "host": SCENES}),
-        (f"/scene/tidy-7.a/{key[:-1]}", {"origin": f"http://{SCENES}", "host": SCENES}),
-        (f"/scene/tidy-7.a/{key}", {"origin": f"http://{SCENES}", "host": HOST}),
+        (f"/scene/tidy-7.a/{key}/viewer", own | {"origin": origin}),
+        (f"/scene/tidy-7.a/{key[:-1]}/viewer", own),
+        (f"/scene/tidy-7.a/{others['tidy-7.a.r1']}/viewer", own),
+        (f"/scene/tidy-7.a/{others['']}/viewer", own),
+        (f"/scene/tidy-7.a/{access.token}/viewer", own),
+        (f"/scene/tidy-7.a/{key}/viewer", own | {"host": HOST}),
+        (f"/scene/tidy-7.a/{key}/viewer", own | {"host": "elsewhere:8001"}),
+        (f"/scene/tidy-7.a/{key}/viewer", {"host": SCENES}),
     ):
-        with pytest.raises(WebSocketDisconnect), client.websocket_connect(path, headers=headers):
+        with pytest.raises(WebSocketDisconnect) as refused, client.websocket_connect(path, headers=headers):
             pass
+        assert refused.value.code == 1008, path
+
+
+def test_the_socket_of_a_scene_opens_for_its_own_frame(open_page, access, monkeypatch):
+    class Staged:
+        def __init__(self, _documents, session):
+            raise ValueError(f"no scene of {session}")
+
+    monkeypatch.setattr("phyagentos.view.scenes.Stage", Staged)
+    path, own = f"/scene/tidy-7.a/{access.scene_key('tidy-7.a')}/viewer", {"origin": f"http://{SCENES}", "host": SCENES}
+    with open_page().websocket_connect(path, headers=own) as opened, pytest.raises(WebSocketDisconnect) as ended:
+        opened.receive_bytes()
+    assert (ended.value.code, ended.value.reason) == (1011, "no scene of tidy-7.a")
 
 
 @pytest.mark.parametrize(

@@ -254,7 +254,9 @@ def iter_mismatches(
 ) -> Iterator[Problem]:
     """What is wrong with a value: type, bounds, or a name that is not in the scene (`kinds`: name -> kind)."""
     if expected := find_mismatch(parameter, value):
-        yield located.problem("INVALID_VALUE", path, repr(value), expected, parameter.description)
+        is_one = isinstance(value, list) and len(value) == 1 and not find_mismatch(parameter, value[0])
+        hint = f"Write {value[0]}, without brackets." if is_one else parameter.description
+        yield located.problem("INVALID_VALUE", path, repr(value), expected, hint)
     elif parameter.type in {"entity", "entities", "place"} and kinds is not None:
         for name in [value] if isinstance(value, str) else value:
             if name not in kinds:

@@ -83,7 +83,8 @@ def expand_nodes(
             for index, edge in enumerate(node.after):
                 if edge.node not in known:
                     path = ("sessions", authored, "after", index)
-                    problems.append(located.unknown("node", path, edge.node, known))
+                    others = [each for each in known if each not in (authored, name)]
+                    problems.append(located.unknown("node", path, edge.node, others))
             waits = [(edge.on, known[edge.node]) for edge in node.after if edge.node in known]
             after = [*(each for on, names in waits if on == "success" for each in names), *(edge.node for edge in data)]
             nodes[name] = Node(

@@ -20,11 +20,12 @@ import pydantic
 from typing_extensions import override
 
 from phyagentos.errors import DefinitionError, Problem
-from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.skill_runtimes import Output, Parameter, read_skill
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Address, Authored, Located, read_yaml, salvage, show_value, validate
 
+NODES_MAX, LEVELS_MAX = 20_000, 100  # of a tree with its subtrees in their places
 _OF_PORTS = {"type", "description", "optional", "default"}
 PortType = Literal[
     "entity",
@@ -286,6 +287,42 @@ def iter_nodes(node: Node) -> Iterator[Node]:
     yield node
     for child in node.children:
         yield from iter_nodes(child)
+
+
+def list_subtrees(tree: Tree) -> list[str]:
+    """Names of the trees that stand in it, as often as they do."""
+    return [node.type for node in iter_nodes(tree.root) if node.kind is NodeKind.SUBTREE]
+
+
+def find_oversize(tree: Tree, library: Library) -> tuple[str, Problem] | None:
+    """The name of the tree, or else of one below it, that is too large or deep with its subtrees in their places."""
+    sizes, begun, waiting = dict[str, tuple[int, int]](), set[str](), [(tree, 1)]  # nodes and levels by name
+    while waiting:
+        (top, depth), name = waiting[-1], waiting[-1][0].header.tree
+        below = list_subtrees(top)
+        if name not in begun and depth <= LEVELS_MAX + 1:
+            begun.add(name)
+            loaded = (_find_tree(each, library) for each in dict.fromkeys(below) if each not in begun)
+            waiting += [(each, depth + 1) for each in loaded if each is not None]
+            continue
+        waiting.pop()
+        inner = [sizes.get(each, (0, 0)) for each in below]
+        nodes = sum(1 for _ in iter_nodes(top.root)) + sum(each for each, _ in inner)
+        levels = 1 + max((each for _, each in inner), default=0)
+        sizes[name] = nodes, levels
+        if nodes > NODES_MAX or levels > LEVELS_MAX or depth > LEVELS_MAX + 1:
+            found = f"{nodes} nodes in {levels} levels of trees"
+            hint = "Do it in several skills, or by 'repeat' or 'for_each'."
+            expected = f"at most {NODES_MAX} in {LEVELS_MAX}"
+            return name, top.located.problem("TOO_LARGE", ("root",), found, expected, hint)
+    return None
+
+
+def _find_tree(name: str, library: Library) -> Tree | None:
+    try:
+        return load_tree(library.get_tree(name))[0] if library.has_tree(name) else None
+    except DefinitionError:
+        return None
 
 
 def iter_short_references(tree: Tree) -> Iterator[Problem]:

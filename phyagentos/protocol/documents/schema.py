@@ -107,7 +107,9 @@ class Located:
 
     def unknown(self, kind: str, path: Address, name: str, possible: Iterable[str], found: str = "") -> Problem:
         """A `Problem.unknown` at this place."""
-        return Problem.unknown(kind, self.address_of(path), name, possible, found)
+        possible = tuple(possible)
+        fix = "Write one of these." if possible else ""
+        return Problem.unknown(kind, self.address_of(path), name, possible, found, fix=fix)
 
 
 def read_text(path: Path, hint: str = "Check the path and its encoding.") -> str:
@@ -355,7 +357,7 @@ def _to_problem(model: type[Authored], located: Located, base: Address, item: Er
     hint = advise_form(found, _FORMS.get(kind.partition("_")[0], ""))
     hint = hint or (format_hint(found, names) if isinstance(found, str) else "")
     key = next((step for step in reversed(loc) if isinstance(step, str)), "")  # of a list, that of its owner
-    hint = hint or _advise(kind, key, facts, found)
+    hint = hint or _advise_numbers(model, loc, kind, found) or _advise(kind, key, facts, found)
     if not hint and "expected" in facts:
         hint = f"Write {names[0]}." if len(names) == 1 else "Write one of these."
     return located.problem("INVALID_VALUE", path, show_value(found), expected, hint)
@@ -434,6 +436,20 @@ _STEPS = {  # by pydantic's kind of error
     "bool_type": "Write true or false.",
     "too_short": "Add one, or leave the key out.",
 }
+
+
+def _advise_numbers(model: type[Authored], loc: Address, kind: str, found: object) -> str:
+    """What to write for a word where a list of numbers is expected; else empty."""
+    if kind not in {"tuple_type", "list_type"} or not isinstance(found, str) or not found.isalpha():
+        return ""
+    owners: list[Any] = [model]
+    for step in loc:
+        owners = [inner for each in owners for inner in _enter(each, step)]
+    numbers = next(
+        (each for each in owners if {float, int} & {getattr(of, "__origin__", of) for of in _enter(each, 0)}), None
+    )
+    length = len([each for each in get_args(numbers) if each is not Ellipsis])
+    return f"Write numbers: [{', '.join('1' * length)}{', …' if length == 1 else ''}]." if numbers is not None else ""
 
 
 def _advise(kind: str, key: str, facts: Mapping[str, Any], found: object) -> str:

@@ -11,7 +11,7 @@ BLANKS_MAX, MARKS_MAX = 16, 4  # in a row
 _CATEGORIES = frozenset({"Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp"})
 _SPANS = (  # of Default_Ignorable_Code_Point, what is of other categories, or was so in some version
     "034F 115F-1160 17B4-17B5 180B-180F 2065 3164 FE00-FE0F FFA0 FFF0-FFF8 1BCA0-1BCA3 1D173-1D17A E0000-E0FFF "
-    "2800"  # and the blank of braille, which is a symbol
+    "2800 13441-13442 1D159"  # and the blanks of braille, hieroglyphs and notes, which are symbols
 )
 _IGNORABLE = frozenset(
     code

@@ -104,6 +104,8 @@ def advise_form(found: object, wanted: str) -> str:
         if wanted == "integer" and math.isfinite(found):
             return f"Write {math.floor(found)}{'' if found == math.floor(found) else f' or {math.ceil(found)}'}."
         return f"Write '{found}' in quotes." if wanted == "string" else ""
+    if wanted == "number" and isinstance(found, str) and re.fullmatch(r"\d{1,9}(\.\d{1,9})? ?%", found):
+        return f"Write {float(found.rstrip(' %')) / 100:g}."
     kind = _resolve(yaml.ScalarNode, found, (True, False)) if isinstance(found, str) and found else ""
     kinds = {"boolean": ("bool",), "number": ("int", "float"), "integer": ("int",)}.get(wanted, ())
     is_old = isinstance(found, str) and re.fullmatch(r"[-+]?0\d+", found) and "int" in kinds

@@ -565,8 +565,8 @@ BUILTINS: tuple[PredicateDefinition, ...] = (
     _define("docked", measure_docked, _TARGET, _PLACE, Argument("standoff_m", ArgumentKind.NUMBER, 0.4, least=0.0)),
     _number("metric", measure_metric, Argument("name", ArgumentKind.METRIC)),
     _define("unstated", measure_unstated, lasting=False),
-    _number("tilt", measure_tilt, _A),
+    _number("tilt", measure_tilt, _A, unit="rad"),
     _number("height", measure_height, _A),
-    _number("distance", measure_distance, _A, _B),
+    _number("distance", measure_distance, _A, _B, unit="m"),
     _number("speed", measure_speed, _A, max_age_s=0.5),
 )

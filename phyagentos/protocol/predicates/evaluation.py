@@ -9,7 +9,11 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from phyagentos.errors import DefectError, find_place
+import msgspec
+
+from phyagentos.errors import DefectError, find_place, list_foreign_errors
+from phyagentos.overtime import limit_time
+from phyagentos.protocol.documents.plain_data import to_numbers, to_plain
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.exchanges import find_agreed, iter_exchanged
 from phyagentos.protocol.predicates.library import (
@@ -25,9 +29,10 @@ from phyagentos.protocol.predicates.library import (
     get_predicate_library,
 )
 from phyagentos.protocol.predicates.view import View
-from phyagentos.protocol.world.environment import UNNAMED, Pose
+from phyagentos.protocol.world.environment import UNNAMED, Environment, Pose
 from phyagentos.protocol.world.truth import Truth
 
+MEASURE_S = 5.0  # for a predicate of a project: half of what a worker may be silent
 _RANK = {Truth.FALSE: 0, Truth.UNKNOWN: 1, Truth.TRUE: 2}
 _INVERSE = {Truth.TRUE: Truth.FALSE, Truth.FALSE: Truth.TRUE, Truth.UNKNOWN: Truth.UNKNOWN}
 _RELATIONS: dict[str, Callable[[float, float], bool]] = {
@@ -199,21 +204,44 @@ def _measure(call: syntax.Call, view: View) -> Reading:
         raise FactUnknown(f"{syntax.render(call)} could not be measured: {type(error).__name__}: {error}") from error
     if definition.at_rest:
         _demand_rest(call, view)
+    is_shipped = definition.measure.__module__.startswith("phyagentos.")
     try:
-        reading = definition.measure(view, *resolved)
-        numbers = [value for value in reading.measured.values() if isinstance(value, float)]
-        is_finite = all(map(math.isfinite, (reading.value, *numbers)))
+        reading = definition.measure(view, *resolved) if is_shipped else _ask_project(definition, view, resolved)
     except FactUnknown:
         raise
-    except (Exception, SystemExit) as error:
+    except list_foreign_errors() as error:
         what = f"{syntax.render(call)} could not be measured: {type(error).__name__}: {error}"
-        is_shipped = definition.measure.__module__.startswith("phyagentos.")
         if is_shipped and isinstance(error, ArithmeticError | LookupError | ValueError):  # a malformed entity
             raise FactUnknown(what) from error
         raise DefectError("BROKEN_PYTHON", what, find_place(error, definition.measure)) from error
-    if not is_finite:
+    numbers = [value for value in reading.measured.values() if isinstance(value, float)]
+    if not all(map(math.isfinite, (reading.value, *numbers))) or math.isnan(reading.doubt):
         raise FactUnknown(f"{syntax.render(call)} measured a number that is not finite")
     return reading
+
+
+def _ask_project(definition: PredicateDefinition, view: View, resolved: Sequence[Resolved]) -> Reading:
+    """The answer of a person's code, on a copy of the world; raises TypeError or ValueError where it is no reading."""
+    with limit_time(MEASURE_S):
+        answer: object = definition.measure(_copy_view(view), *resolved)
+    if not isinstance(answer, Reading) or not isinstance(answer.because, str):
+        raise TypeError(f"it answered {answer!r:.120}; expected a Reading, `because` in words")
+    numbers = to_numbers({"value": answer.value, **answer.measured})
+    value, doubt = numbers.pop("value"), to_plain(answer.doubt)
+    if isinstance(value, str) or not isinstance(doubt, float | int) or not doubt >= 0.0:
+        raise ValueError(f"it answered {answer!r:.120}; expected a number, and a doubt of at least 0")
+    return Reading(float(value), numbers, answer.because, float(doubt))
+
+
+def _copy_view(view: View) -> View:
+    """What a person's code may change without a consequence for what is judged next."""
+    now, initial = (None if world is None else _copy_world(world) for world in (view.now, view.initial))
+    return replace(view, now=now or view.now, initial=initial, metrics=dict(view.metrics))
+
+
+def _copy_world(world: Environment) -> Environment:
+    copies = {name: dict(getattr(world, name)) for name in ("entities", "regions", "targets", "sensors")}
+    return msgspec.structs.replace(world, **copies)
 
 
 def _demand_rest(call: syntax.Call, view: View) -> None:

@@ -123,8 +123,11 @@ class _Parser:
         if before.kind == ")" and token.kind == "name":
             return "Join predicates with 'and' or 'or'."
         both = token.kind == before.kind == "name" and token is not before
-        first = " A predicate stands before its arguments: inside(a, b)." if self._position == 1 else ""
-        return f"Write '{before.text}_{token.text}': names have no spaces.{first}" if both else ""
+        if both and self._position == 1:
+            first = "A predicate stands before its arguments: inside(a, b)."
+            return f"{first} Write '{before.text}_{token.text}' for one name."
+        name = f"Write '{before.text}_{token.text}' for one name, which has no spaces"
+        return f"{name}, or a comma between two arguments." if both else ""
 
     def _take(self, *kinds: str) -> _Token | None:
         return self.expect(*kinds) if self._now.kind in kinds else None

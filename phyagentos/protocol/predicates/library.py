@@ -166,6 +166,7 @@ class PredicateDefinition:
         measure: Called with the view and the resolved arguments; raises `FactUnknown`.
         is_number: True when it measures a number that must be compared, False when it is a statement.
         least: Of a number what it means without a comparison: at least so much; None where it must be compared.
+        unit: Of a number that is never below zero, and as uncertain as poses are: `m` apart, or `rad` off the vertical.
         max_age_s: How old [s] an observation of a movable object may be, where `FRESH_S` is too long.
         lasting: Whether it describes a lasting state (`inside`) rather than a passing fact (`holding`, `moved`).
         at_rest: Whether it is unknown while an object that it names moves.
@@ -180,6 +181,7 @@ class PredicateDefinition:
     measure: Callable[..., Reading]
     is_number: bool = False
     least: float | None = None
+    unit: str = ""
     max_age_s: float = FRESH_S
     lasting: bool = True
     at_rest: bool = False

@@ -226,7 +226,10 @@ def _iter_call_findings(call: syntax.Call) -> Iterator[_Finding]:
         return
     least = sum(argument.default is None for argument in definition.arguments)
     if not least <= len(call.terms) <= len(definition.arguments):
-        yield call.column, Problem("INVALID_VALUE", "", count(len(call.terms), "argument"), definition.signature)
+        missing = " and ".join(argument.name for argument in definition.arguments[len(call.terms) : least])
+        hint = f"Add what is meant by {missing}." if missing else "Leave out what is too much."
+        found = count(len(call.terms), "argument")
+        yield call.column, Problem("INVALID_VALUE", "", found, definition.signature, hint)
     for argument, term in zip(definition.arguments, call.terms, strict=False):
         if argument.kind not in _TAKES[type(term)]:
             yield term.column, Problem("INVALID_VALUE", "", format_term(term), f"{argument.kind} {argument.name!r}")

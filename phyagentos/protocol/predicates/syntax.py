@@ -131,6 +131,18 @@ def make_term(bound: float | Variable) -> Number | Variable:
     return bound if isinstance(bound, Variable) else Number(bound)
 
 
+def iter_compares(formula: Formula) -> Iterator[Compare]:
+    """Every comparison that is no part of a count, left to right."""
+    match formula:
+        case Compare():
+            yield formula
+        case Not(body):
+            yield from iter_compares(body)
+        case And(parts) | Or(parts):
+            for part in parts:
+                yield from iter_compares(part)
+
+
 def iter_calls(formula: Formula) -> Iterator[Call]:
     """Every call, left to right."""
     match formula:

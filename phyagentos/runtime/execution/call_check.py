@@ -12,7 +12,16 @@ import msgspec
 
 from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.capabilities.trees import Node, NodeKind, Reference, Tree, iter_nodes, read_tree, split_path
+from phyagentos.protocol.capabilities.trees import (
+    Node,
+    NodeKind,
+    Reference,
+    Tree,
+    iter_nodes,
+    list_subtrees,
+    read_tree,
+    split_path,
+)
 from phyagentos.protocol.documents.schema import read_text
 from phyagentos.protocol.documents.yaml_scalars import format_scalar
 from phyagentos.protocol.world.environment import Pose
@@ -54,14 +63,15 @@ def iter_call_problems(name: str, library: Library, procedures: Sequence[Procedu
     """Where calls of a tree and its subtrees do not fit; trees that cannot be read have problems of their own."""
     waiting, seen = [name], set[str]()
     while waiting:
-        seen.add(name := waiting.pop())
+        if (name := waiting.pop()) in seen:
+            continue
+        seen.add(name)
         try:
             tree = read_tree(library.get_tree(name))
         except DefinitionError:
             continue
         yield from iter_own_problems(tree, procedures, target)
-        below = (node.type for node in iter_nodes(tree.root) if node.kind is NodeKind.SUBTREE)
-        waiting += [each for each in below if each not in seen]
+        waiting += list_subtrees(tree)
 
 
 def iter_own_problems(tree: Tree, procedures: Sequence[Procedure], target: str) -> Iterator[Problem]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 from msgspec import UNSET
 
+from phyagentos.errors import DefectError
 from phyagentos.protocol.predicates.exchanges import find_groups
 from phyagentos.protocol.predicates.predicate import (
     Evaluation,
@@ -52,6 +53,7 @@ class HoldMonitor:
     Attributes:
         need: What the next sample has to show; everything where windows measured too coarsely to decide.
         samples: The worst and the first unknown sample of each condition.
+        broken: The error that the predicate of a condition raised: from then on it is not watched.
     """
 
     def __init__(
@@ -80,6 +82,7 @@ class HoldMonitor:
         self._known_s: dict[str, float] = {}
         self._unseen: dict[str, tuple[Evaluation, float]] = {}  # the unknown samples that are not confirmed yet
         self.samples: dict[SampleKey, HoldSample] = {}
+        self.broken: DefectError | None = None
 
     def is_due(self, tick: int) -> bool:
         """Whether the sample of this command tick is to be taken."""
@@ -115,7 +118,10 @@ class HoldMonitor:
 
     def _evaluate(self, predicates: Iterable[tuple[str, Predicate]], now: Environment) -> list[tuple[str, Evaluation]]:
         view = replace(self._start, now=now)
-        return [(text, predicate.evaluate(view)) for text, predicate in predicates]
+        found = [(text, predicate.evaluate(view)) for text, predicate in predicates]
+        if broken := next((each for _, each in found if each.defect), None):
+            self.broken = DefectError("BROKEN_PYTHON", broken.because, broken.defect)
+        return found
 
     def _note(
         self,

@@ -7,6 +7,7 @@ stay with the tree, not on the blackboard of the process.
 
 import copy
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from enum import StrEnum
 from typing import Any, ClassVar, final
 
@@ -15,9 +16,11 @@ from py_trees.common import Status
 from py_trees.ports import NoDataAvailable, PortInformation
 from py_trees.ports_utils import is_instance_of_type
 
-from phyagentos.errors import PhyAgentOSError, find_place
+from phyagentos.errors import PhyAgentOSError, find_place, list_foreign_errors
 from phyagentos.geometry import Vector
-from phyagentos.protocol.documents.plain_data import Fields
+from phyagentos.overtime import limit_time
+from phyagentos.protocol.documents.plain_data import Fields, to_plain
+from phyagentos.protocol.sessions.session import Limits
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.runtime.execution.context import SkillContext
@@ -25,6 +28,7 @@ from phyagentos.runtime.execution.first_motions import Foreseen, foresee_by_role
 from phyagentos.runtime.execution.ports import Port, find_misfit
 from phyagentos.runtime.perception.world_model import BELIEF, Need
 
+TICK_S = 0.7 * Limits().heartbeat_s  # for a person's leaf, by the wall clock: its worker is given up after all of it
 __all__ = ["FailureCode", "Leaf", "LeafError", "LeafFailure", "Port", "PortInformation", "Role", "Status"]
 
 
@@ -161,22 +165,35 @@ class Leaf(Behaviour):
     @final
     def update(self) -> Status:
         """Dispatch one tick; sealed."""
+        begin = self.on_running if self._active else self.on_start
         try:
-            status = self.on_running() if self._active else self.on_start()
+            with self._limit():
+                status = begin()
         except LeafFailure as failure:
             status = self.fail(failure.code, failure.message, **failure.numbers)
-        except (Exception, SystemExit) as error:
+        except list_foreign_errors() as error:
             self._active = False
             raise LeafError(self.path, error, find_place(error, type(self))) from error
-        if status not in (Status.SUCCESS, Status.FAILURE, Status.RUNNING):
-            code = (self.on_running if self._active else self.on_start).__code__
-            raise LeafError(
-                self.path,
-                cause=TypeError(f"{code.co_name} answered {status!r}; expected SUCCESS, FAILURE or RUNNING"),
-                place=f"{code.co_filename}:{code.co_firstlineno}",
-            )
+        try:
+            self._check_answer(begin.__name__, status)
+        except list_foreign_errors() as error:
+            raise LeafError(self.path, error, find_place(error, begin)) from error
         self._active = status is Status.RUNNING
         return status
+
+    def _limit(self) -> AbstractContextManager[None]:
+        """Of a tick of a person's leaf: shorter than the silence for which its worker would be given up."""
+        if type(self).__module__.startswith("phyagentos."):
+            return nullcontext()
+        return limit_time(TICK_S)
+
+    def _check_answer(self, name: str, status: object) -> None:
+        """Raise TypeError for what is no answer; numbers become plain data, as evidence holds them."""
+        if not isinstance(status, Status) or status is Status.INVALID:
+            raise TypeError(f"{name} answered {status!r:.80}; expected SUCCESS, FAILURE or RUNNING")
+        self.message = str(self.message)
+        if self.numbers:
+            self.numbers = to_plain(self.numbers)
 
     @final
     def terminate(self, new_status: Status) -> None:
@@ -184,8 +201,9 @@ class Leaf(Behaviour):
         if new_status is Status.INVALID and self._active:
             self._active = False
             try:
-                self.on_halted()
-            except (Exception, SystemExit) as error:
+                with self._limit():
+                    self.on_halted()
+            except list_foreign_errors() as error:
                 raise LeafError(self.path, error, find_place(error, type(self))) from error
 
     def succeed(self, message: str = "", **numbers: Any) -> Status:

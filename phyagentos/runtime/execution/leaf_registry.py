@@ -10,7 +10,7 @@ import operator
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, blaming
 from phyagentos.plugins import Plugins, read_source, run_file
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import Tree
@@ -32,8 +32,9 @@ class LeafRegistry:
         Raises:
             DefinitionError: `DUPLICATE_NAME` when another class has the name; `BROKEN_PYTHON`.
         """
-        if not issubclass(leaf, Leaf):
-            raise DefinitionError.of("BROKEN_PYTHON", name, repr(leaf), "a subclass of phyagentos.skills.Leaf")
+        given: object = leaf
+        if not (isinstance(given, type) and issubclass(given, Leaf)):
+            raise DefinitionError.of("BROKEN_PYTHON", str(name), repr(leaf), "a subclass of phyagentos.skills.Leaf")
         existing = self._classes.get(name)
         if existing is not None and existing is not leaf:
             raise DefinitionError.of(
@@ -122,7 +123,8 @@ def _build_installed() -> LeafRegistry:
         if isinstance(found, type):
             registry.register(name, found)
         else:
-            found(registry)
+            with blaming(f"{name} of {LEAVES.group}", found):
+                found(registry)
     return registry
 
 
@@ -135,4 +137,5 @@ def register_file(registry: LeafRegistry, path: Path) -> None:
     register = run_file(path).get("register")
     if not callable(register):
         raise DefinitionError.of("BROKEN_PYTHON", str(path), "no such function", "a function register(registry)")
-    register(registry)
+    with blaming("register", register):
+        register(registry)

@@ -130,7 +130,8 @@ class SessionLoop:
             cause = error.cause
             return self._describe_refusal(cause) if isinstance(cause, CommandRefused) else _describe_error(error)
         except ExecutionError as error:
-            return Outcome(ended=_ended_by(error.code), code=error.code, message=str(error))
+            place = error.place if isinstance(error, DefectError) else ""
+            return Outcome(ended=_ended_by(error.code), code=error.code, message=str(error), defect=place)
         finally:
             with suppress(ExecutionError):  # the halt that follows meets a lost target, too
                 while self.handle.is_reporting:  # the target refused what was sent behind a refused command
@@ -198,7 +199,10 @@ class SessionLoop:
         return confirmation
 
     def _account(self) -> Outcome | None:
-        """Read the report of the oldest period; an outcome when a hold condition is violated by it."""
+        """Read the report of the oldest period; an outcome when a hold condition is violated by it.
+
+        Raises DefectError when the predicate of one raised an error.
+        """
         context, now_s = self.context, self.clock.now_s
         began_s = now_s()
         step, sent = self.handle.collect(), self._unreported.popleft()
@@ -224,6 +228,8 @@ class SessionLoop:
         self.ms["apply"] += 1e3 * (applied_s - began_s)
         self.ms["record"] += 1e3 * (now_s() - applied_s)
         if violated is None:
+            if self.holds.broken is not None:
+                raise self.holds.broken
             return None
         context.note("intervention", "CONSTRAINT_VIOLATED", predicate=violated.text, because=violated.because)
         return Outcome(

@@ -1,6 +1,6 @@
 """Checks authored trees against the registered leaves, and reports every problem at once."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace as replace_port
 from typing import Any
@@ -15,8 +15,10 @@ from phyagentos.protocol.capabilities.trees import (
     NodeKind,
     Reference,
     Tree,
+    find_oversize,
     find_references,
     iter_nodes,
+    list_subtrees,
     load_tree,
     read_tree,
     split_path,
@@ -52,7 +54,7 @@ def _check(name: str, library: Library, registry: LeafRegistry) -> tuple[Mapping
     found = tuple(trees.values())
     if registry.is_sound(library, name, found):
         return trees, []
-    problems = list(_iter_tree_problems(name, library, registry, ()))
+    problems = list(_iter_tree_problems(name, library, registry))
     if not problems:
         registry.note_sound(library, name, found)
     return trees, problems
@@ -70,33 +72,36 @@ def _find_trees(name: str, library: Library) -> Mapping[str, Tree]:
             trees[name] = tree = read_tree(library.get_tree(name))
         except DefinitionError:
             return {}
-        waiting += [node.type for node in iter_nodes(tree.root) if node.kind is NodeKind.SUBTREE]
+        waiting += list_subtrees(tree)
     return trees
 
 
-def _iter_tree_problems(
-    name: str, library: Library, registry: LeafRegistry, above: tuple[str, ...]
-) -> Iterator[Problem]:
-    try:
-        tree, problems = load_tree(library.get_tree(name))
-    except DefinitionError as error:
-        yield from error.problems
-        return
-    yield from problems
-    if tree is None:
-        return
-    yield from check_loaded_tree(tree, library, registry)
-    below = (node.type for node in iter_nodes(tree.root) if node.kind is NodeKind.SUBTREE)
-    for subtree in dict.fromkeys(below):
-        if subtree not in (*above, name) and library.has_tree(subtree):
-            yield from _iter_tree_problems(subtree, library, registry, (*above, name))
+def _iter_tree_problems(name: str, library: Library, registry: LeafRegistry) -> Iterator[Problem]:
+    waiting, seen = [name], set[str]()
+    while waiting:
+        if (name := waiting.pop()) in seen:
+            continue
+        seen.add(name)
+        try:
+            tree, problems = load_tree(library.get_tree(name))
+        except DefinitionError as error:
+            yield from error.problems
+            continue
+        yield from problems
+        if tree is not None:
+            yield from check_loaded_tree(tree, library, registry)
+            waiting += reversed([each for each in dict.fromkeys(list_subtrees(tree)) if library.has_tree(each)])
 
 
 def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> Iterator[Problem]:
     """Every problem of one tree itself, without its subtrees."""
+    if (oversize := find_oversize(tree, library)) is not None:
+        yield from oversize[1:] if oversize[0] == tree.header.tree else ()  # else it is a problem of that one
+        return
     written = {name: PORT_TYPES[port.type] for name, port in tree.header.inputs.items()}
     nodes = list(iter_nodes(tree.root))
-    declared = [(node, _find_ports(node, library, registry)) for node in nodes]
+    known: dict[str, Ports | None] = {}
+    declared = [(node, _find_ports(node, library, registry, known)) for node in nodes]
     for node, ports in declared:
         for port, value in node.wiring.items():
             if not isinstance(value, Reference):
@@ -118,7 +123,7 @@ def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> I
                 yield from iter_form_problems(tree, node)
             elif not _is_unread(node, registry):
                 yield _problem_unknown(tree, node, library, registry)
-            if node.kind is NodeKind.SUBTREE and (way := _find_way(node.type, tree.header.tree, library)):
+            if node.kind is NodeKind.SUBTREE and (way := _find_way(node.type, tree.header.tree, library, set())):
                 cycle = " -> ".join((tree.header.tree, *way))
                 expected, hint = "another tree, without a way back", "For what is done again use 'repeat' or 'retry'."
                 yield tree.located.problem("CYCLE", node.address, cycle, expected, hint)
@@ -146,15 +151,16 @@ def _is_unread(node: Node, registry: LeafRegistry) -> bool:
     return node.kind is NodeKind.LEAF and registry.is_announced(node.type)
 
 
-def _find_way(start: str, goal: str, library: Library, above: tuple[str, ...] = ()) -> tuple[str, ...]:
+def _find_way(start: str, goal: str, library: Library, seen: set[str]) -> tuple[str, ...]:
     """Names of trees from one to another, along subtrees; empty where none leads there."""
     if start == goal:
         return (goal,)
-    if start in above or not library.has_tree(start):
+    if start in seen or not library.has_tree(start):
         return ()
+    seen.add(start)
     tree, _ = load_tree(library.get_tree(start))
-    below = [node.type for node in iter_nodes(tree.root) if node.kind is NodeKind.SUBTREE] if tree is not None else []
-    ways = (_find_way(each, goal, library, (*above, start)) for each in dict.fromkeys(below))
+    below = dict.fromkeys(list_subtrees(tree) if tree is not None else ())
+    ways = (_find_way(each, goal, library, seen) for each in below)
     return next(((start, *way) for way in ways if way), ())
 
 
@@ -184,7 +190,7 @@ def _iter_list_problems(tree: Tree, node: Node, written: dict[str, type]) -> Ite
 
 def _iter_reactive_problems(tree: Tree, node: Node, library: Library, registry: LeafRegistry) -> Iterator[Problem]:
     """Each tick begins with the first child again: of two that take time, the first would never let the second end."""
-    slow = [child for child in node.children if _takes_time(child, library, registry, ())]
+    slow = [child for child in node.children if _takes_time(child, library, registry)]
     for child in slow[1:]:
         yield tree.located.problem(
             "BROKEN_TREE",
@@ -195,50 +201,55 @@ def _iter_reactive_problems(tree: Tree, node: Node, library: Library, registry: 
         )
 
 
-def _takes_time(node: Node, library: Library, registry: LeafRegistry, above: tuple[str, ...]) -> bool:
+def _takes_time(node: Node, library: Library, registry: LeafRegistry) -> bool:
     """Whether a leaf below is ticked more than once; what is unknown counts as quick, its problem is another."""
-    if node.kind is NodeKind.SUBTREE and node.type not in above:
-        try:
-            root = read_tree(library.get_tree(node.type)).root
-        except DefinitionError:
-            return False
-        return _takes_time(root, library, registry, (*above, node.type))
-    if node.kind is NodeKind.LEAF:
-        leaf = registry.find(node.type)
-        return leaf is not None and leaf.on_running is not Leaf.on_running
-    return any(_takes_time(child, library, registry, above) for child in node.children)
+    leaves = (registry.find(each.type) for each in _list_leaves(node, library))
+    return any(leaf is not None and leaf.on_running is not Leaf.on_running for leaf in leaves)
 
 
-def needs_grasp(node: Node, library: Library, registry: LeafRegistry, above: tuple[str, ...] = ()) -> bool:
+def needs_grasp(node: Node, library: Library, registry: LeafRegistry) -> bool:
     """Whether a node succeeds only where a grasp is planned: by a leaf of that role, below sequences and subtrees."""
-    if node.kind is NodeKind.SUBTREE and node.type not in above:
-        return needs_grasp(read_tree(library.get_tree(node.type)).root, library, registry, (*above, node.type))
-    if node.kind is NodeKind.LEAF:
-        leaf = registry.find(node.type)
-        return leaf is not None and leaf.ROLE is Role.PLAN_GRASP
-    return node.kind is NodeKind.SEQUENCE and any(needs_grasp(each, library, registry, above) for each in node.children)
+    leaves = (registry.find(each.type) for each in _list_leaves(node, library, (NodeKind.SEQUENCE,)))
+    return any(leaf is not None and leaf.ROLE is Role.PLAN_GRASP for leaf in leaves)
+
+
+def _list_leaves(node: Node, library: Library, below: Collection[NodeKind] = tuple(NodeKind)) -> Iterator[Node]:
+    """The leaves of a node and its subtrees, each tree once, below nodes of these kinds; of unreadable trees none."""
+    waiting, seen = [node], set[str]()
+    while waiting:
+        node = waiting.pop()
+        if node.kind is NodeKind.LEAF:
+            yield node
+        elif node.kind is NodeKind.SUBTREE and node.type not in seen:
+            seen.add(node.type)
+            with suppress(DefinitionError):
+                waiting.append(read_tree(library.get_tree(node.type)).root)
+        elif node.kind in below:
+            waiting += node.children
 
 
 def find_ranges(tree: Tree, library: Library, registry: LeafRegistry) -> Mapping[str, Port]:
-    """Key of a tree -> the port that reads it, for each number."""
-    return _find_bounds(tree, library, registry, (tree.header.tree,))
+    """Key of a tree -> the port that reads it, for each number; none of a tree that is too large."""
+    is_sound = find_oversize(tree, library) is None
+    return _find_bounds(tree, library, registry, {tree.header.tree: None}) if is_sound else {}
 
 
 Ports = tuple[Mapping[str, PortInformation], Mapping[str, PortInformation]]  # inputs, outputs
 
 
-def _find_ports(node: Node, library: Library, registry: LeafRegistry, above: tuple[str, ...] = ()) -> Ports | None:
-    """Declared ports of a leaf or a subtree; None when there is no such leaf or readable tree."""
+def _find_ports(node: Node, library: Library, registry: LeafRegistry, known: dict[str, Ports | None]) -> Ports | None:
+    """Declared ports of a leaf or, kept in `known`, a subtree; None when there is no such leaf or readable tree."""
     if node.kind is NodeKind.LEAF:
         leaf = registry.find(node.type)
         parts = () if leaf is None else (leaf.INPUT_PORTS, leaf.OUTPUT_PORTS)
         return None if not parts else (expand_ports(parts[0], node.wiring), expand_ports(parts[1], node.wiring))
-    if node.kind is NodeKind.SUBTREE and node.type not in above:
+    if node.kind is NodeKind.SUBTREE and node.type not in known:
+        known[node.type] = None  # for one that leads back to it
         try:
             tree = read_tree(library.get_tree(node.type))
         except DefinitionError:
             return None
-        header, bounds = tree.header, _find_bounds(tree, library, registry, (*above, node.type))
+        header, bounds = tree.header, _find_bounds(tree, library, registry, known)
         inputs = {
             name: _declare(bounds.get(name), PORT_TYPES[port.type], required=not port.optional and port.default is None)
             for name, port in header.inputs.items()
@@ -247,15 +258,17 @@ def _find_ports(node: Node, library: Library, registry: LeafRegistry, above: tup
             name: PortInformation(data_type=PORT_TYPES[port.type], required=False)
             for name, port in header.outputs.items()
         }
-        return inputs, outputs
-    return None
+        known[node.type] = inputs, outputs
+    return known.get(node.type) if node.kind is NodeKind.SUBTREE else None
 
 
-def _find_bounds(tree: Tree, library: Library, registry: LeafRegistry, above: tuple[str, ...]) -> dict[str, Port]:
+def _find_bounds(
+    tree: Tree, library: Library, registry: LeafRegistry, known: dict[str, Ports | None]
+) -> dict[str, Port]:
     """Key of a tree -> the first port with a type of number that reads it, in the tree or in subtrees."""
     found: dict[str, Port] = {}
     for node in iter_nodes(tree.root):
-        inputs = (_find_ports(node, library, registry, above) or ({}, {}))[0]
+        inputs = (_find_ports(node, library, registry, known) or ({}, {}))[0]
         for name, value in node.wiring.items():
             port = inputs.get(name)
             if isinstance(value, Reference) and isinstance(port, Port) and port.data_type is float:

@@ -21,7 +21,7 @@ from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.protocol.sessions.trace import Role
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.execution.context import SkillContext
-from phyagentos.runtime.execution.leaf import FailureCode, Leaf
+from phyagentos.runtime.execution.leaf import TICK_S, FailureCode, Leaf
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.port_types import EXPORTED_TYPES, PORT_TYPES
 from phyagentos.runtime.execution.ports import expand_ports
@@ -281,7 +281,8 @@ class _Builder:
         return self._build_leaf(node, scope, path)
 
     def _build_leaf(self, node: Node, scope: _Scope, path: str) -> Leaf:
-        with blaming(kind := self._registry.get(node.type), "__init__"):
+        kind = self._registry.get(node.type)
+        with blaming(f"{kind.__name__}.__init__", kind, limit_s=TICK_S):
             leaf = kind(node.name, self._context, path)
         kinds = expand_ports(leaf.INPUT_PORTS, node.wiring)
         keys = {

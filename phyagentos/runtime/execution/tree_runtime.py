@@ -10,7 +10,7 @@ from py_trees.common import Status
 from py_trees.composites import Composite, Parallel, Selector, Sequence
 from py_trees.decorators import Decorator
 
-from phyagentos.protocol.documents.plain_data import Fields
+from phyagentos.protocol.documents.plain_data import Fields, to_plain
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.execution.context import SkillContext
@@ -142,9 +142,8 @@ def _export(value: Any) -> Any:
     """An output as plain data for a contract: a pose as seven numbers, a tuple as a list."""
     if isinstance(value, Pose):
         return [*value.position_m, *value.quaternion_wxyz]
-    if isinstance(value, tuple):
-        return list(value)
-    return value
+    plain = to_plain(value)
+    return list(plain) if isinstance(plain, tuple) else plain
 
 
 def _find_decisive(node: Behaviour) -> Behaviour:

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import msgspec
 
-from phyagentos.errors import DefinitionError, PhyAgentOSError
+from phyagentos.errors import DefinitionError, PhyAgentOSError, list_foreign_errors
 from phyagentos.protocol.sessions.forecasters import find_forecaster
 from phyagentos.protocol.sessions.lookahead import Forecast, LookaheadRequest
 from phyagentos.protocol.sessions.session import Session
@@ -54,7 +54,7 @@ def open_forecaster(name: str, site: ForecasterSite) -> Forecaster:
         forecaster: Forecaster = find_forecaster(name).load()(site)
     except PhyAgentOSError:
         raise
-    except Exception as error:  # foreign code
+    except list_foreign_errors() as error:
         raise DefinitionError.of(
             "BROKEN_PYTHON",
             "lookahead.forecasters",

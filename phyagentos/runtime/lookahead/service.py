@@ -14,7 +14,7 @@ from typing import Any
 from msgspec.structs import asdict, replace
 
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError, list_foreign_errors
 from phyagentos.protocol.sessions.calibration import TrackRecord
 from phyagentos.protocol.sessions.lookahead import Forecast, LookaheadResult
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -66,7 +66,7 @@ class ForecastService:
             answer: object = forecaster.forecast(case)
         except (DefinitionError, ExecutionError):
             raise
-        except Exception as error:  # foreign code
+        except list_foreign_errors() as error:
             raise ExecutionError(LOOKAHEAD_FAILED, f"{forecaster.name}: {type(error).__name__}: {error}") from error
         if not isinstance(answer, Forecast) or not _adds_up(answer):
             raise ExecutionError(LOOKAHEAD_FAILED, f"{forecaster.name} answered with no distribution: {answer!r}")

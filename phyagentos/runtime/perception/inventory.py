@@ -228,6 +228,18 @@ def iter_like_map(spec: SceneSpec) -> Iterator[tuple[Entity, bool]]:
             yield _make_template(name, body, source=""), colors[name] <= own
 
 
+def measure_turning_width(body: Body) -> float:
+    """The middle side of a body, over which a fit sees it turn [m]; infinite for one that no turn changes: a ball."""
+    form = forms.Form.FIXED if body.fixed else forms.find_form(_make_template("", body, source=""))
+    samples, normals = forms.sample_surface(Solids.of([_make_shape(solid) for solid in body.shapes]))
+    has_turns = forms.find_turns(samples, normals, form).shape[1] > 0
+    return _measure_width(samples) if has_turns else np.inf
+
+
+def _measure_width(samples_m: Array) -> float:
+    return float(np.sort(np.ptp(samples_m, axis=0))[1])
+
+
 class _Surfaces:
     """The colours of a scene's surfaces, 0..1, with their indices; one white where colours tell nothing apart."""
 
@@ -327,7 +339,7 @@ def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec)
         samples_m=samples,
         normals=normals,
         diameter_m=2 * float(np.linalg.norm(samples - samples.mean(axis=0), axis=1).max()),
-        width_m=float(np.sort(np.ptp(samples, axis=0))[1]),
+        width_m=_measure_width(samples),
         turns=forms.find_turns(samples, normals, form),
         lookalikes=() if body.fixed else tuple(forms.iter_lookalikes(solids, samples, symmetries, form)),
         alike=find_alike(spec, name),

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 import numpy as np
 from py_trees.common import Status
 
-from phyagentos.errors import DefectError, DefinitionError, ExecutionError, find_place
+from phyagentos.errors import DefectError, DefinitionError, ExecutionError, find_place, list_foreign_errors
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace, describe_target_space
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor, PolicyExecution, Stream
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
@@ -114,8 +114,8 @@ class PolicySkillRuntime:
             self._converse()
         except ExecutionError as error:
             return self._fail(error.code, str(error), error.place if isinstance(error, DefectError) else "")
-        except Exception as error:  # of a wire or a bridge that a package brings
-            place = find_place(error, object)
+        except list_foreign_errors() as error:  # of a wire or a bridge that a package brings
+            place = find_place(error)
             return self._fail("LEAF_ERROR", f"{type(error).__name__}: {error} ({place})", place)
         points = self._choose() if self._failure is None else None
         if self._failure is not None:

@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from phyagentos.errors import ExecutionError, find_place, is_defect
+from phyagentos.errors import ExecutionError, find_place, is_defect, list_foreign_errors
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.policies import wire
 
@@ -52,10 +52,10 @@ def answer(request: wire.Request, policy: Policy, descriptor: PolicyDescriptor |
             return wire.Started()
         rows, done = policy.infer(request)
         return wire.Chunk(sequence=request.sequence, rows=np.asarray(rows, dtype=np.float64), done=bool(done))
-    except Exception as error:  # whatever a model raises must reach the session as an attributed fault
+    except list_foreign_errors() as error:  # whatever a model raises must reach the session as an attributed fault
         return wire.Fault(
             message=f"{type(error).__name__}: {error}",
-            place=find_place(error, type(policy)) if is_defect(error) else "",
+            place=find_place(error, type(policy), policy.infer) if is_defect(error) else "",
         )
 
 

@@ -160,14 +160,18 @@ def _make_missing(
 
 
 def iter_precondition_problems(session: Session, now: Environment) -> Iterator[Problem]:
-    """Preconditions that do not hold in the world as observed, and hold conditions that are false already."""
-    texts = [("requires", text) for text in session.requires] + [("hold", text) for text in session.hold]
+    """Preconditions that do not hold in the world as observed, and hold conditions that are false already.
+
+    And each condition, that of the end too, whose predicate raises: nothing moves for what cannot be judged.
+    """
+    texts = [(kind, text) for kind in _CONDITIONS for text in getattr(session, kind)]
     for kind, text in texts:
         try:
             evaluation = parse_predicate(text).evaluate(_look_at(session, now))
         except DefinitionError:
             continue  # reported by `iter_predicate_problems`
-        if evaluation.truth is Truth.FALSE or (kind == "requires" and evaluation.truth is Truth.UNKNOWN):
+        is_false = evaluation.truth is Truth.FALSE and kind != "accept"
+        if is_false or evaluation.defect or (kind == "requires" and evaluation.truth is Truth.UNKNOWN):
             code = "PRECONDITION_UNMET" if kind == "requires" else "CONSTRAINT_VIOLATED"
             code = "BROKEN_PYTHON" if evaluation.defect else code
             found, by = f"{text} is {evaluation.truth}", f"{kind}: {text}"

@@ -51,6 +51,7 @@ from phyagentos.runtime.preflight.adapter_plan import Trial
 from phyagentos.runtime.preflight.findings import make_problem
 from phyagentos.runtime.targets.wire import Kinematics
 
+FORESEE_S = 5.0  # for a person's leaf to say what it does first, by the wall clock
 CANDIDATES = 1  # one way is enough to know that there is one
 ANSWER_S = 60.0  # by the wall clock; at the first session the planner may still be starting
 SHARE = 0.5  # of the time that the contract allows the whole examination
@@ -368,8 +369,10 @@ def _find_in(
         leaf = registry.find(child.type) if child.kind is NodeKind.LEAF else None
         foreseen = Foreseen(onward=Onward.OPEN)
         if leaf is not None:
-            with blaming(leaf, "foresee"):
+            with blaming(f"{leaf.__name__}.foresee", leaf, leaf.foresee, limit_s=FORESEE_S):
                 foreseen = leaf.foresee(wired, where)
+                if not isinstance(foreseen, Foreseen):
+                    raise TypeError(f"it answered {foreseen!r:.80}; expected a Foreseen")
         if foreseen.motion is not None:
             yield foreseen.motion
         if foreseen.onward is not Onward.SURE:

@@ -179,7 +179,7 @@ class Examiner:
 
     def _find_payload_problems(self, session: Session) -> list[Problem]:
         skill = self.preflight.skills.get(session.skill)
-        if skill is None or not skill.tree:
+        if skill is None or not skill.tree or check_tree(skill.tree, self.library, self.registry):
             return []
         motions = find_motions(skill.tree, session.parameters, self.library, self.registry)
         grasped = [motion.object for motion in motions if isinstance(motion, Grasp)]
@@ -196,6 +196,8 @@ class Examiner:
         skill = self.preflight.skills.get(session.skill)
         profile = self.preflight.profile
         if skill is None or not skill.tree or not profile.model:
+            return ()
+        if check_tree(skill.tree, self.library, self.registry):
             return ()
         dry_run = DryRun(
             planner=self.planner,

@@ -1,12 +1,13 @@
 """What a driver answers, checked once at the boundary of a target, before anything else reads it.
 
 A reply that cannot be true is the target's fault, `PROTOCOL_BROKEN` with field and value: time that stands, jumps or
-runs backwards, a number that is not finite, a list without end, text where a code or a file name belongs.
+runs backwards, a number that is not finite, or below zero where none can be, lists, names and depths without end, text
+where a code or a file name belongs, pictures of another kind or of a camera that was not asked.
 """
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import msgspec
 import numpy as np
@@ -23,7 +24,9 @@ from phyagentos.runtime.targets.driver import TargetPort
 HALT_MAX_S = 10.0  # of the target's time, to come to rest
 STANDS = 1e-3  # of what was to pass, where time goes on by itself
 LATE_MAX_S = 1.0  # of a command's end after its expiry and its period
-ITEMS_MAX = 100_000  # numbers and texts of one reply, besides arrays
+ITEMS_MAX = 100_000  # numbers, texts and lists of one reply, besides what arrays hold
+DEPTH_MAX = 50  # of lists in lists
+NAME_MAX = 1000  # characters of a name
 SMALL = 100  # of them in one list, or characters, of a report that needs no closer look
 TEXT_MAX = 2**16  # characters of one text
 SHOWN = 200  # of them in a message
@@ -36,6 +39,8 @@ FILES = {
 """Files of the tools that a session uses."""
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")  # of a file of any other tool
 _MAY_BE_INFINITE = re.compile(r"(gripper_force_n|q_(min|max)_rad\[\d+\])")  # of a description: unknown, without an end
+_AT_LEAST_ZERO = ("tracking_error_rad", "contact_force_n", "contact_force_error_n")  # of a report
+_OF_PEOPLE = ("message", "reason")  # texts that may come from another program
 _OF_STOPS = {Phase.SAFETY, Phase.TARGET}
 
 
@@ -81,6 +86,7 @@ class ReplyCheck:
             fault = "" if _is_plainly_sound(reply) else _find_unsound(reply)
             fault = fault or (_find_fault_of_code(reply.stopped, _OF_STOPS) if reply.stopped else "")
             fault = fault or self._find_fault_of_size(reply.target.q_rad, reply.target.qd_rad_s)
+            fault = fault or _find_negative(reply)
             return fault or self._find_fault_of_time(request, reply.time_s, is_stopped=bool(reply.stopped))
         fault = _find_unsound(reply)
         match reply:
@@ -89,13 +95,13 @@ class ReplyCheck:
                 fault = fault or self._find_fault_of_time(request, time_s)
             case wire.Ended(time_s):
                 fault = fault or self._find_fault_of_time(request, time_s)
-            case wire.Description() if not (reply.physics_step_s > 0.0 < reply.steps_per_command):
-                fault = fault or f"{reply.steps_per_command} steps of {reply.physics_step_s} s a command"
+            case wire.Description():
+                fault = fault or _find_fault_of_command(reply)
             case wire.ToolResult(artefacts) if isinstance(request, wire.InvokeTool):
                 fault = fault or _find_foreign_file(request.name, artefacts)
-            case wire.Frames(frames, missing):
-                faults = [*(_find_fault_of_frame(each) for each in frames), *map(_find_fault_of_code, missing.values())]
-                fault = fault or next(filter(None, faults), "")
+            case wire.Frames(frames, missing) if isinstance(request, wire.Capture):
+                faults = (*map(_find_fault_of_frame, frames), *map(_find_fault_of_code, missing.values()))
+                fault = fault or _find_fault_of_cameras(request, frames) or next(filter(None, faults), "")
         return fault
 
     def _find_fault_of_size(self, *joints: tuple[float, ...]) -> str:
@@ -142,8 +148,10 @@ def _is_plainly_sound(value: object) -> bool:
     match value:
         case float():
             return math.isfinite(value)
-        case str() | tuple():
-            return len(value) <= SMALL and (isinstance(value, str) or all(map(_is_plainly_sound, value)))
+        case str():
+            return len(value) <= SMALL and value.isprintable()
+        case tuple():
+            return len(value) <= SMALL and all(map(_is_plainly_sound, value))
         case msgspec.Struct():
             is_turn = not (isinstance(value, Pose) and _is_no_turn(value))
             return is_turn and all(map(_is_plainly_sound, msgspec.structs.astuple(value)))
@@ -153,34 +161,51 @@ def _is_plainly_sound(value: object) -> bool:
 
 
 def _find_unsound(reply: wire.Reply) -> str:
-    """The first number that is not finite, quaternion that is no turn, or endless text; empty where all is sound."""
+    """The first number that is not finite, quaternion that is no turn, or endless part; empty where all is sound."""
     is_description = isinstance(reply, wire.Description)
-    for number, (where, leaf) in enumerate(_list_leaves(reply, "")):
+    for number, (where, part) in enumerate(_list_parts(reply, "")):
         if number >= ITEMS_MAX:
-            return f"more than {ITEMS_MAX} numbers and texts"
-        if isinstance(leaf, float) and not math.isfinite(leaf):
+            return f"more than {ITEMS_MAX} numbers, texts and lists"
+        if isinstance(part, float) and not math.isfinite(part):
             if not (is_description and _MAY_BE_INFINITE.fullmatch(where)):
-                return f"{where} = {leaf}"
-        elif isinstance(leaf, str) and len(leaf) > TEXT_MAX:
-            return f"{where}, a text of {len(leaf)} characters, {TEXT_MAX} are possible"
-        elif isinstance(leaf, Pose) and _is_no_turn(leaf):
-            return f"{where}.quaternion_wxyz = {leaf.quaternion_wxyz}, which is no turn"
+                return f"{where} = {part}"
+        elif isinstance(part, str | bytes) and len(part) > TEXT_MAX:
+            return f"{where}, a text of {len(part)} characters, {TEXT_MAX} are possible"
+        elif isinstance(part, str) and not where.endswith(_OF_PEOPLE) and clean(part) != part:
+            return f"{where} = {_show(part)}, a text with characters that no document holds"
+        elif isinstance(part, Pose) and _is_no_turn(part):
+            return f"{where}.quaternion_wxyz = {part.quaternion_wxyz}, which is no turn"
+        elif isinstance(part, dict) and (fault := _find_fault_of_names(part)):
+            return f"{where}, {fault}"
+        elif isinstance(part, dict | list) and where.count("[") > DEPTH_MAX:
+            return f"more than {DEPTH_MAX} lists in lists"
     return ""
 
 
-def _list_leaves(value: object, where: str) -> Iterator[tuple[str, object]]:
-    """Numbers, texts and poses below a value, with their paths."""
+def _find_fault_of_names(named: dict[object, object]) -> str:
+    names = [name for name in named if isinstance(name, str)]
+    if long := next((name for name in names if len(name) > NAME_MAX), ""):
+        return f"a name of {len(long)} characters, {NAME_MAX} are possible"
+    strange = next((name for name in names if not name.isprintable()), None)
+    return f"{_show(strange)} where a name belongs" if strange is not None else ""
+
+
+def _list_parts(value: object, where: str) -> Iterator[tuple[str, object]]:
+    """Numbers, texts, poses and lists below a value, each before what it holds, with their paths."""
     if isinstance(value, msgspec.Struct):
         if isinstance(value, Pose):
             yield where, value
         for name in value.__struct_fields__:
-            yield from _list_leaves(getattr(value, name), f"{where}.{name}".lstrip("."))
+            if not isinstance(value, wire.Artefact) or name != "data":  # bounded by its message
+                yield from _list_parts(getattr(value, name), f"{where}.{name}".lstrip("."))
     elif isinstance(value, dict):
+        yield where, value
         for name, each in value.items():
-            yield from _list_leaves(each, f"{where}[{_show(str(name))}]")
+            yield from _list_parts(each, f"{where}[{_show(str(name))}]")
     elif isinstance(value, list | tuple):
+        yield where, value
         for index, each in enumerate(value):
-            yield from _list_leaves(each, f"{where}[{index}]")
+            yield from _list_parts(each, f"{where}[{index}]")
     elif not isinstance(value, np.ndarray):
         yield where, value
     elif value.dtype == np.float64:  # a depth may be NaN
@@ -191,12 +216,39 @@ def _is_no_turn(pose: Pose) -> bool:
     return not abs(math.hypot(*pose.quaternion_wxyz) - 1.0) <= UNIT_TOLERANCE
 
 
+def _find_negative(step: wire.Step) -> str:
+    """What no measurement is below zero: it would hide a force, a doubt, an arm that lags behind."""
+    named = {name: getattr(step, name) or 0.0 for name in _AT_LEAST_ZERO}
+    named |= {f"touched_n[{_show(name)}]": force_n for name, force_n in step.touched_n.items()}
+    return next((f"{name} = {value}, below zero" for name, value in named.items() if value < 0.0), "")
+
+
+def _find_fault_of_command(live: wire.Description) -> str:
+    rows, joints = live.steps_per_command, live.n_joints
+    if not (live.physics_step_s > 0.0 < rows):
+        return f"{rows} steps of {live.physics_step_s} s a command"
+    is_sound = joints >= 0 and rows * max(joints, 1) <= ITEMS_MAX
+    return "" if is_sound else f"{joints} joints and {rows} steps a command"
+
+
+def _find_fault_of_cameras(request: wire.Capture, frames: Sequence[wire.Frame]) -> str:
+    shown, asked = [each.camera for each in frames], {*request.cameras, *request.crops}
+    strange = [each for each in shown if shown.count(each) > 1 or (request.cameras and each not in asked)]
+    return f"a frame of {_show(strange[0])}, which was not asked, or twice" if strange else ""
+
+
 def _find_fault_of_frame(frame: wire.Frame) -> str:
-    expected = (frame.height, frame.width)
-    if frame.rgb.shape == (*expected, 3) and frame.depth_m.shape == expected:
-        return ""
-    found = f"colours {frame.rgb.shape} and depths {frame.depth_m.shape}"
-    return f"a frame of {_show(frame.camera)} with {found}, where its size is {expected}"
+    expected, lens = (frame.height, frame.width), (frame.fx, frame.fy)
+    found = ""
+    if frame.rgb.shape != (*expected, 3) or frame.depth_m.shape != expected or min(expected) < 1:
+        found = f"colours {frame.rgb.shape} and depths {frame.depth_m.shape}, where its size is {expected}"
+    elif (frame.rgb.dtype.name, frame.depth_m.dtype.name) != ("uint8", "float32"):
+        found = f"colours of {frame.rgb.dtype} and depths of {frame.depth_m.dtype}; expected uint8 and float32"
+    elif min(lens) <= 0.0:
+        found = f"focal lengths of {lens}"
+    elif (frame.depth_m <= 0.0).any():
+        found = f"a depth of {np.nanmin(frame.depth_m)} m; NaN stands where nothing was measured"
+    return found and f"a frame of {_show(frame.camera)} with {found}"
 
 
 def _find_fault_of_code(code: str, phases: set[Phase] | None = None) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.clock import Clock
+from phyagentos.overtime import renew_limit
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
 
 PERIOD_S = 0.1
@@ -38,3 +39,4 @@ class HeartbeatWriter:
             self._written_at_s = now_s
             self._beat = msgspec.structs.replace(beat, sequence=self._beat.sequence + 1)
             write_heartbeat(self._folder, self._beat)
+            renew_limit()

@@ -72,8 +72,8 @@ MUTANTS = (
         edits=(
             Edit(
                 "phyagentos.runtime.preflight.arguments",
-                '[("requires", text) for text in session.requires]',
-                "[]",
+                "texts = [(kind, text) for kind in _CONDITIONS for text",
+                'texts = [(kind, text) for kind in ("hold",) for text',
             ),
         ),
         tests=("tests/runtime/test_preflight.py::test_names_and_preconditions_are_judged_on_the_live_world",),

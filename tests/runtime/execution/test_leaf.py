@@ -1,5 +1,6 @@
 """The contract of a leaf: sealed tick, coded failures, wrapped exceptions, interruptions that are told."""
 
+import numpy as np
 import pytest
 from py_trees.ports import NoDataAvailable
 
@@ -116,7 +117,7 @@ def test_an_interruption_is_told_once_and_only_while_active(leaf):
     assert leaf.halted == 1
 
 
-@pytest.mark.parametrize("answer", [None, True, "SUCCESS", Status.INVALID])
+@pytest.mark.parametrize("answer", [None, True, "SUCCESS", Status.INVALID, np.zeros(3), np.nan])
 def test_an_answer_that_is_no_status_is_an_error_with_the_path(answer):
     leaf = Returns("returns", None, "root/returns")
     leaf.answer = answer
@@ -124,6 +125,30 @@ def test_an_answer_that_is_no_status_is_an_error_with_the_path(answer):
     with pytest.raises(
         LeafError, match=r"root/returns: TypeError: on_start answered .*; expected SUCCESS.*test_leaf\.py:"
     ):
+        leaf.tick_once()
+
+
+@pytest.mark.parametrize("error", [KeyError("gap"), StopIteration(), SystemExit(0), GeneratorExit(), RecursionError()])
+def test_whatever_a_leaf_raises_is_its_error_with_the_place(error):
+    leaf = Returns("returns", None, "root/returns")
+    leaf.answer = error
+
+    with pytest.raises(LeafError, match=rf"root/returns: {type(error).__name__}: .*test_leaf\.py:\d+\)"):
+        leaf.tick_once()
+
+
+def test_numbers_of_a_leaf_are_plain_data_or_an_error_with_the_place():
+    class Measures(Returns):
+        def on_start(self):
+            return self.succeed("seen", **self.answer)
+
+    leaf = Measures("measures", None, "root/measures")
+    leaf.answer = {"height_m": np.float64(0.5), "axis": np.eye(2), "hits": (np.int64(3), True)}
+    leaf.tick_once()
+    assert leaf.numbers == {"height_m": 0.5, "axis": [[1.0, 0.0], [0.0, 1.0]], "hits": (3, True)}
+
+    leaf.answer = {"height_m": object()}
+    with pytest.raises(LeafError, match=r"TypeError: <object .* is no plain data \(.*test_leaf\.py:\d+\)"):
         leaf.tick_once()
 
 
@@ -172,13 +197,24 @@ def test_a_skills_own_leaves_are_loaded_from_its_folder(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "reason"), [("x = 1", "no such function"), ("import nothing_at_all", "ModuleNotFound")]
+    ("text", "reason"),
+    [
+        ("x = 1", "no such function"),
+        ("import nothing_at_all", "loading it raised ModuleNotFound"),
+        ("def register(registry", "loading it raised SyntaxError"),
+        ("import sys; sys.exit(0)", "loading it raised SystemExit"),
+        ("raise GeneratorExit", "loading it raised GeneratorExit"),
+        ("def f(): f()\nf()", "loading it raised RecursionError"),
+        ("def register(registry): 1 / 0", "register raised ZeroDivisionError"),
+        ("def register(): pass", "register raised TypeError"),
+        ("def register(registry): raise SystemExit", "register raised SystemExit"),
+    ],
 )
 def test_a_broken_behaviours_file_is_named_with_the_reason(tmp_path, text, reason):
     path = tmp_path / "behaviours.py"
     path.write_text(text)
 
-    with pytest.raises(DefinitionError, match=rf"behaviours.py: BROKEN_PYTHON: found {reason}"):
+    with pytest.raises(DefinitionError, match=rf"behaviours.py(:1)?: BROKEN_PYTHON: found {reason}"):
         register_file(LeafRegistry(), path)
 
 

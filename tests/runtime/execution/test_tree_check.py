@@ -3,9 +3,11 @@
 import pytest
 
 from phyagentos.errors import DefinitionError
+from phyagentos.pictures.trees import draw_tree
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.trees import iter_short_references, read_tree
-from phyagentos.runtime.execution.tree_check import check_tree
+from phyagentos.runtime.execution.call_check import iter_call_problems
+from phyagentos.runtime.execution.tree_check import check_tree, needs_grasp
 
 
 @pytest.fixture
@@ -246,3 +248,34 @@ def test_a_tree_under_another_name_than_its_file_is_refused(tmp_path):
 
     with pytest.raises(DefinitionError, match=r"INVALID_VALUE: found 'mine'; expected the file's name 'yours'"):
         read_tree(path)
+
+
+def write_ladder(rungs, times):
+    """Text of trees by name, of which each has the next one several times; the last one waits."""
+    rung = "tree: t{0}\ndescription: x.\nroot:\n  sequence:\n    children:\n"
+    texts = {
+        f"t{each}": rung.format(each)
+        + "".join(f"      - subtree: {{tree: t{each + 1}, name: n{time}}}\n" for time in range(times))
+        for each in range(rungs)
+    }
+    return texts | {f"t{rungs}": f"tree: t{rungs}\ndescription: x.\nroot:\n  wait: {{seconds: 1.0}}\n"}
+
+
+@pytest.mark.parametrize(("rungs", "times", "found"), [(60, 2, "32765 nodes in 14 levels"), (300, 1, "in 101 levels")])
+def test_a_tree_that_grows_without_end_by_its_subtrees_is_refused_at_once(
+    check, tmp_path, registry, rungs, times, found
+):
+    problems = check(["subtree: {tree: t0}"], header="", **write_ladder(rungs, times))
+
+    assert len(problems) == 1, problems
+    assert "TOO_LARGE" in problems[0]
+    assert found in problems[0]
+    library = Library((tmp_path, find_shipped_root()))
+    assert not needs_grasp(read_tree(tmp_path / "trees" / "mine.yaml").root, library, registry)
+    assert not list(iter_call_problems("mine", library, (), "arm"))
+    with pytest.raises(DefinitionError, match="TOO_LARGE"):
+        draw_tree(read_tree(tmp_path / "trees" / "mine.yaml"), library)
+
+
+def test_a_tree_of_many_subtrees_below_the_limit_is_sound(check):
+    assert check(["subtree: {tree: t0}"], header="", **write_ladder(10, 2)) == []

@@ -78,6 +78,17 @@ FRAME = wire.Frame(
     camera="a", time_s=0.0, width=4, height=4, fx=1.0, fy=1.0, cx=2.0, cy=2.0, world_T_camera=Pose(),
     rgb=np.zeros((2, 2, 3), np.uint8), depth_m=np.zeros((4, 4), np.float32),
 )  # fmt: skip
+SOUND = replace(FRAME, rgb=np.zeros((4, 4, 3), np.uint8))
+
+
+def show(**fields):
+    return lambda _: wire.Frames((replace(SOUND, **fields),))
+
+
+def nest(depth):
+    return {"a": nest(depth - 1)} if depth else {}
+
+
 LIES = {  # the request, what becomes of its reply, what is said of it
     "time that runs backwards": (wire.Command, shift(-1.0), "it runs backwards"),
     "time that stands": (wire.Command, shift(-0.02), "it stands, where 0.02 s were to pass"),
@@ -95,7 +106,19 @@ LIES = {  # the request, what becomes of its reply, what is said of it
     "a base that is nowhere": (wire.Command, of_target(base=(0.0, math.nan, 0.0)), "target.base[1] = nan"),
     "joints that are not there": (wire.Command, of_target(q_rad=(0.0,) * 3), "3 joints, where it described 1"),
     "a signal that is no number": (wire.Observe(), of(signals={"f": (math.nan,)}), "signals['f'][0] = nan"),
-    "signals without end": (wire.Observe(), of(signals={"f": (0.0,) * 200_000}), "more than 100000 numbers and texts"),
+    "signals without end": (wire.Observe(), of(signals={"f": (0.0,) * 200_000}), "more than 100000 numbers, texts"),
+    "signals without a number": (
+        wire.Observe(), of(signals={str(each): () for each in range(200_000)}), "more than 100000 numbers, texts and"
+    ),
+    "a signal of an endless name": (wire.Observe(), of(signals={"f" * 100_000: (0.0,)}), "a name of 100000 characters"),
+    "a signal of no name": (wire.Observe(), of(signals={"\x1b[2J": (0.0,)}), "signals, '�[2J' where a name belongs"),
+    "a force below zero": (wire.Command, of(contact_force_n=-5.0), "contact_force_n = -5.0, below zero"),
+    "a doubt below zero": (wire.Command, of(contact_force_error_n=-1.0), "contact_force_error_n = -1.0, below zero"),
+    "a lag below zero": (wire.Command, of(tracking_error_rad=-1.0), "tracking_error_rad = -1.0, below zero"),
+    "a touch below zero": (wire.Command, of(touched_n={"b": -1.0}), "touched_n['b'] = -1.0, below zero"),
+    "a held object of no name": (wire.Command, of_target(holding=("\x1b[2J",)), "target.holding[0] = '�[2J'"),
+    "joints without end": (wire.Describe, of(n_joints=10**9), "1000000000 joints and 1 steps a command"),
+    "fewer joints than none": (wire.Describe, of(n_joints=-1), "-1 joints and 1 steps a command"),
     "names without end": (wire.Command, of_target(holding=("x" * 200_000,)), "a text of 200000 characters"),
     "a stop for a text": (wire.Command, of(stopped="<b>all is well</b>"), "'<b>all is well</b>' where a code belongs"),
     "a stop that ends well": (wire.Command, of(stopped="ALREADY_MET"), "'ALREADY_MET' where a code belongs"),
@@ -105,10 +128,23 @@ LIES = {  # the request, what becomes of its reply, what is said of it
     "an answer to another request": (wire.Command, lambda _: wire.Ack(), "Command was answered by Ack"),
     "no step of time": (wire.Describe, of(physics_step_s=math.nan), "physics_step_s = nan"),
     "a picture of another size": (wire.Capture(), lambda _: wire.Frames((FRAME,)), "where its size is (4, 4)"),
+    "a picture of no size": (wire.Capture(), show(width=0, height=0), "where its size is (0, 0)"),
+    "colours of another kind": (wire.Capture(), show(rgb=np.zeros((4, 4, 3))), "colours of float64 and depths"),
+    "depths of another kind": (wire.Capture(), show(depth_m=np.zeros((4, 4), np.uint8)), "and depths of uint8"),
+    "depths of zero where none was measured": (wire.Capture(), show(), "a depth of 0.0 m; NaN stands where nothing"),
+    "a lens without a focal length": (wire.Capture(), show(fx=0.0), "focal lengths of (0.0, 1.0)"),
+    "a picture of another camera": (wire.Capture(("b",)), show(), "a frame of 'a', which was not asked"),
+    "two pictures of a camera": (wire.Capture(), lambda _: wire.Frames((SOUND, SOUND)), "a frame of 'a', which"),
     "a camera that is missing for a text": (
         wire.Capture(), lambda _: wire.Frames((), {"a": "<script>"}), "'<script>' where a code belongs"
     ),
     "a file elsewhere": (wire.InvokeTool(wire.MOTION), lambda _: wire.ToolResult(FILE), "a file '../../session.json'"),
+    "a fault that goes deeper and deeper": (
+        wire.End("conformance", 1), of(faults=(wire.RecordedFault("slip", 0.0, nest(200)),)), "more than 50 lists in"
+    ),
+    "a fault of endless bytes": (
+        wire.End("conformance", 1), of(faults=(wire.RecordedFault("slip", 0.0, {"a": b"b" * 100_000}),)), "of 100000"
+    ),
     "a fault that is no number": (
         wire.End("conformance", 1), of(faults=(wire.RecordedFault("slip", 0.0, {"at": math.nan}),)), "['at'] = nan"
     ),

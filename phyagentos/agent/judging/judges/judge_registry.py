@@ -4,21 +4,26 @@ Installed packages announce a `JudgeDefinition` by the entry point group `phyage
 its judge raises, or answers with anything but criteria, its answer is unknown.
 """
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
+import msgspec
 from msgspec import UNSET, UnsetType
 
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, Problem, find_place, is_defect
+from phyagentos.errors import DefinitionError, Problem, blaming, find_place, is_defect, list_foreign_errors
+from phyagentos.overtime import limit_time
 from phyagentos.plugins import Plugins
+from phyagentos.protocol.documents.plain_data import to_numbers, to_plain
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.settings.verification import JudgeOption, Verification
 from phyagentos.protocol.world.truth import Truth
 
+JUDGE_S = 300.0  # for a judge of a plug-in, which may ask a model
 FORESEEN = "lookahead"
 """Kind of predictions: recorded with every judgement, decisive only where nothing was observed that could decide."""
 
@@ -77,28 +82,37 @@ def choose_judges(judges: Plugins[JudgeDefinition], names: Sequence[str], addres
 
 @dataclass(frozen=True, slots=True)
 class ForeignJudge:
-    """Wraps a judge of a plug-in: its failures become unknown criteria of `kind`."""
+    """Wraps a judge of a plug-in, which has this `name`: its failures become unknown criteria of `kind`."""
 
     other: Judge
     kind: str
+    name: str
 
-    @property
-    def name(self) -> str:
-        """Name of the wrapped judge."""
-        return self.other.name
+    @classmethod
+    def open(cls, definition: JudgeDefinition, settings: JudgeSettings) -> "ForeignJudge":
+        """The judge of a plug-in; raises DefinitionError `BROKEN_PYTHON`."""
+        with blaming(f"judge {definition.name}", definition.open):
+            judge = definition.open(settings)
+            return cls(judge, definition.name, str(judge.name))
 
     def judge(self, bundle: Bundle) -> Sequence[Criterion]:
-        """Criteria of the wrapped judge; an unknown one where it failed."""
+        """Criteria of the wrapped judge, which gets a copy of the evidence; an unknown one where it failed."""
         try:
-            criteria: tuple[object, ...] = tuple(self.other.judge(bundle))
-        except (Exception, SystemExit) as error:  # foreign code; the session must be judged
+            with limit_time(JUDGE_S):
+                return [_accept(each) for each in self.other.judge(copy.deepcopy(bundle))]
+        except list_foreign_errors() as error:  # the session must be judged
             raised = f"the judge raised {type(error).__name__}: {error}"
             if not is_defect(error):
                 return [self._fail(raised, Cause.JUDGE_FAILED)]
-            return [self._fail(f"{raised} ({find_place(error, type(self.other))})", Cause.BROKEN_PYTHON)]
-        if strangers := sorted({type(each).__name__ for each in criteria if not isinstance(each, Criterion)}):
-            return [self._fail(f"the judge answered with {', '.join(strangers)}", Cause.BROKEN_PYTHON)]
-        return [each for each in criteria if isinstance(each, Criterion)]
+            place = find_place(error, type(self.other), self.other.judge)
+            return [self._fail(f"{raised} ({place})", Cause.BROKEN_PYTHON)]
 
     def _fail(self, because: str, failure: Cause) -> Criterion:
         return make_unknown(self.kind, self.kind, "", because, failure=failure)
+
+
+def _accept(answer: object) -> Criterion:
+    """A criterion of plain data; raises TypeError or ValueError."""
+    if not isinstance(answer, Criterion):
+        raise TypeError(f"it answered {answer!r:.80}; expected a Criterion")
+    return msgspec.convert(to_plain(answer) | {"measured": to_numbers(answer.measured)}, Criterion)
