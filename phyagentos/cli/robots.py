@@ -8,6 +8,7 @@ from msgspec.structs import astuple
 
 from phyagentos.cli.console import build_table
 from phyagentos.cli.exporting import draw_without_screen
+from phyagentos.cli.kits import run_module
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.reply import Reply
 from phyagentos.errors import DefinitionError
@@ -22,6 +23,8 @@ from phyagentos.wording import count
 ENOUGH_M = 0.85  # reach that needs no smaller scenes: they are laid out for an arm of 0.9
 FAR_M, LEAST = 1.0, 0.5  # reach of scenes as they are, with a margin; how small they become
 NEARER = 0.4  # of what it then lacks
+_FROM_HELP = "MODEL is written first: that of a running robot, by its /robot_description."
+_TYPE_HELP = "FILE.yaml is written first, by LeRobot, which knows robots of this type; nothing is connected."
 Name = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a target, as `paos robot list` prints it.")]
 
 
@@ -82,11 +85,16 @@ def ros2(robot: Name) -> Reply[DraftedSettings]:
 
 def lerobot(
     robot: Name,
-    description: Annotated[
-        Path, typer.Argument(metavar="FILE.yaml", help="What `python -m lerobot_robot.description` wrote.")
-    ],
+    description: Annotated[Path, typer.Argument(metavar="FILE.yaml", help="What LeRobot says of the robot.")],
+    kind: Annotated[str, typer.Option("--from", metavar="TYPE", help=_TYPE_HELP)] = "",
+    fields: Annotated[
+        list[str] | None, typer.Option("--field", metavar="NAME=VALUE", help="Of LeRobot's configuration; repeatable.")
+    ] = None,
+    python: Annotated[str, typer.Option(help="With --from: the Python of LeRobot.")] = "python3",
 ) -> Reply[DraftedSettings]:
     """Draft lerobot.yaml beside a robot's profile, by which kits/lerobot_robot serves it; what is guessed is marked."""
+    if kind:
+        run_module(python, "lerobot", "lerobot_robot.description", [str(description), kind, *(fields or ())])
     return _show_draft(draft_lerobot(robot, description), "lerobot_robot")
 
 
@@ -120,11 +128,18 @@ def new(
     joint: Annotated[
         str, typer.Option("--joint", help="A joint of the arm to draft, where the model has several.")
     ] = "",
+    running: Annotated[str, typer.Option("--from", metavar="ros2[:NAMESPACE]", help=_FROM_HELP)] = "",
+    python: Annotated[str, typer.Option(help="With --from: the Python of your ROS.")] = "python3",
 ) -> Reply[DraftedProfile]:
     """Draft a profile from a model: joints, limits, tool and fingers as it has them, or guessed and marked so."""
     pairs = [text.partition("=") for text in arguments or ()]
     if wrong := [key for key, given, _ in pairs if not key or not given]:
         raise DefinitionError.of("INVALID_VALUE", "--arg", repr(wrong[0]), "NAME=VALUE")
+    if running:
+        kind, _, namespace = running.partition(":")
+        if kind != "ros2":
+            raise DefinitionError.of("INVALID_VALUE", "--from", repr(running), "ros2, or ros2:NAMESPACE")
+        run_module(python, "rclpy", "ros2_body.description", [model, namespace])
     found = robots.draft_robot(model, folder, name, {key: value for key, _, value in pairs}, joint, hand)
     notes = [*found.remarks]
     notes += [f"its model is {found.model}: set PHYAGENTOS_MODELS to {found.models}"] if found.models else []

@@ -1,18 +1,14 @@
 """`paos ros2`: goals as an action, verdicts on topics: nodes of the kits in the Python of a ROS distribution."""
 
-import os
-import shutil
-import subprocess
-import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 
 from phyagentos.agent.tools.registry import Level
 from phyagentos.cli.explaining import Space
-from phyagentos.cli.outcome import Exit, ExitCode, print_note
+from phyagentos.cli.kits import become_node
 
 _PYTHON_HELP = "The Python of your ROS distribution, in whose environment the kit is installed."
 _PERMIT_HELP = "A goal graph of the library that runs without a further decision; repeatable."
@@ -34,7 +30,7 @@ def serve(
     """Serve the goals of a workspace as a ROS 2 action, /phyagentos/run_goal, until Ctrl-C."""
     given = [str(workspace), "--level", str(level), "--waiting", str(waiting)]
     given += _repeat("--permit", permit) + _repeat("--policy", [policy] if policy else [])
-    _become(python, "ros2_goals", given + ["--managed"] * managed)
+    become_node(python, "ros2_goals", given + ["--managed"] * managed)
 
 
 def watch(
@@ -50,26 +46,8 @@ def watch(
     """Publish verdicts on what any ROS 2 robot did, as a node beside the programs that move it, until Ctrl-C."""
     given = ["--scene", scene, *_repeat("--accept", accept), "--every", str(every), "--to", str(to)]
     given += _repeat("--robot", [robot] if robot else []) + _repeat("--settings", [settings] if settings else [])
-    _become(python, "ros2_verdicts", given + (["--topics", *topics] if topics else []))
+    become_node(python, "ros2_verdicts", given + (["--topics", *topics] if topics else []))
 
 
 def _repeat(option: str, values: Iterable[object] | None) -> list[str]:
     return [part for each in values or () for part in (option, str(each))]
-
-
-def _become(python: str, kit: str, arguments: list[str]) -> NoReturn:
-    """Become the node of a kit, which calls this `paos`. Raises `Exit` 2 where that Python lacks ROS or the kit."""
-    found = shutil.which(python)
-    if found is None:
-        raise Exit(ExitCode.INVALID_INPUT, f"--python {python}: no such command. Name the Python that has rclpy")
-    done = subprocess.run([found, "-c", f"import rclpy, {kit}"], capture_output=True, text=True, check=False)
-    if done.returncode:
-        last = (done.stderr.strip().splitlines() or ["it cannot be started"])[-1]
-        where = f"{found} cannot import rclpy and {kit}: {last}"
-        how = (
-            f"source ROS's setup.bash and `pip install --no-deps ./kits/{kit}` there, or name that Python with --python"
-        )
-        raise Exit(ExitCode.INVALID_INPUT, f"{where}. {how}")
-    print_note(f"{kit} runs in {found}; Ctrl-C ends")
-    paos = Path(sys.executable).with_name("paos")
-    os.execv(found, [found, "-m", kit, *arguments, "--paos", str(paos)])

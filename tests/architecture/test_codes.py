@@ -59,6 +59,7 @@ METAVARS = {
     "ROBOT",
     "SESSION",
     "TREE",
+    "TYPE",
 }
 OF_HTTP = {"POST"}
 TRACE = {"SUCCESS", "FAILURE"}  # py_trees' own words

@@ -216,7 +216,7 @@ def test_child_processes_are_planes_planners_worlds_episodes_and_environments_of
     commands = sorted((PACKAGE / "cli").rglob("*.py"))
     assert [path.name for path in commands if any(each.startswith(STARTS) for each in find_calls(path))] == [
         "editing.py",
-        "ros2.py",  # becomes a node of a kit, in the Python of a ROS distribution
+        "kits.py",  # becomes a node of a kit, or runs its module, in the Python of ROS 2 or LeRobot
     ]
 
 

@@ -1,6 +1,7 @@
 """`paos robot new`: a draft from a model, which the profile names so that it is found again."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -165,3 +166,41 @@ def test_a_scene_of_the_project_in_which_no_object_has_a_grasp_ends_a_run_at_onc
     assert (
         "OUT_OF_REACH: found no posture for any grasp of blue_cube, green_cube, red_cube" in refused.out + refused.err
     )
+
+
+@pytest.fixture
+def described(tmp_path_factory, monkeypatch):
+    """Packages of the names of ROS's, of LeRobot's and of their kits, whose modules write a given file."""
+    folder = tmp_path_factory.mktemp("described")
+    for kit, package in (("ros2_body", "rclpy"), ("lerobot_robot", "lerobot")):
+        (folder / f"{package}.py").touch()
+        (folder / kit).mkdir()
+        (folder / kit / "__init__.py").touch()
+        (folder / kit / "description.py").write_text(
+            "import pathlib, sys\nsys.argv[2] != 'gone' or sys.exit('found no robot')\n"
+            "pathlib.Path(sys.argv[1]).write_text(pathlib.Path(__file__).with_name('says').read_text())\n"
+        )
+    monkeypatch.setenv("PYTHONPATH", str(folder))
+    return folder
+
+
+def test_a_running_robot_of_ros_is_written_first(paos, model, described):
+    (described / "ros2_body" / "says").write_text(model.read_text())
+    given = ("robot", "new", "mine.xml", "--python", sys.executable, "--from")
+    assert_refused(paos(*given, "ros1"), "'ros1'", "ros2:NAMESPACE")
+    assert_refused(paos(*given, "ros2:gone"), "found no robot")
+    assert paos(*given, "ros2:cell").code == ExitCode.GOAL_MET
+    assert Path("robots/mine/target.yaml").exists()
+    assert_refused(paos("robot", "new", "a.xml", "--from", "ros2", "--python", "no_such"), "no_such", "rclpy")
+
+
+def test_lerobot_describes_a_robot_first(paos, model, described, monkeypatch):
+    monkeypatch.setenv("PHYAGENTOS_MODELS", str(model.parents[1]))
+    assert paos("robot", "new", model, "--name", "arm").code == ExitCode.GOAL_MET
+    given = ("robot", "lerobot", "arm", "described.yaml", "--python", sys.executable, "--from")
+    assert_refused(paos(*given, "gone"), "found no robot")
+    positions = {"shoulder.pos": "float", "elbow.pos": "float"}
+    said = {"robot": {"type": "two_arm"}, "observations": positions, "actions": positions}
+    (described / "lerobot_robot" / "says").write_text(json.dumps(said))
+    assert paos(*given, "two_arm").code == ExitCode.GOAL_MET
+    assert Path("robots/arm/lerobot.yaml").exists()

@@ -234,7 +234,7 @@ class Ros2Body(Body):
             lead_s = self._settings.ros.controller.lead_s
             rest, lasts_s = self._brake()
             self._q, self._qd = tuple(rest), (0.0,) * len(rest)
-            self._send(lead_s + lasts_s)
+            self._send(lead_s + lasts_s, is_halting=True)
         self._await_rest()
 
     def emergency_stop(self) -> None:
@@ -265,12 +265,16 @@ class Ros2Body(Body):
         self._q, self._qd = tuple(state.q), (0.0,) * len(state.q)
         self._width_m = self._wanted_m = state.width_m
 
-    def _send(self, after_s: float = 0.0) -> None:
-        """The present set-point, and where the joints come to rest if no other follows."""
+    def _send(self, after_s: float = 0.0, *, is_halting: bool = False) -> None:
+        """The present set-point, and where the joints come to rest if no other follows.
+
+        Fingers with a controller of their own are held when the robot halts, and not sent anywhere.
+        """
         after_s = after_s or self.step_s + self._settings.ros.controller.lead_s
         fingers, speeds = self._move_fingers()
         if self._finger_sender is not None:
-            self._finger_sender.send([Point(fingers, speeds, 0.0)])
+            if not is_halting:
+                self._finger_sender.send([Point(fingers, speeds, 0.0)])
             fingers = speeds = ()
         q, qd = (*self._q, *fingers), (*self._qd, *speeds)
         points = [Point(q, qd, after_s)]
@@ -294,7 +298,7 @@ class Ros2Body(Body):
             rows = zip(start, speeds, self.joints, strict=True)
             self._q = tuple(min(max(q + way_s * qd, each.low), each.high) for q, qd, each in rows)
             self._qd = (0.0,) * len(start)
-            self._send()
+            self._send(is_halting=True)
             try:
                 self._clock.wait_until(self._clock.now_s + self.step_s)
             except Refusal:

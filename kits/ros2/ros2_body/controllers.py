@@ -127,7 +127,8 @@ class GripperSender(Sender):
     def _take(self, future: Any) -> None:
         goal: ClientGoalHandle = future.result()
         self._goal, self._is_awaited = (goal if goal.accepted else None), False
-        if not goal.accepted:
+        if self._wanted is None:  # held before there was an answer, and a stopped robot may reject
+            if goal.accepted:
+                goal.cancel_goal_async()
+        elif not goal.accepted:
             self.complaint = f"{self.name}: it rejected the position {self._wanted}"
-        elif self._wanted is None:  # held before it was accepted
-            goal.cancel_goal_async()

@@ -3,9 +3,12 @@
 import contextlib
 import os
 import subprocess
+import sys
 from pathlib import Path
 
-from phyagentos.operations.lerobot import draft_lerobot
+import msgspec
+
+from phyagentos.operations.ros2 import DraftedSettings
 from phyagentos.runtime.targets.handshake import make_key
 from phyagentos.runtime.targets.websocket import connect_websocket
 from phyagentos.testing import ReachedTarget
@@ -29,11 +32,17 @@ def make_environment(more):
 
 def draft(python, robot, kind, *fields):
     """`lerobot.yaml` of a robot of the project in this folder, by what LeRobot says of its kind."""
-    described = robot / "described.yaml"
-    done = run_kit(python, "lerobot_robot.description", described, kind, *fields)
-    assert done.returncode == 0, done.stderr
+    given = [part for each in fields for part in ("--field", each)]
     with contextlib.chdir(robot.parents[1]):
-        return draft_lerobot(robot.name, described)
+        done = run_paos("robot", "lerobot", robot.name, "described.yaml", "--from", kind, *given, "--python", python)
+    assert done.returncode == 0, done.stderr
+    return msgspec.json.decode(done.stdout, type=DraftedSettings)
+
+
+def run_paos(*words):
+    command = [Path(sys.executable).with_name("paos"), *map(str, words), "--json"]
+    given = os.environ | make_environment({})
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, env=given)
 
 
 class Server:

@@ -50,7 +50,7 @@ def configure(server, **fields):
 
 @pytest.fixture
 def client(server):
-    subject = DriverSubject(open=server.reach, scene="cell", noise=0.02, set_stop=server.set_stop)
+    subject = DriverSubject(open=server.reach, scene="cell", noise=0.02, set_stop=server.set_stop, way=0.4)
     yield lambda: subject.serve().begin()
     subject.close()
 

@@ -1,11 +1,12 @@
 """The model of a running robot becomes a profile: /robot_description, a file, a draft."""
 
-import contextlib
+import os
 import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
-from phyagentos.operations.robots import draft_robot
 from tests.extras.ros2.cell import KITS, Process
 
 pytestmark = pytest.mark.extras
@@ -34,20 +35,19 @@ URDF = """<robot name="two"><link name="base"/>
 
 
 def test_a_running_robot_becomes_a_profile(tmp_path, find_python):
-    python, model = find_python(), tmp_path / "said.urdf"
+    python, model, paos = find_python(), tmp_path / "said.urdf", Path(sys.executable).with_name("paos")
     model.write_text(URDF)
     speaker = Process([python, "-c", SPEAKER, model], tmp_path / "log", ROS_DOMAIN_ID="100")
     speaker.ask("")
-    listener = Process(
-        [python, "-m", "ros2_body.description", tmp_path / "arm.urdf", "cell"],
-        tmp_path / "log", ROS_DOMAIN_ID="100", PYTHONPATH=KITS,
+    for name in ("goal_graphs", "scenes", "skills", "trees"):
+        (tmp_path / name).mkdir()
+    drafted = subprocess.run(
+        [paos, "robot", "new", "arm.urdf", "--from", "ros2:cell", "--python", python],
+        env=os.environ | {"ROS_DOMAIN_ID": "100", "PYTHONPATH": KITS}, cwd=tmp_path, capture_output=True, text=True,
+        timeout=120, check=False,
     )  # fmt: skip
-    with contextlib.suppress(subprocess.TimeoutExpired):
-        listener.process.wait(30.0)
     speaker.kill()
-    assert listener.close() == 0, (tmp_path / "log").read_text()
     speaker.close()
+    assert drafted.returncode == 0, drafted.stderr
     assert (tmp_path / "arm.urdf").read_text() == URDF
-
-    drafted = draft_robot(str(tmp_path / "arm.urdf"), tmp_path, "arm")
-    assert "joints: [shoulder, elbow]" in drafted.file.read_text()
+    assert "joints: [shoulder, elbow]" in (tmp_path / "robots" / "arm" / "target.yaml").read_text()

@@ -1,5 +1,6 @@
 """A robot of ros2_control: its controllers are watched, its gripper has an action, TF places its cameras."""
 
+import msgspec
 import numpy as np
 import pytest
 import yaml
@@ -73,6 +74,22 @@ def test_a_gripper_goes_by_its_action_one_goal_an_opening(action, make_robot):
 
 def test_all_that_the_port_promises_holds_with_an_action(make_robot):
     assert len(check_all(make_robot())) == len(DRIVER_CHECKS)
+
+
+def test_an_emergency_stop_while_fingers_move_is_no_lost_target(make_robot):
+    """A stopped robot rejects goals of its gripper: none is sent to it then."""
+    cell = make_robot()
+    client = open_client(cell)
+    for index, command in enumerate(client.plan()[:12]):
+        narrower = command.gripper_width_m - 0.002 * index
+        assert isinstance(client.send(msgspec.structs.replace(command, gripper_width_m=narrower)), wire.Step)
+    before = cell.robot.ask("truth")["goals"]
+    cell.set_stop(True)
+    assert client.send(client.make()).code == "ESTOPPED"
+    for _ in range(10):
+        assert isinstance(client.ask(wire.Observe()), wire.Observation)
+        CLOCK.sleep(0.05)
+    assert cell.robot.ask("truth")["goals"] == before, "a goal was sent to a stopped robot"
 
 
 def test_a_controller_that_goes_inactive_ends_the_session_by_its_name(make_robot):
