@@ -46,11 +46,7 @@ def cross(agent: Agent, what: str, trait: str) -> Steps[str]:
     yield from sow(agent, what)
     yield from _shut(agent)
     for _ in range(PATIENCE):
-        born = [
-            each
-            for each in agent.room.seen
-            if _is_seed(each, what) and len(each.inside) > 1 and CARRIED not in each.inside
-        ]
+        born = _list_born(agent, what)
         if len(born) >= OFFSPRING:
             break
         yield from _water(agent)
@@ -68,18 +64,23 @@ def cross(agent: Agent, what: str, trait: str) -> Steps[str]:
     return f"{share:.0%} of {len(shown)} offspring are {value}"
 
 
+def _list_born(agent: Agent, what: str) -> list[Seen]:
+    """Seeds on or under a plant that has grown: each pot was sown with one, so these are its offspring."""
+    pots = [pot for pot in _list_pots(agent) if any(map(_is_grown, agent.list_inside(pot)))]
+    return [each for pot in pots for each in agent.list_inside(pot) if _is_seed(each, what)]
+
+
 def _watch(agent: Agent, parents: set[str]) -> "Generator[str, None, list[str]]":
-    """What is said of each plant that has grown in other pots than those of its parents, when all are grown."""
-    shown = list[str]()
-    for _ in range(PATIENCE // 3):
-        pots = [each for each in _list_pots(agent) if each not in parents]
-        grown = {pot: [each.text for each in agent.list_inside(pot)] for pot in pots}
-        shown = [" ".join(texts) for texts in grown.values() if "flower" in " ".join(texts)]
-        if len(shown) == len(pots):
+    """What was said of each plant in other pots than those of its parents while it grew, when all have flowered."""
+    said = {pot: dict[str, None]() for pot in _list_pots(agent) if pot not in parents}
+    for _ in range(PATIENCE):
+        for pot, texts in said.items():
+            texts.update((each.text, None) for each in agent.list_inside(pot) if _is_grown(each) or _is_flower(each))
+        if all(any("flower" in text or "reproducing" in text for text in texts) for texts in said.values()):
             break
         yield from _water(agent)
         yield "wait1"
-    return shown
+    return [" ".join(texts) for texts in said.values() if texts]
 
 
 def sow(agent: Agent, what: str) -> Steps[str]:
@@ -140,6 +141,14 @@ def _list_pots(agent: Agent) -> list[str]:
 
 def _is_seed(seen: Seen, what: str) -> bool:
     return seen.stage == "seed" and is_of(seen, what)
+
+
+def _is_grown(seen: Seen) -> bool:
+    return is_plant(seen) and seen.stage != "seed"
+
+
+def _is_flower(seen: Seen) -> bool:
+    return seen.name.endswith("flower")
 
 
 def _is_fruit(seen: Seen, what: str) -> bool:
