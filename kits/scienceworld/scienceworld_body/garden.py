@@ -53,10 +53,7 @@ def cross(agent: Agent, what: str, trait: str) -> Steps[str]:
         yield "wait1"
     shown = [each.name for each in born]
     if " seed " not in f" {trait} ":
-        parents = {each.inside[-1] for each in born}
-        for pot in [each for each in _list_pots(agent) if each not in parents]:
-            yield from agent.do(f"move {born[0].name} to {pot}", *born[0].inside)
-        shown = yield from _watch(agent, parents)
+        shown = yield from _watch(agent, (yield from _sow_born(agent, what)))
     if not shown:
         raise ToolFailed(f"no offspring of {what} in {PATIENCE} rounds")
     share = sum(value in each.split() for each in shown) / len(shown)
@@ -70,9 +67,19 @@ def _list_born(agent: Agent, what: str) -> list[Seen]:
     return [each for pot in pots for each in agent.list_inside(pot) if _is_seed(each, what)]
 
 
-def _watch(agent: Agent, parents: set[str]) -> "Generator[str, None, list[str]]":
-    """What was said of each plant in other pots than those of its parents while it grew, when all have flowered."""
-    said = {pot: dict[str, None]() for pot in _list_pots(agent) if pot not in parents}
+def _sow_born(agent: Agent, what: str) -> "Generator[str, None, list[str]]":
+    """One of the offspring into each pot without a plant, while there are any; these pots."""
+    pots = [pot for pot in _list_pots(agent) if not any(map(is_plant, agent.list_inside(pot)))]
+    for count, pot in enumerate(pots):
+        if not (born := _list_born(agent, what)):
+            return pots[:count]
+        yield from agent.do(f"move {born[0].name} to {pot}", *born[0].inside)
+    return pots
+
+
+def _watch(agent: Agent, pots: list[str]) -> "Generator[str, None, list[str]]":
+    """What was said of the plant in each of these pots while it grew, when all have flowered."""
+    said = {pot: dict[str, None]() for pot in pots}
     for _ in range(PATIENCE):
         for pot, texts in said.items():
             texts.update((each.text, None) for each in agent.list_inside(pot) if _is_grown(each) or _is_flower(each))
