@@ -13,15 +13,19 @@ OFFSPRING = 12  # seeds of the next generation of which most show what is domina
 
 
 def grow(agent: Agent, what: str, stage: str) -> Steps[str]:
-    """Sow the seeds of a plant, and water them until one of the plants has reached a stage."""
+    """Sow the seeds of a plant, and water them until a plant in each pot with one has reached a stage.
+
+    Seeds of a kind look the same, so the one that was attended to may be any of them.
+    """
     yield from sow(agent, what)
     for _ in range(PATIENCE):
-        if any(is_of(each, what) and each.stage == stage for each in agent.room.seen):
+        pots = {pot: {each.stage for each in inside} for pot, inside in _list_planted(agent, what).items()}
+        if pots and all(stage in stages for stages in pots.values()):
             agent.facts["grown"] = 1.0
-            return f"a {what} is {stage}"
+            return f"{len(pots)} of {what} are {stage}"
         yield from _water(agent)
         yield "wait1"
-    raise ToolFailed(f"no {what} became {stage} in {PATIENCE} rounds")
+    raise ToolFailed(f"not each {what} became {stage} in {PATIENCE} rounds")
 
 
 def harvest(agent: Agent, what: str) -> Steps[str]:
@@ -140,6 +144,12 @@ def _shut(agent: Agent) -> Iterator[str]:
             yield from agent.do(f"close door to {room}")
     if any(each.name == HIVE for each in agent.room.seen):
         yield from agent.do(f"open {HIVE}")
+
+
+def _list_planted(agent: Agent, what: str) -> dict[str, list[Seen]]:
+    """Seeds and plants of a kind by the pot that they are in."""
+    inside = {pot: [each for each in agent.list_inside(pot) if is_of(each, what)] for pot in _list_pots(agent)}
+    return {pot: found for pot, found in inside.items() if any(map(is_plant, found))}
 
 
 def _list_pots(agent: Agent) -> list[str]:
