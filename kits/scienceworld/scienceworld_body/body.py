@@ -112,6 +112,7 @@ class ScienceBody(ToolBody[str]):
         if action is not None:
             self._history.append(action)
             self._agent.act(action)
+            self._env.server.getScore()  # as its own `step` does: sub-goals count when they are looked for
 
     def read(self) -> State:
         """What is carried and what is in view, by name; counts of what was put into boxes; what was measured."""

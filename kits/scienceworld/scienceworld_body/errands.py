@@ -82,9 +82,8 @@ def _choose(agent: Agent, kind: str) -> Steps[str]:
         seen = agent.get(lambda each: matches(each) and each.name not in refused, kind)
         yield from agent.do(f"pick up {seen.name}", *seen.inside[:1])
         if any(each.name == seen.name and CARRIED in each.inside for each in agent.room.seen):
-            agent.names[kind] = " ".join(
-                word for word in seen.name.split() if word not in set[str]().union(*ANIMAL, *PLANT)
-            )
+            species = [word for word in seen.name.split() if word not in set[str]().union(*ANIMAL, *PLANT)]
+            agent.names[kind] = " ".join(species) or seen.name
             return seen.name
         refused.add(seen.name)
 

@@ -13,15 +13,19 @@ OFFSPRING = 12  # seeds of the next generation of which most show what is domina
 
 
 def grow(agent: Agent, what: str, stage: str) -> Steps[str]:
-    """Sow the seeds of a plant, and water them until one of the plants has reached a stage."""
+    """Sow the seeds of a plant, and water them until a plant in each pot with one has reached a stage.
+
+    Seeds of a kind look the same, so the one that was attended to may be any of them.
+    """
     yield from sow(agent, what)
     for _ in range(PATIENCE):
-        if any(is_of(each, what) and each.stage == stage for each in agent.room.seen):
+        pots = {pot: {each.stage for each in inside} for pot, inside in _list_planted(agent, what).items()}
+        if pots and all(stage in stages for stages in pots.values()):
             agent.facts["grown"] = 1.0
-            return f"a {what} is {stage}"
+            return f"{len(pots)} of {what} are {stage}"
         yield from _water(agent)
         yield "wait1"
-    raise ToolFailed(f"no {what} became {stage} in {PATIENCE} rounds")
+    raise ToolFailed(f"not each {what} became {stage} in {PATIENCE} rounds")
 
 
 def harvest(agent: Agent, what: str) -> Steps[str]:
@@ -46,21 +50,14 @@ def cross(agent: Agent, what: str, trait: str) -> Steps[str]:
     yield from sow(agent, what)
     yield from _shut(agent)
     for _ in range(PATIENCE):
-        born = [
-            each
-            for each in agent.room.seen
-            if _is_seed(each, what) and len(each.inside) > 1 and CARRIED not in each.inside
-        ]
+        born = _list_born(agent, what)
         if len(born) >= OFFSPRING:
             break
         yield from _water(agent)
         yield "wait1"
     shown = [each.name for each in born]
     if " seed " not in f" {trait} ":
-        parents = {each.inside[-1] for each in born}
-        for pot in [each for each in _list_pots(agent) if each not in parents]:
-            yield from agent.do(f"move {born[0].name} to {pot}", *born[0].inside)
-        shown = yield from _watch(agent, parents)
+        shown = yield from _watch(agent, (yield from _sow_born(agent, what)))
     if not shown:
         raise ToolFailed(f"no offspring of {what} in {PATIENCE} rounds")
     share = sum(value in each.split() for each in shown) / len(shown)
@@ -68,18 +65,33 @@ def cross(agent: Agent, what: str, trait: str) -> Steps[str]:
     return f"{share:.0%} of {len(shown)} offspring are {value}"
 
 
-def _watch(agent: Agent, parents: set[str]) -> "Generator[str, None, list[str]]":
-    """What is said of each plant that has grown in other pots than those of its parents, when all are grown."""
-    shown = list[str]()
-    for _ in range(PATIENCE // 3):
-        pots = [each for each in _list_pots(agent) if each not in parents]
-        grown = {pot: [each.text for each in agent.list_inside(pot)] for pot in pots}
-        shown = [" ".join(texts) for texts in grown.values() if "flower" in " ".join(texts)]
-        if len(shown) == len(pots):
+def _list_born(agent: Agent, what: str) -> list[Seen]:
+    """Seeds on or under a plant that has grown: each pot was sown with one, so these are its offspring."""
+    pots = [pot for pot in _list_pots(agent) if any(map(_is_grown, agent.list_inside(pot)))]
+    return [each for pot in pots for each in agent.list_inside(pot) if _is_seed(each, what)]
+
+
+def _sow_born(agent: Agent, what: str) -> "Generator[str, None, list[str]]":
+    """One of the offspring into each pot without a plant, while there are any; these pots."""
+    pots = [pot for pot in _list_pots(agent) if not any(map(is_plant, agent.list_inside(pot)))]
+    for count, pot in enumerate(pots):
+        if not (born := _list_born(agent, what)):
+            return pots[:count]
+        yield from agent.do(f"move {born[0].name} to {pot}", *born[0].inside)
+    return pots
+
+
+def _watch(agent: Agent, pots: list[str]) -> "Generator[str, None, list[str]]":
+    """What was said of the plant in each of these pots while it grew, when all have flowered."""
+    said = {pot: dict[str, None]() for pot in pots}
+    for _ in range(PATIENCE):
+        for pot, texts in said.items():
+            texts.update((each.text, None) for each in agent.list_inside(pot) if _is_grown(each) or _is_flower(each))
+        if all(any("flower" in text or "reproducing" in text for text in texts) for texts in said.values()):
             break
         yield from _water(agent)
         yield "wait1"
-    return shown
+    return [" ".join(texts) for texts in said.values() if texts]
 
 
 def sow(agent: Agent, what: str) -> Steps[str]:
@@ -134,12 +146,26 @@ def _shut(agent: Agent) -> Iterator[str]:
         yield from agent.do(f"open {HIVE}")
 
 
+def _list_planted(agent: Agent, what: str) -> dict[str, list[Seen]]:
+    """Seeds and plants of a kind by the pot that they are in."""
+    inside = {pot: [each for each in agent.list_inside(pot) if is_of(each, what)] for pot in _list_pots(agent)}
+    return {pot: found for pot, found in inside.items() if any(map(is_plant, found))}
+
+
 def _list_pots(agent: Agent) -> list[str]:
     return [each.name for each in agent.room.seen if "flower pot" in each.name]
 
 
 def _is_seed(seen: Seen, what: str) -> bool:
     return seen.stage == "seed" and is_of(seen, what)
+
+
+def _is_grown(seen: Seen) -> bool:
+    return is_plant(seen) and seen.stage != "seed"
+
+
+def _is_flower(seen: Seen) -> bool:
+    return seen.name.endswith("flower")
 
 
 def _is_fruit(seen: Seen, what: str) -> bool:

@@ -11,7 +11,7 @@ from scienceworld_body.reading import CARRIED, Seen
 
 HEATERS = ("stove", "hot plate", "oven", "blast furnace", "fire pit")
 COOLERS = ("freezer", "ultra low temperature freezer", "fridge")
-HEATING, COOLING = 40, 15  # actions until a device has done what it can
+HEATING = 40  # actions until a device has done what it can
 PHASES = {"ice": "solid", "water": "liquid", "steam": "gas"}
 PREFIXES = {"solid": "solid", "liquid": "liquid", "gaseous": "gas"}
 FLUIDS = ("water", "juice", "paint", "milk", "vinegar", "acid")
@@ -38,19 +38,21 @@ def change(agent: Agent, what: str, to: str) -> Steps[str]:
     What is liquid already is frozen before it is melted, what is solid melted before it is frozen.
     """
     vessel = _find_vessel(agent, what)
-    before = _read_phase(agent, vessel)
+
+    def read() -> str:
+        return _read_phase(agent, vessel, what)
+
+    before = read()
     if to in ("gas", "other"):
-        yield from _treat(
-            agent, vessel, HEATERS, HEATING, lambda now: now == "gas" or (to == "other" and now not in (before, "gone"))
-        )
+        wanted = {"gas"} if to == "gas" else {"solid", "liquid", "gas", ""} - {before}
+        yield from _treat(agent, vessel, HEATERS, read, lambda now: now in wanted)
     else:
-        others = (HEATERS, COOLERS) if to == "solid" else (COOLERS, HEATERS)
-        first = "liquid" if to == "solid" else "solid"
+        first, others = ("liquid", (HEATERS, COOLERS)) if to == "solid" else ("solid", (COOLERS, HEATERS))
         if before != first:
-            yield from _treat(agent, vessel, others[0], HEATING, lambda now: now == first, strict=False)
-        middle = _read_phase(agent, vessel)
-        yield from _treat(agent, vessel, others[1], HEATING, lambda now: now == to or (now == "" and middle == first))
-    after = _read_phase(agent, vessel)
+            yield from _treat(agent, vessel, others[0], read, lambda now: now in (first, "gas"), strict=False)
+        middle = read()
+        yield from _treat(agent, vessel, others[1], read, lambda now: now == to or (now == "" and middle == first))
+    after = read()
     agent.facts["changed"] = 1.0
     return f"{what} was {before or 'as usual'}, is {after or 'as usual'}"
 
@@ -164,7 +166,7 @@ def _match_plane(name: str) -> Callable[[Seen], bool]:
 
 def _take_empty(agent: Agent) -> Steps[str]:
     def is_empty(seen: Seen) -> bool:
-        return seen.name in VESSELS and not agent.list_inside(seen.name)
+        return seen.name in VESSELS and not seen.holds
 
     with contextlib.suppress(ToolFailed):  # metal stands heat
         yield from agent.find(lambda each: is_empty(each) and each.name == VESSELS[0], VESSELS[0])
@@ -184,7 +186,8 @@ def _add(agent: Agent, what: str, vessel: str) -> Steps[str]:
         return (yield from _fill(agent, vessel))
     seen = agent.get(lambda each: _is_substance(each, what), what)
     source = seen.inside[0] if seen.inside else ""
-    if source in VESSELS or source.endswith(("cup", "jar")):
+    is_poured = seen.has("substance") or what.endswith(FLUIDS)
+    if is_poured and (source in VESSELS or source.endswith(("cup", "jar"))):
         pour = f"pour {source.split()[-1]} containing {seen.name} into {vessel}"
         if source.endswith("jar"):
             yield f"open {source}"
@@ -216,12 +219,15 @@ def _list_content(agent: Agent, vessel: str) -> list[Seen]:
     return [each for each in agent.room.seen if each.inside[:1] == (vessel,)]
 
 
-def _read_phase(agent: Agent, vessel: str) -> str:
-    """Of what a vessel holds: as it is named; empty where its name says nothing, `gone` where nothing is left."""
-    inside = _list_content(agent, vessel)
-    if not inside:
+def _read_phase(agent: Agent, vessel: str, what: str = "") -> str:
+    """Of what a vessel holds, or once held: as it is named; empty where its name says nothing, `gone` if out of view.
+
+    A vessel of metal may melt under what it holds.
+    """
+    found = _list_content(agent, vessel) or [each for each in agent.room.seen if what and _is_substance(each, what)]
+    if not found:
         return "gone"
-    name = inside[0].name
+    name = found[0].name
     return PHASES.get(name) or PREFIXES.get(name.split()[0], "")
 
 
@@ -229,7 +235,7 @@ def _treat(
     agent: Agent,
     vessel: str,
     devices: tuple[str, ...],
-    n_steps: int,
+    read: Callable[[], str],
     is_done: Callable[[str], bool],
     *,
     strict: bool = True,
@@ -238,12 +244,12 @@ def _treat(
     for device in devices:
         if not (yield from _set_on(agent, vessel, device)):
             continue
-        for _ in range(n_steps):
-            if is_done(_read_phase(agent, vessel)):
+        for _ in range(HEATING):
+            if is_done(read()):
                 return device
             yield "wait1"
     if strict:
-        raise ToolFailed(f"what is in the {vessel} is {_read_phase(agent, vessel)} in each of {', '.join(devices)}")
+        raise ToolFailed(f"what is in the {vessel} is {read()} in each of {', '.join(devices)}")
     return ""
 
 

@@ -23,12 +23,14 @@ class Seen:
         text: All that is said of it.
         inside: Names of what holds it, the innermost first; `inventory` where it is carried, empty on the floor.
         stage: Of its life, where that is said: `seed`, `seedling`, `adult`, `egg`.
+        holds: Whether something is said to be in it or on it.
     """
 
     name: str
     text: str
     inside: tuple[str, ...] = ()
     stage: str = ""
+    holds: bool = False
 
     def has(self, state: str) -> bool:
         """Whether this is said of it."""
@@ -67,18 +69,18 @@ def _read_item(text: str, inside: tuple[str, ...]) -> Iterator[Seen]:
         head, content = text[: nested.start()], text[nested.end() :]
     else:
         head, content = text, ""
-    me = _make(head.strip(" ."), text, inside)
+    me = _make(head.strip(" ."), text, inside, holds=content.strip(" .") not in ("", "nothing"))
     yield me
     for part in _split(content):
         yield from _read_item(part, (me.name, *inside))
 
 
-def _make(head: str, text: str, inside: tuple[str, ...]) -> Seen:
+def _make(head: str, text: str, inside: tuple[str, ...], *, holds: bool) -> Seen:
     own = head if len(head) > 1 else text
     plain = _ARTICLE.sub("", _ARTICLE.sub("", _TAIL.sub("", head)))
     if found := _STAGE.match(plain):
-        return Seen(found["name"], own, inside, found["stage"])
-    return Seen(plain, own, inside, _find_stage(plain))
+        return Seen(found["name"], own, inside, found["stage"], holds)
+    return Seen(plain, own, inside, _find_stage(plain), holds)
 
 
 def _find_stage(name: str) -> str:
