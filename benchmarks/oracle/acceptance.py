@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.oracle.moment import Moment, read_state, read_world
+from benchmarks.oracle.moment import Moment, read_model, read_state
 from benchmarks.oracle.predicates import Box, Judge
 from benchmarks.worlds.cases import Case
 from benchmarks.worlds.rooms import Room
@@ -20,7 +20,7 @@ def open_judge(
     room: Room, bundle: Path, before: Path | None = None, broken: frozenset[str] = frozenset(), at: str = "terminal"
 ) -> Judge:
     """A recorded session at its end, or `initial`; `moved` counts from its beginning, or another bundle's."""
-    model = read_world(bundle)
+    model = read_model(bundle)
     paths = (bundle / f"{at}.npz", (before or bundle) / "initial.npz")
     now, begun = (Moment(model, read_state(path)) for path in paths)
     return Judge(*list_places(room), now, begun, broken)

@@ -12,7 +12,6 @@ import yaml
 
 from benchmarks.oracle.moment import Moment
 from benchmarks.oracle.predicates import Judge
-from phyagentos.protocol.workspace.array_files import read_arrays
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 REST_M_S = 0.05
@@ -67,9 +66,9 @@ def is_posed(
     end, wanted = Moment.read(folder), np.array(list(posture_rad.values()))
     joints = [end.model.joint(name) for name in posture_rad]
     q, qd = end.data.qpos[[int(j.qposadr[0]) for j in joints]], end.data.qvel[[int(j.dofadr[0]) for j in joints]]
-    course = read_arrays(folder / "trajectory.npz")
-    late = course["time_s"] >= course["time_s"][-1] - held_s
-    rows = np.vstack((course["q_measured"][late][:, -len(q) :], q))  # the pose of a base comes first
+    with np.load(folder / "trajectory.npz") as course:
+        late = course["time_s"] >= course["time_s"][-1] - held_s
+        rows = np.vstack((course["q_measured"][late][:, -len(q) :], q))  # the pose of a base comes first
     return bool((np.abs(rows - wanted) <= POSED_RAD).all() and (np.abs(qd) <= still_rad_s).all())
 
 

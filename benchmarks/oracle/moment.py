@@ -6,9 +6,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from phyagentos.pictures.model_file import read_model
-from phyagentos.protocol.workspace.array_files import read_arrays
-
 Array = NDArray[np.float64]
 GEOM = mujoco.mjtGeom
 FREE = mujoco.mjtJoint.mjJNT_FREE
@@ -16,17 +13,19 @@ FREE = mujoco.mjtJoint.mjJNT_FREE
 
 def read_state(path: Path) -> Array:
     """The state vector (mjSTATE_INTEGRATION) of `initial.npz` or `terminal.npz`."""
-    return np.asarray(read_arrays(path)["state"])
+    with np.load(path) as stored:
+        return np.asarray(stored["state"])
 
 
 def read_time(path: Path) -> float:
     """Simulated time of such a file [s]."""
-    return float(read_arrays(path)["time"])
+    with np.load(path) as stored:
+        return float(stored["time"])
 
 
-def read_world(bundle: Path) -> mujoco.MjModel:
-    """The world of an evidence bundle, no larger than its file."""
-    return read_model(bundle / "scene.mjb")
+def read_model(bundle: Path) -> mujoco.MjModel:
+    """The world of an evidence bundle."""
+    return mujoco.MjModel.from_binary_path(str(bundle / "scene.mjb"))
 
 
 class Moment:
@@ -45,7 +44,7 @@ class Moment:
     @classmethod
     def read(cls, bundle: Path, at: str = "terminal") -> "Moment":
         """The end of a recorded session, or its beginning with `initial`."""
-        return cls(read_world(bundle), read_state(bundle / f"{at}.npz"))
+        return cls(read_model(bundle), read_state(bundle / f"{at}.npz"))
 
     def find(self, name: str) -> int:
         """Number of a body; raises ValueError where there is none."""

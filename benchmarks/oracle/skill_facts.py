@@ -6,9 +6,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from benchmarks.oracle.moment import Array, Moment, read_state, read_world
+from benchmarks.oracle.moment import Array, Moment, read_model, read_state
 from benchmarks.oracle.predicates import REST_M_S, SURE, Judge
-from phyagentos.protocol.workspace.array_files import read_arrays
 
 CELL_M, TOUCH_M, SWEPT = 0.005, 0.003, 0.95  # of a swept area
 STILL_M, CLOSING_M = 0.0002, 0.005  # of fingers that hold something, in a control period
@@ -19,7 +18,7 @@ class SkillJudge(Judge):
     """Judges the end of a bundle, compared with the start of another; what it adds is true or false for certain."""
 
     def __init__(self, bundle: Path, start: Path) -> None:
-        model = read_world(bundle)
+        model = read_model(bundle)
         now, before = (Moment(model, read_state(path)) for path in (bundle / "terminal.npz", start / "initial.npz"))
         super().__init__({}, {}, now, before)
         self._bundle = bundle
@@ -73,8 +72,8 @@ def _answer(is_so: bool | np.bool_) -> float:
 def _iter_held(model: mujoco.MjModel, block: str, bundle: Path) -> Iterator[Array]:
     """World poses (4, 4) of a block while the fingers hold it, by the measured joints and where it was taken."""
     data, start = mujoco.MjData(model), Moment(model, read_state(bundle / "initial.npz")).data.body(block)
-    stored = read_arrays(bundle / "trajectory.npz")
-    joints, widths = stored["q_measured"], stored["gripper_measured_m"]
+    with np.load(bundle / "trajectory.npz") as stored:
+        joints, widths = stored["q_measured"], stored["gripper_measured_m"]
     closed = (np.abs(np.diff(widths)) < STILL_M) & (widths[1:] < np.max(widths, initial=0.0) - CLOSING_M)
     taken = None
     for row in np.flatnonzero(closed) + 1:

@@ -19,7 +19,6 @@ from benchmarks.worlds.cases import Case, Node
 from benchmarks.worlds.faults import find_struck, is_lasting
 from phyagentos.bench.records import EpisodeRecord
 from phyagentos.bench.records import SessionRecord as EpisodeSession
-from phyagentos.protocol.workspace.array_files import read_arrays
 
 TWINS = "looks as"
 UNNAMED = re.compile(r"\bunknown_\d+\b")
@@ -257,7 +256,8 @@ def has_moved(bundle: Path) -> bool:
     path = bundle / "trajectory.npz"
     if not path.exists():
         return False
-    q = read_arrays(path)["q_measured"]
+    with np.load(path) as stored:
+        q = stored["q_measured"]
     return bool(len(q) and np.abs(q - q[0]).max() > STILL_RAD)
 
 

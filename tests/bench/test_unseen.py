@@ -55,13 +55,12 @@ def test_scenes_goals_and_faults_pass_lint(tmp_path):
 
 
 @pytest.mark.parametrize("module", PURE)
-def test_judge_and_feasibility_import_nothing_of_the_package_but_bounded_readers_of_files(module):
+def test_judge_and_feasibility_import_nothing_of_the_package(module):
     tree = ast.parse((PARTS / f"{module.replace('.', '/')}.py").read_text())
     names = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
     names += [str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
     own = {f"benchmarks.{name}" for name in PURE}
-    readers = {"phyagentos.pictures.model_file", "phyagentos.protocol.workspace.array_files"}
-    assert not [name for name in names if name.startswith("phyagentos") and name not in readers]
+    assert not [name for name in names if name.startswith("phyagentos")]
     assert not [name for name in names if name.startswith("benchmarks") and name not in own]
 
 
