@@ -4,7 +4,7 @@ Upstream: a reading. Downstream: `paos ask`. An answer is what the predicates of
 what they leave unknown is answered as unknown, and never guessed.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import msgspec
 
@@ -46,11 +46,7 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
             statements = _say_state(said, said.list_alike(plain, slot), state)
         case "ask_place", [things, *dests]:
             kind, names = _resolve(said, things, Slot.ANY)
-            places = [
-                Node(dests[0].data, [each]) if each.data == "quantified" else each for each in dests
-            ]  # `in A or B`
-            placed = [said.list_placed(names, each) for each in places]
-            statements = {name: " or ".join(each[name] for each in placed if name in each) for name in placed[0]}
+            statements = _say_places(said, names, dests)
         case "ask_contains", [owner, things]:
             kind, names = _resolve(said, things, Slot.ANY)
             statements = said.list_placed(names, Node("into", [owner]))
@@ -86,6 +82,13 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
     if has_token(question, "untrue"):
         statements = {name: f"not ({text})" for name, text in statements.items()}
     return Inquiry(kind=kind, words=said.text.strip(" ;"), statements=statements)
+
+
+def _say_places(said: Clauses, names: Iterable[str], dests: Sequence[Node]) -> dict[str, str]:
+    """Of each object, that it is at one of these places; `in A or B` is two of them."""
+    each_at = (Node(dests[0].data, [each]) if each.data == "quantified" else each for each in dests)
+    placed = [said.list_placed(names, each) for each in each_at]
+    return {name: " or ".join(each[name] for each in placed if name in each) for name in placed[0]}
 
 
 def _compare(said: Clauses, size: Node, nouns: Iterable[Node], near: Iterable[Node]) -> tuple[list[str], list[str]]:

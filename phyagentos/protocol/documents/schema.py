@@ -442,7 +442,7 @@ def _advise_numbers(model: type[Authored], loc: Address, kind: str, found: objec
     """What to write for a word where a list of numbers is expected; else empty."""
     if kind not in {"tuple_type", "list_type"} or not isinstance(found, str) or not found.isalpha():
         return ""
-    owners: list[Any] = [model]
+    owners: list[object] = [model]
     for step in loc:
         owners = [inner for each in owners for inner in _enter(each, step)]
     numbers = next(
@@ -506,7 +506,7 @@ def _find_fields(model: type[Authored], loc: Address) -> dict[str, pydantic.fiel
     return {info.alias or name: info for name, info in models[0].model_fields.items()} if models else {}
 
 
-def _enter(annotation: Any, step: str | int) -> list[Any]:
+def _enter(annotation: object, step: str | int) -> Sequence[object]:
     """Annotations of the value at one step of pydantic's paths; the tag of a union leads to the model itself."""
     if isinstance(annotation, type) and issubclass(annotation, pydantic.BaseModel):
         fields = annotation.model_fields
