@@ -31,7 +31,9 @@ from ros2_body.controllers import ForwardSender, GripperSender, Point, Sender, T
 from ros2_body.joint_reader import JointReader, Measured
 from ros2_body.procedures import Procedures
 from ros2_body.settings import FILE, Settings, list_ros_names
+from ros2_body.wrench_reader import WrenchReader
 
+WRENCH = "wrench"
 REST = 0.01  # slower joints are at rest [rad/s or m/s]
 REST_READINGS = 3
 HALT_MAX_S = 2.0
@@ -55,6 +57,7 @@ class Ros2Body(Body):
         self._node = Node("phyagentos_target", namespace=ros.namespace or None, parameter_overrides=overrides)
         self._clock = RosClock(self._node, is_simulated=ros.use_sim_time)
         self._reader = JointReader(self._node, ros.joint_states, self._clock)
+        self._wrench = WrenchReader(self._node, ros.wrench, self._clock) if ros.wrench is not None else None
         self._open_senders()
         self._open_stop()
         self._chain = Chain(self.joints, ros.tool)
@@ -92,6 +95,8 @@ class Ros2Body(Body):
         if ros.gripper is not None:
             self.observations = ("joint_state", "gripper_width")
             self.actions = ("joint_position", "gripper_width")
+        if ros.wrench is not None:
+            self.observations = (*self.observations, WRENCH)
         if ros.cameras:
             self.observations = (*self.observations, "entity_poses", "camera_rgb", "camera_depth")
 
@@ -193,7 +198,13 @@ class Ros2Body(Body):
         complaints = [*(each.complaint for each in self._senders), self._watch.complaint if self._watch else ""]
         for complaint in filter(None, complaints):
             raise Refusal("TARGET_LOST", complaint)
+        if self._wrench is not None:
+            self._wrench.read()
         return self._reader.read(names)
+
+    def list_signals(self) -> Mapping[str, Sequence[float]]:
+        """`wrench`, (6,): forces [N] and torques [N m] in the frame of their sensor, where there is one."""
+        return {WRENCH: self._wrench.read()} if self._wrench is not None else {}
 
     def _locate_tool(self, moment_s: float) -> Array:
         return self._chain.locate(self._reader.read_past(self._names, moment_s))

@@ -114,6 +114,14 @@ class Stop:
 
 
 @dataclass(frozen=True)
+class Wrench:
+    """Force and torque at the wrist: a topic of `WrenchStamped`, and how long it may be silent [s]."""
+
+    topic: str
+    silence_s: float = 0.5
+
+
+@dataclass(frozen=True)
 class Camera:
     """An RGB-D camera whose depth is registered to its colours.
 
@@ -174,6 +182,7 @@ class Ros:
     controller_manager: str = ""
     joint_states: JointStates = JointStates()
     gripper: "Gripper | None" = None
+    wrench: "Wrench | None" = None
     stop: Stop = Stop()
     cameras: Mapping[str, Camera] = field(default_factory=dict)
     procedures: Mapping[str, Offer] = field(default_factory=dict)

@@ -188,7 +188,7 @@ class Body(ABC):
         return ()
 
     def list_signals(self) -> Mapping[str, Sequence[float]]:
-        """Further measurements by the names of `observations`, flattened, where `has_truth`."""
+        """Further measurements by the names of `observations`, flattened; where `has_truth`, with that alone."""
         return {}
 
     def capture(self, cameras: Sequence[str], windows: Mapping[str, Window], every: int) -> Sequence[Picture]:

@@ -199,6 +199,7 @@ class Served:
                 for each in self.body.list_entities()
             ]
             reply["regions"] = list(self.body.list_regions())
+        if request["truth"] or not self.body.has_truth:
             reply["signals"] = {name: list(map(float, each)) for name, each in self.body.list_signals().items()}
         snapshot = self.body.snapshot() if request["snapshot"] else None
         if snapshot is not None:

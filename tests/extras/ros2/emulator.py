@@ -21,6 +21,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import rclpy
+from geometry_msgs.msg import WrenchStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -102,6 +103,8 @@ class Robot(Node):
         self._clock_topic = self.create_publisher(Clock, "/clock", 1)
         quality = ReliabilityPolicy.BEST_EFFORT if self.habits["best_effort"] else ReliabilityPolicy.RELIABLE
         self._states = self.create_publisher(JointState, "joint_states", QoSProfile(depth=10, reliability=quality))
+        self._wrench = self.create_publisher(WrenchStamped, "wrist/wrench", 1)
+        self.wrench = [1.0, -2.0, 9.5, 0.1, 0.0, -0.3]  # N, N m
         self._late = deque()  # when a message of states is to be sent, and the message
         if options["kind"] == "trajectory":
             self.create_subscription(JointTrajectory, "arm_controller/joint_trajectory", self.take, 10)
@@ -197,6 +200,11 @@ class Robot(Node):
     def report(self):
         if self.is_silent:
             return
+        if self.wrench:
+            made = WrenchStamped()
+            made.header.stamp, of = self.stamp(self.now_s), made.wrench
+            of.force.x, of.force.y, of.force.z, of.torque.x, of.torque.y, of.torque.z = self.wrench
+            self._wrench.publish(made)
         (q, qd), n = self.plant.measure(), len(self.plant.joints)
         if self.poison is not None:
             q[self.poison] = np.nan
@@ -313,6 +321,8 @@ class World:
             robot.is_silent = rest != ["off"]
         elif word == "nan":
             robot.poison = int(rest[0]) if rest else None
+        elif word == "numb":
+            robot.wrench = []
         elif word == "jump":
             robot.shift_s += float(rest[0])
         elif word == "reset":

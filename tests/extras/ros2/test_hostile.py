@@ -64,6 +64,15 @@ def test_a_robot_that_is_not_seen_is_lost_comes_to_rest_and_may_come_back(moving
     assert isinstance(client.ask(client.make(session="next", sequence=1)), wire.Step)
 
 
+def test_the_wrench_of_the_wrist_is_a_signal_whose_silence_is_a_lost_target(moving):
+    cell, client, left = moving(ros2={"wrench": {"topic": "wrist/wrench"}})
+    assert "wrench" in client.ask(wire.Describe()).observations
+    assert client.ask(wire.Observe()).signals["wrench"] == pytest.approx((1.0, -2.0, 9.5, 0.1, 0.0, -0.3))
+    cell.robot.ask("numb")
+    refused = send_until_refused(client, left)
+    assert (refused.code, refused.message) == ("TARGET_LOST", "/cell/wrist/wrench: nothing new within 0.5 s")
+
+
 def test_a_clock_that_jumps_between_sessions_ends_none(make_cell):
     cell = make_cell()
     client = DriverSubject(open=cell.reach, scene=SCENE, noise=0.01, set_stop=lambda _: None).serve()
