@@ -62,11 +62,15 @@ class Agent:
         self.look()
 
     def do(self, action: str, *places: str) -> Steps[str]:
-        """One action; where its words fit several objects, those in these places. Raises `ToolFailed` if refused."""
+        """One action; where its words fit several objects, the one in these places, the innermost first.
+
+        Raises `ToolFailed` if refused.
+        """
         yield action
         if self.said.startswith("Ambiguous request"):
             options = [line for line in self.said.splitlines() if line[:1].isdigit()]
-            fits = [sum(f"in {place}" in line for place in places) for line in options]
+            wanted = [f"in {place}" for place in places] + [f"(in {place}," for place in places[:1]]
+            fits = [sum(each in line for each in wanted) for line in options]
             yield str(fits.index(max(fits)))
         if any(each in self.said for each in REFUSED):
             raise ToolFailed(f"{action}: {self.said.splitlines()[0]}")

@@ -26,7 +26,11 @@ def attend(agent: Agent, what: str, room: str) -> Steps[str]:
         name = yield from _choose(agent, what)
         return (yield from _focus(agent, agent.get(agent.match(what), name)))
     yield from agent.find(agent.match(what), what)
-    return (yield from _focus(agent, agent.get(agent.match(what), what)))
+    seen = agent.get(agent.match(what), what)
+    if seen.stage == "seed" and sum(each.name == seen.name for each in agent.room.seen) > 1:
+        yield from agent.do(f"pick up {seen.name}", *seen.inside[:1])  # it is told from its like by where it is
+        seen = agent.get(agent.match(what), what)
+    return (yield from _focus(agent, seen))
 
 
 def fetch(agent: Agent, what: str) -> Steps[str]:

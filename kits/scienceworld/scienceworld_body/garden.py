@@ -106,6 +106,7 @@ def sow(agent: Agent, what: str) -> Steps[str]:
         seeds = [each for each in agent.room.seen if _is_seed(each, what) and CARRIED in each.inside]
         if not seeds:
             break
+        seeds.sort(key=lambda each: len(each.inside))  # one that was taken out is the one that was attended to
         if not any(each.name == "soil" for each in agent.list_inside(pot)):
             yield from _fetch_soil(agent)
             yield from agent.do(f"move soil in inventory to {pot}", "inventory")
