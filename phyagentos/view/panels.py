@@ -119,7 +119,7 @@ def _read_headline(documents: Documents, query: Query, status: Session) -> Field
     state = goal.verdict or ("cancelled" if goal.is_cancelled else "running" if documents.is_running() else "open")
     return {
         "goal": goal, "goals": others, "sessions": sessions, "replans": replans, "wall_s": wall_s,
-        "state": state, "waits": asks and state in {"open", "running"},
+        "state": state, "waits": asks and not (goal.verdict or goal.is_cancelled),
     }  # fmt: skip
 
 

@@ -60,7 +60,7 @@ def test_a_workspace_is_opened_without_a_plane_a_solver_a_simulator_or_an_array(
     heavy = {"numpy", "mujoco", "networkx", "scipy", "ompl", "casadi", "numba", "py_trees", "typer", "rich", "PIL"}
     assert not loaded & heavy
     rooms = {".".join(name.split(".")[:2]) for name in loaded if name.startswith("phyagentos.")}
-    below = {"api", "clock", "errors", "geometry", "plugins", "protocol", "store", "wording"}
+    below = {"api", "clock", "errors", "geometry", "overtime", "plugins", "protocol", "store", "wording"}
     assert rooms == {f"phyagentos.{name}" for name in below}
 
 
