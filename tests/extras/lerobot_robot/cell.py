@@ -1,12 +1,11 @@
 """A robot of LeRobot and the kit before it, in LeRobot's own Python."""
 
 import contextlib
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
-
-import msgspec
 
 from phyagentos.operations.ros2 import DraftedSettings
 from phyagentos.runtime.targets.handshake import make_key
@@ -36,7 +35,8 @@ def draft(python, robot, kind, *fields):
     with contextlib.chdir(robot.parents[1]):
         done = run_paos("robot", "lerobot", robot.name, "described.yaml", "--from", kind, *given, "--python", python)
     assert done.returncode == 0, done.stderr
-    return msgspec.json.decode(done.stdout, type=DraftedSettings)
+    found = json.loads(done.stdout)
+    return DraftedSettings(file=robot.parents[1] / found["file"], asks=tuple(found["asks"]))
 
 
 def run_paos(*words):
