@@ -134,11 +134,11 @@ def _iter_of_number(compared: syntax.Compare, located: Located, path: Address, r
     estimate = rig.estimate_turn_std if definition.unit == "rad" else rig.estimate_std
     doubt = DOUBT_STDS * math.hypot(*map(estimate, names))
     if doubt > 0.0 and (compared.relation == "==" or (compared.relation in UNDER and bound <= doubt)):
-        asked, least = NUMBERS[definition.unit](bound, doubt)
+        limit, least = NUMBERS[definition.unit](bound, doubt)
         expected = f"more than ±{least}, as well as these cameras measure {' and '.join(names)} at best"
         wanted = "Compare it with < or >" if compared.relation == "==" else f"Write more than {doubt:.2g}"
         hint = f"{wanted}, or place a camera nearer in sensors.yaml."
-        found = f"{compared.relation} {asked} in {syntax.render(compared)!r}"
+        found = f"{compared.relation} {limit} in {syntax.render(compared)!r}"
         yield located.problem("UNDECIDABLE", path, found, expected, hint)
 
 

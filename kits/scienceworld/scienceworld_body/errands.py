@@ -28,7 +28,7 @@ def attend(agent: Agent, what: str, room: str) -> Steps[str]:
     yield from agent.find(agent.match(what), what)
     seen = agent.get(agent.match(what), what)
     if seen.stage == "seed" and sum(each.name == seen.name for each in agent.room.seen) > 1:
-        yield from agent.do(f"pick up {seen.name}", *seen.inside[:1])  # it is told from its like by where it is
+        yield from agent.do(f"pick up {seen.name}", *seen.inside[:1])  # its place distinguishes it from its like
         seen = agent.get(agent.match(what), what)
     return (yield from _focus(agent, seen))
 

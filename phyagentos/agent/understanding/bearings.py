@@ -128,7 +128,7 @@ def find_between(body: Thing, ends: Sequence[Thing]) -> Vector | None:
     return middle_m if room_m >= 2 * math.hypot(*body.half_m[:2]) else None
 
 
-def lies_between(body: Thing, ends: Sequence[Thing]) -> bool:
+def is_between(body: Thing, ends: Sequence[Thing]) -> bool:
     """Whether two objects are seen from an object more than 120 degrees apart."""
     if body.at_m is None or any(each.at_m is None for each in ends):
         return False

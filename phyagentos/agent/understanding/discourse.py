@@ -11,8 +11,8 @@ from enum import StrEnum
 from phyagentos.agent.understanding.bearings import (
     SIDES,
     VIEWS,
+    is_between,
     is_within,
-    lies_between,
     list_beside,
     list_first,
     list_most,
@@ -297,7 +297,7 @@ class Discourse:
             ends = [self.get(name) for name in owners]
             if len(ends) != 2:
                 return [self.get(name) for name in self.ask(QuestionKind.WHICH, tail, owners)][:0]
-            return [each for each in found if each not in ends and lies_between(each, ends)]
+            return [each for each in found if each not in ends and is_between(each, ends)]
         if tail.data not in _OWNED:
             names = owners if len(owners) == 1 else self.ask(QuestionKind.WHICH, tail, owners)
             around = [thing for thing in found if thing.name not in names]

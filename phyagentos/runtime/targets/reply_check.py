@@ -2,7 +2,7 @@
 
 A reply that cannot be true is the target's fault, `PROTOCOL_BROKEN` with field and value: time that stands, jumps or
 runs backwards, a number that is not finite, or below zero where none can be, lists, names and depths without end, text
-where a code or a file name belongs, pictures of another kind or of a camera that was not asked.
+where a code or a file name belongs, pictures of another kind or of a camera that was not requested.
 """
 
 import math
@@ -232,9 +232,9 @@ def _find_fault_of_command(live: wire.Description) -> str:
 
 
 def _find_fault_of_cameras(request: wire.Capture, frames: Sequence[wire.Frame]) -> str:
-    shown, asked = [each.camera for each in frames], {*request.cameras, *request.crops}
-    strange = [each for each in shown if shown.count(each) > 1 or (request.cameras and each not in asked)]
-    return f"a frame of {_show(strange[0])}, which was not asked, or twice" if strange else ""
+    shown, wanted = [each.camera for each in frames], {*request.cameras, *request.crops}
+    strange = [each for each in shown if shown.count(each) > 1 or (request.cameras and each not in wanted)]
+    return f"a frame of {_show(strange[0])}, which was not requested, or twice" if strange else ""
 
 
 def _find_fault_of_frame(frame: wire.Frame) -> str:

@@ -133,7 +133,7 @@ LIES = {  # the request, what becomes of its reply, what is said of it
     "depths of another kind": (wire.Capture(), show(depth_m=np.zeros((4, 4), np.uint8)), "and depths of uint8"),
     "depths of zero where none was measured": (wire.Capture(), show(), "a depth of 0.0 m; NaN stands where nothing"),
     "a lens without a focal length": (wire.Capture(), show(fx=0.0), "focal lengths of (0.0, 1.0)"),
-    "a picture of another camera": (wire.Capture(("b",)), show(), "a frame of 'a', which was not asked"),
+    "a picture of another camera": (wire.Capture(("b",)), show(), "a frame of 'a', which was not requested"),
     "two pictures of a camera": (wire.Capture(), lambda _: wire.Frames((SOUND, SOUND)), "a frame of 'a', which"),
     "a camera that is missing for a text": (
         wire.Capture(), lambda _: wire.Frames((), {"a": "<script>"}), "'<script>' where a code belongs"
