@@ -18,14 +18,13 @@ from phyagentos.protocol.capabilities.trees import (
     Reference,
     Tree,
     iter_nodes,
-    list_subtrees,
-    read_tree,
     split_path,
 )
 from phyagentos.protocol.documents.schema import read_text
 from phyagentos.protocol.documents.yaml_scalars import format_scalar
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.execution.port_types import PORT_TYPES
+from phyagentos.runtime.execution.subtrees import iter_trees
 from phyagentos.runtime.targets.wire import Procedure
 
 CALL = "call"
@@ -61,17 +60,9 @@ def iter_form_problems(tree: Tree, node: Node) -> Iterator[Problem]:
 
 def iter_call_problems(name: str, library: Library, procedures: Sequence[Procedure], target: str) -> Iterator[Problem]:
     """Where calls of a tree and its subtrees do not fit; trees that cannot be read have problems of their own."""
-    waiting, seen = [name], set[str]()
-    while waiting:
-        if (name := waiting.pop()) in seen:
-            continue
-        seen.add(name)
-        try:
-            tree = read_tree(library.get_tree(name))
-        except DefinitionError:
-            continue
-        yield from iter_own_problems(tree, procedures, target)
-        waiting += list_subtrees(tree)
+    for _, tree, flaws in iter_trees(name, library):
+        if tree is not None and not flaws:
+            yield from iter_own_problems(tree, procedures, target)
 
 
 def iter_own_problems(tree: Tree, procedures: Sequence[Procedure], target: str) -> Iterator[Problem]:

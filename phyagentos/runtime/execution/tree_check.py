@@ -23,6 +23,7 @@ from phyagentos.protocol.capabilities.trees import (
     read_tree,
     split_path,
 )
+from phyagentos.protocol.documents.schema import Address
 from phyagentos.protocol.documents.yaml_scalars import advise_form, format_scalar
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.sessions.trace import Role
@@ -31,6 +32,7 @@ from phyagentos.runtime.execution.leaf import Leaf
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.port_types import ELEMENTS, PORT_TYPES
 from phyagentos.runtime.execution.ports import Port, expand_ports, find_misfit
+from phyagentos.runtime.execution.subtrees import iter_trees
 
 REACTIVE = (NodeKind.REACTIVE_SEQUENCE, NodeKind.REACTIVE_FALLBACK)
 _CONTROL_WORDS = tuple(kind.value for kind in NodeKind if kind is not NodeKind.LEAF)
@@ -50,47 +52,19 @@ def read_sound_trees(name: str, library: Library, registry: LeafRegistry) -> Map
 
 
 def _check(name: str, library: Library, registry: LeafRegistry) -> tuple[Mapping[str, Tree], list[Problem]]:
-    trees = _find_trees(name, library)
+    loaded = list(iter_trees(name, library))
+    trees = {name: tree for name, tree, _ in loaded if tree is not None}
     found = tuple(trees.values())
     if registry.is_sound(library, name, found):
         return trees, []
-    problems = list(_iter_tree_problems(name, library, registry))
+    problems: list[Problem] = []
+    for _, tree, flaws in loaded:
+        problems += flaws
+        if tree is not None:
+            problems += check_loaded_tree(tree, library, registry)
     if not problems:
         registry.note_sound(library, name, found)
     return trees, problems
-
-
-def _find_trees(name: str, library: Library) -> Mapping[str, Tree]:
-    """A tree and its subtrees, each once; empty when one of them cannot be read."""
-    trees: dict[str, Tree] = {}
-    waiting = [name]
-    while waiting:
-        name = waiting.pop()
-        if name in trees:
-            continue
-        try:
-            trees[name] = tree = read_tree(library.get_tree(name))
-        except DefinitionError:
-            return {}
-        waiting += list_subtrees(tree)
-    return trees
-
-
-def _iter_tree_problems(name: str, library: Library, registry: LeafRegistry) -> Iterator[Problem]:
-    waiting, seen = [name], set[str]()
-    while waiting:
-        if (name := waiting.pop()) in seen:
-            continue
-        seen.add(name)
-        try:
-            tree, problems = load_tree(library.get_tree(name))
-        except DefinitionError as error:
-            yield from error.problems
-            continue
-        yield from problems
-        if tree is not None:
-            yield from check_loaded_tree(tree, library, registry)
-            waiting += reversed([each for each in dict.fromkeys(list_subtrees(tree)) if library.has_tree(each)])
 
 
 def check_loaded_tree(tree: Tree, library: Library, registry: LeafRegistry) -> Iterator[Problem]:
@@ -170,10 +144,7 @@ def _iter_list_problems(tree: Tree, node: Node, written: dict[str, type]) -> Ite
     place = (*node.address, "in")
     if isinstance(values, Reference):
         if values.key not in written:
-            found, hint = f"'{values}', which nothing writes", format_hint(values.key, written)
-            yield tree.located.problem(
-                "BROKEN_TREE", place, found, format_names(f"${{{key}}}" for key in written), hint
-            )
+            yield _problem_unwritten(tree, place, values.key, written)
             return
         kind = written[values.key]
         found = f"'{values}' of type {_name_of(kind)}"
@@ -315,25 +286,25 @@ def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[st
 
 
 def _iter_reference_problems(
-    tree: Tree, place: tuple[str | int, ...], value: Reference, port: PortInformation, written: dict[str, type]
+    tree: Tree, place: Address, value: Reference, port: PortInformation, written: dict[str, type]
 ) -> Iterator[Problem]:
     if value.key not in written:
-        found = f"'{value}', which nothing writes"
-        yield tree.located.problem(
-            "BROKEN_TREE",
-            place,
-            found,
-            expected=format_names(f"${{{key}}}" for key in written),
-            hint=format_hint(value.key, written),
-        )
+        yield _problem_unwritten(tree, place, value.key, written)
     elif object not in (port.data_type, written[value.key]) and port.data_type is not written[value.key]:
         found = f"'{value}' of type {_name_of(written[value.key])}"
         yield tree.located.problem("INVALID_VALUE", place, found, f"type {_name_of(port.data_type)}")
 
 
-def _iter_literal_problems(
-    tree: Tree, place: tuple[str | int, ...], value: Any, port: PortInformation
-) -> Iterator[Problem]:
+def _problem_unwritten(tree: Tree, place: Address, key: str, written: Mapping[str, type]) -> Problem:
+    """A key that is read, and that nothing writes."""
+    found, possible = (
+        f"'{Reference(key)}', which nothing writes",
+        format_names(str(Reference(each)) for each in written),
+    )
+    return tree.located.problem("BROKEN_TREE", place, found, possible, format_hint(key, written))
+
+
+def _iter_literal_problems(tree: Tree, place: Address, value: Any, port: PortInformation) -> Iterator[Problem]:
     try:
         convert_literal(value, port.data_type)
     except TypeError:
@@ -354,13 +325,7 @@ def _iter_condition_problems(tree: Tree, node: Node, written: dict[str, type]) -
         yield from error.problems
     for key in find_references(node.text):
         if key not in written:
-            yield tree.located.problem(
-                "BROKEN_TREE",
-                node.address,
-                found=f"'${{{key}}}', which nothing writes",
-                expected=format_names(f"${{{name}}}" for name in written),
-                hint=format_hint(key, written),
-            )
+            yield _problem_unwritten(tree, node.address, key, written)
 
 
 def convert_literal(value: Any, kind: type) -> Any:

@@ -1,7 +1,6 @@
 """The watchdog's side of the journal: one ledger for all its parts, and the records that it adds."""
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Callable
 
 import msgspec
 
@@ -12,17 +11,6 @@ from phyagentos.store.journal import Entry, Journal, Record
 from phyagentos.store.ledger import Ledger
 
 TRIES = 5  # at a record that another writer makes out of date
-
-
-class _Try(AbstractContextManager[None]):
-    """Notes whether another writer was faster, and lets only the last try fail of that."""
-
-    def __init__(self, *, is_last: bool) -> None:
-        self._is_last, self.is_overtaken = is_last, False
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> bool:
-        self.is_overtaken = kind is not None and issubclass(kind, IllegalTransition | Fenced)
-        return self.is_overtaken and not self._is_last
 
 
 class SupervisorJournal:
@@ -74,17 +62,20 @@ class SupervisorJournal:
         except IllegalTransition:
             self.follow()
 
-    def iter_tries(self) -> Iterator[AbstractContextManager[None]]:
-        """Tries of an act, one after another as long as another writer changes the session before it is recorded.
+    def retry(self, act: Callable[[], None]) -> None:
+        """Act, and act again as long as another writer changes the session before it is recorded.
 
         Raises:
             IllegalTransition, Fenced: At the last try.
         """
-        for number in range(1, TRIES + 1):
-            yield (attempt := _Try(is_last=number == TRIES))
-            if not attempt.is_overtaken:
+        for _ in range(1, TRIES):
+            try:
+                act()
+            except (IllegalTransition, Fenced):
+                self.follow()
+            else:
                 return
-            self.follow()
+        act()
 
     def get_state(self, session: SessionId) -> SessionState:
         """State of a session."""

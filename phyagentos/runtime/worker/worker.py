@@ -145,7 +145,7 @@ class WorkerLoop:
         is_new = session.scene.episode != self._episode
         self._episode = session.scene.episode
         self._heartbeat.beat(phase="loading", session=session.id, epoch=order.epoch, at_once=is_new)
-        if belief := _read_belief(order.restore):
+        if order.restore and (belief := _read_belief(Path(order.restore).parent)):
             self._world.restore(belief, _read_looks(Path(order.restore).parent))
         found = self._examiner.examine(
             session,
@@ -247,11 +247,11 @@ class WorkerLoop:
 
     def _remember(self, order: orders.Reconcile) -> None:
         """Restore the belief at the start of the session: it holds what the arm hides now."""
-        belief = None
+        belief, folder = None, self._workspace.root / order.evidence
         with contextlib.suppress(msgspec.DecodeError, OSError):  # a bundle that its writer could not finish
-            belief = _read_belief(str(self._workspace.root / order.evidence / BEFORE))
+            belief = _read_belief(folder)
         if belief is not None and belief.time_s <= self._handle.observe().time_s:  # else that world is gone
-            self._world.restore(belief, _read_looks(self._workspace.root / order.evidence))
+            self._world.restore(belief, _read_looks(folder))
 
     def _observe(self, order: orders.Reconcile, number: int = 0) -> Execution:
         """Under an epoch that is new to the target: an earlier observer may have been lost too."""
@@ -264,11 +264,9 @@ class WorkerLoop:
             return self._observe(order, number + 1)
 
 
-def _read_belief(restore: str) -> Environment | None:
-    """The belief at the start of the session, from the bundle of a recorded state."""
-    if not restore:
-        return None
-    path = Path(restore).parent / BEFORE
+def _read_belief(folder: Path) -> Environment | None:
+    """The belief at the start of a session, from its bundle."""
+    path = folder / BEFORE
     return msgspec.json.decode(path.read_bytes(), type=Environment) if path.is_file() else None
 
 
