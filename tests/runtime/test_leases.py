@@ -9,7 +9,6 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended, Limits
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, Finding, TargetToolManifest
@@ -28,11 +27,10 @@ from phyagentos.runtime.worker.orders import (
     receive_answer,
 )
 from phyagentos.runtime.worker.worker import WorkerLoop
-from phyagentos.store.journal import Entry, Journal
 from phyagentos.testing import ManualClock
 from tests.following import wait_until
 
-from .test_watchdog import ScriptedWorker, make_session, stand  # noqa: F401 - a fixture
+from .test_watchdog import Jumping, ScriptedWorker, make_session, stand  # noqa: F401 - a fixture
 
 LEASE_S = 15.0
 PLAN = AdapterPlan(target_adapter="a", skill_runtime="s", tree="planted", observation_path=(), action_path=())
@@ -190,17 +188,6 @@ def test_a_session_ends_while_its_command_waits_for_other_targets(employed, why,
     assert any(isinstance(request, wire.Halt) for request in target.requests)
 
 
-class Jumping(SystemClock):
-    """A wall clock that is set back by a year, and forward by two, again and again; time itself goes on."""
-
-    def __init__(self) -> None:
-        self._count = 0
-
-    def wall_iso(self) -> str:
-        self._count += 1
-        return ("2024", "2027", "2026")[self._count % 3] + super().wall_iso()[4:]
-
-
 @pytest.mark.slow
 def test_a_wall_clock_that_jumps_ends_no_lease_and_no_session(stand, monkeypatch):  # noqa: F811
     worker = ScriptedWorker(on_run=lambda _: None)
@@ -212,16 +199,3 @@ def test_a_wall_clock_that_jumps_ends_no_lease_and_no_session(stand, monkeypatch
     assert stand.poll("g.a") == "running"
     assert stand.poll("g.b") == "pending"
     assert not [order for order in worker.orders if isinstance(order, Stop | Reconcile)]
-
-
-def test_the_claim_of_a_dead_watchdog_is_taken_over_at_once_whatever_the_clock_says(stand):  # noqa: F811
-    stand.submit(make_session())
-    dead = Journal(stand.workspace.root, side=Side.RUNTIME, by="dead", clock=Jumping())
-    dead.commit([Entry("g.a", "claim"), Entry("g.a", "check"), Entry("g.a", "start")])
-    dead.close()
-
-    stand.watch(worker := ScriptedWorker(), clock=Jumping())
-
-    stand.wait_for("g.a", "awaiting_verification")
-    assert stand.events("g.a") == ["submit", "claim", "check", "start", "lose", "reconcile"]
-    assert not [order for order in worker.orders if isinstance(order, Run)]

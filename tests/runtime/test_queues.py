@@ -124,18 +124,6 @@ def test_what_was_cancelled_meanwhile_is_passed_over():
     assert bench.grant("a") == ["second"]
 
 
-def test_two_targets_with_one_tray_have_it_in_turn():
-    bench = Bench()
-    bench.submit("left", "a", resources=["tray"])
-    bench.submit("right", "b", resources=["tray"])
-    bench.submit("beside", "c")
-
-    assert sorted(bench.grant("a", "b", "c")) == ["beside", "left"]
-    assert bench.grant("b") == []
-    bench.queues.release("a")
-    assert bench.grant("a", "b") == ["right"]
-
-
 def test_whose_worker_is_ready_first_does_not_decide_who_has_a_resource_first():
     bench = Bench()
     bench.submit("senior", "a", resources=["tray"])

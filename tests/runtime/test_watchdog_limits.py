@@ -108,26 +108,6 @@ def test_the_lease_of_what_runs_is_renewed_before_it_ends(stand):  # noqa: F811
     assert all(later - earlier < 1.0 for earlier, later in itertools.pairwise(ends))
 
 
-def test_two_targets_that_share_a_tray_run_in_turn_and_a_third_beside_them(stand):  # noqa: F811
-    workers = {name: ScriptedWorker(on_run=lambda _: None) for name in ("left", "right", "base")}
-    stand.submit(
-        need(make_session("g.a", "left"), "tray"),
-        need(make_session("g.b", "right"), "tray"),
-        make_session("g.c", "base"),
-    )
-    stand.watch(workers)
-    stand.wait_for("g.a", "running")
-    stand.wait_for("g.c", "running")
-    assert stand.ledger.sessions["g.b"].state == "pending"
-
-    workers["left"]._theirs.send_bytes(
-        encode(finish(Ended.COMPLETED)(Run(stand.ledger.sessions["g.a"].contract, 1, "")))
-    )
-
-    stand.wait_for("g.b", "running")
-    assert stand.ledger.sessions["g.a"].state == "awaiting_verification"
-
-
 def test_the_tray_of_a_lost_session_is_free_only_when_somebody_has_looked(stand):  # noqa: F811
     class Slow(ScriptedWorker):
         def send(self, order) -> None:
