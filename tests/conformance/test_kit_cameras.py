@@ -1,7 +1,6 @@
 """Cameras of a body that the kit serves: pictures over the wire, and drawn from a compiled MuJoCo model."""
 
 import importlib
-import sys
 
 import mujoco
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 
 from phyagentos.geometry import compute_rotation
 from phyagentos.runtime.targets import wire
-from tests.conformance.test_target_server import KIT, SLIDE, Served
+from tests.served_kit import KIT, Served
 
 EYE = '''
 import struct
@@ -43,9 +42,7 @@ main(Watched)
 @pytest.fixture
 def watched(tmp_path):
     """A client of a body with a camera."""
-    (tmp_path / "eye.py").write_text(EYE)
-    (tmp_path / "slide.py").write_text(SLIDE.read_text())
-    made = Served(tmp_path, sys.executable, tmp_path / "eye.py")
+    made = Served(tmp_path, EYE)
     target = made.reach()
     target.exchange(wire.LoadScene("counter", 1, "e"))
     yield target

@@ -5,7 +5,7 @@ import importlib
 import numpy as np
 import pytest
 
-from tests.conformance.test_target_server import KIT
+from tests.served_kit import KIT
 
 UP = np.array((0.0, 0.0, 1.0))
 

@@ -27,56 +27,18 @@ from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.handshake import Hello, greet, make_key, mint
 from phyagentos.runtime.targets.websocket import connect_websocket
-from phyagentos.testing import DRIVER_CHECKS, DriverSubject, ReachedTarget
+from phyagentos.testing import DRIVER_CHECKS, DriverSubject
 from phyagentos.testing.driver_checks import stops_in_an_emergency
 from tests.monitors.silence import LogMonitor
+from tests.served_kit import KIT, SLIDE, Served
 
 pytestmark = pytest.mark.slow
-
-ROOT = Path(__file__).resolve().parents[2]
-KIT = ROOT / "kits" / "target_server"
-SLIDE = ROOT / "examples" / "projects" / "05_any_body" / "slide.py"
-
-
-class Served:
-    """Processes of the kit, of one key."""
-
-    def __init__(self, folder, python, script=SLIDE, options=()):
-        self.key, self.log, self.stop_file = make_key(), folder / "receive-counter.jsonl", folder / "stop"
-        self._command = [python, str(script), "--log", str(self.log), "--stop-file", str(self.stop_file), *options]
-        self._processes = []
-
-    def start(self):
-        """A fresh process; what it prints."""
-        environment = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-        process = subprocess.Popen(self._command, text=True, env=environment | {"PYTHONPATH": str(KIT)}, **pipes)
-        self._processes.append(process)
-        process.stdin.write(f"{self.key.hex()}\n")
-        process.stdin.flush()
-        return process.stdout.readline().strip()
-
-    def reach(self):
-        endpoint = self.start()
-        return ReachedTarget(lambda: connect_websocket(endpoint), self.key)
-
-    def set_stop(self, is_stopped):
-        self.stop_file.touch() if is_stopped else self.stop_file.unlink(missing_ok=True)
-
-    def close(self):
-        """End what is left, as the end of a parent does; each in order."""
-        codes = []
-        for process in self._processes:
-            process.stdin.close()
-            codes.append(process.wait(10.0))
-            process.stdout.close()
-        assert not any(codes), codes
 
 
 @pytest.fixture(params=["this", pytest.param("bare", marks=pytest.mark.extras)])
 def served(request, tmp_path, pytestconfig):
     python = sys.executable if request.param == "this" else pytestconfig.option.kit_python
-    made = Served(tmp_path, python)
+    made = Served(tmp_path, python=python)
     yield made
     made.close()
 
@@ -133,9 +95,7 @@ main(Motor)
 @pytest.fixture
 def motor(tmp_path):
     """A driver that reaches a motor, under authority of session `s`; its process keeps the log."""
-    (tmp_path / "motor.py").write_text(MOTOR)
-    (tmp_path / "slide.py").write_text(SLIDE.read_text())
-    made = Served(tmp_path, sys.executable, tmp_path / "motor.py")
+    made = Served(tmp_path, MOTOR)
     target = made.reach()
     target.exchange(wire.LoadScene("counter", 1, "e"))
     assert target.exchange(wire.Begin("s", 1)) == wire.Ack()
@@ -362,9 +322,7 @@ main(Lost)
 
 
 def test_a_body_that_is_lost_refuses_and_is_served_again_when_it_is_back(tmp_path):
-    (tmp_path / "body.py").write_text(LOST)
-    (tmp_path / "slide.py").write_text(SLIDE.read_text())
-    made, lost = Served(tmp_path, sys.executable, tmp_path / "body.py"), tmp_path / "lost"
+    made, lost = Served(tmp_path, LOST), tmp_path / "lost"
     target = made.reach()
     target.exchange(wire.LoadScene("counter", 1, "e"))
     assert target.exchange(wire.Begin("s", 1)) == wire.Ack()
@@ -426,9 +384,7 @@ main(Deaf)
 
 
 def test_a_body_that_hears_of_no_emergency_stop_fails_its_check(tmp_path):
-    (tmp_path / "deaf.py").write_text(DEAF)
-    (tmp_path / "slide.py").write_text(SLIDE.read_text())
-    made = Served(tmp_path, sys.executable, tmp_path / "deaf.py")
+    made = Served(tmp_path, DEAF)
     subject = DriverSubject(open=made.reach, scene="counter", set_stop=made.set_stop, count_stops=count_stops)
     with pytest.raises(AssertionError, match="did not hear of the emergency stop"):
         stops_in_an_emergency(subject)

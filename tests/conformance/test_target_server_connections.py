@@ -3,7 +3,6 @@
 import json
 import os
 import socket
-import sys
 import time
 from contextlib import contextmanager
 from itertools import repeat
@@ -17,7 +16,7 @@ from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.handshake import Hello, greet, mint
 from phyagentos.runtime.targets.websocket import connect_websocket
 from phyagentos.testing import ReachedTarget
-from tests.conformance.test_target_server import SLIDE, Served
+from tests.served_kit import Served
 
 pytestmark = pytest.mark.slow
 
@@ -48,9 +47,7 @@ MASK = b"\0\0\0\0"
 @pytest.fixture
 def slow(tmp_path):
     """A process of the kit whose body loads slowly, and its endpoint."""
-    (tmp_path / "slow.py").write_text(SLOW)
-    (tmp_path / "slide.py").write_text(SLIDE.read_text())
-    made = Served(tmp_path, sys.executable, tmp_path / "slow.py")
+    made = Served(tmp_path, SLOW)
     yield made, made.start()
     made.close()
 

@@ -1,21 +1,17 @@
 """A goal on procedures of a target: what a procedure says of itself is no verdict, and another skill repairs it."""
 
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-from phyagentos.assembly.paths import TOKENS
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.operations.why import why
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.targets.handshake import make_key
+from tests.served_kit import Served, lead_elsewhere
 
 ROOT = Path(__file__).resolve().parents[2]
 SKILL = """---
@@ -62,36 +58,15 @@ class Hall:
         self.workspace = Workspace.create(folder / "w", Library.open(library))
         (self.workspace.root / "raised.yaml").write_text(GOAL)
         (self.workspace.root / "refused.yaml").write_text(GOAL.replace("skill: rise", "skill: misspelt"))
-        key = make_key().hex()
-        endpoint = self._serve(key)
-        registry = self.workspace.target_registry
-        remote = f"target: counter\ndriver: remote\nendpoint: {endpoint}\n"
-        registry.write_text(registry.read_text().replace("target: counter\n", remote))
-        secret = self.workspace.root / TOKENS / "counter"
-        secret.parent.mkdir(parents=True)
-        secret.touch(mode=0o600)
-        secret.write_text(key)
-
-    def _serve(self, key):
-        command = [sys.executable, str(ROOT / "tests" / "conformance" / "lift.py")]
-        environment = os.environ | {"PYTHONPATH": str(ROOT / "kits" / "target_server"), "RISE_LIES": "1"}
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-        self.process = subprocess.Popen(command, text=True, env=environment, **pipes)
-        self.process.stdin.write(f"{key}\n")
-        self.process.stdin.flush()
-        return self.process.stdout.readline().strip()
-
-    def close(self):
-        self.process.stdin.close()
-        assert self.process.wait(15.0) == 0
-        self.process.stdout.close()
+        self.served = Served(folder, ROOT / "tests" / "conformance" / "lift.py", RISE_LIES="1")
+        lead_elsewhere(self.workspace, "counter", self.served.start(), self.served.key.hex())
 
 
 @pytest.fixture(scope="module")
 def hall(tmp_path_factory):
     made = Hall(tmp_path_factory.mktemp("hall"))
     yield made
-    made.close()
+    made.served.close()
 
 
 @pytest.fixture(scope="module")

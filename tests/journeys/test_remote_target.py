@@ -5,13 +5,13 @@ import sys
 
 import pytest
 
-from phyagentos.assembly.paths import TOKENS
 from phyagentos.operations.preflight import check
 from phyagentos.operations.rerun import find_differences
 from phyagentos.operations.why import why
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.targets.handshake import make_key
+from tests.served_kit import lead_elsewhere
 
 from .conftest import open_plane
 
@@ -33,21 +33,10 @@ def served(tmp_path):
         assert process.wait(30) == 0
 
 
-def command_from_here(workspace, endpoint, key):
-    """The panda of this workspace is the one that is served there."""
-    registry = workspace.target_registry
-    told = f"target: panda\ndriver: remote\nendpoint: {endpoint}\n"
-    registry.write_text(registry.read_text().replace("target: panda\n", told))
-    secret = workspace.root / TOKENS / "panda"
-    secret.parent.mkdir(parents=True)
-    secret.touch(mode=0o600)
-    secret.write_text(key)
-
-
 def test_a_session_over_websocket_has_the_bits_of_one_over_a_socket_whatever_ran_before(plane, tmp_path, served):
     endpoint, key, there = served
     near = plane
-    with open_plane(tmp_path / "far", prepare=lambda made: command_from_here(made, endpoint, key)) as far:
+    with open_plane(tmp_path / "far", prepare=lambda made: lead_elsewhere(made, "panda", endpoint, key)) as far:
         reports = [plane.run("ws-3", seed=3) for plane in (near, far)]
 
     assert [report.verdict for report in reports] == ["success", "success"]
@@ -69,5 +58,5 @@ def test_a_session_over_websocket_has_the_bits_of_one_over_a_socket_whatever_ran
 def test_preflight_reaches_a_target_that_is_served_elsewhere_with_the_key_of_its_workspace(tmp_path, served):
     endpoint, key, _ = served
     workspace = Workspace.create(tmp_path / "here", Library.open())
-    command_from_here(workspace, endpoint, key)
+    lead_elsewhere(workspace, "panda", endpoint, key)
     assert check("tidy_table", workspace.root, seed=3).refused == ()

@@ -1,10 +1,7 @@
-"""Goals on a body that another program serves, by the kit alone: with its network whole, and cut."""
+"""A goal on a body that another program serves, by the kit alone, with its network cut in the midst of it."""
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -12,17 +9,15 @@ from pathlib import Path
 import pytest
 import yaml
 
-from phyagentos.assembly.paths import TOKENS
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
-from phyagentos.operations.why import why
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.runtime.targets.handshake import make_key
 from tests.certificates import make_certificate
 from tests.faulty_network import FaultyNetwork
 from tests.following import wait_until
+from tests.served_kit import Served, lead_elsewhere
 
 ROOT = Path(__file__).resolve().parents[2]
 CLOCK = SystemClock()
@@ -66,43 +61,23 @@ class Elsewhere:
         (self.workspace.root / "lift.yaml").write_text(GOAL)
         contract = yaml.safe_load(self.workspace.runtime_contract.read_text())
         self.workspace.runtime_contract.write_text(yaml.safe_dump(contract | {"lease_s": LEASE_S}))
-        key = make_key().hex()
-        self.log = folder / "there" / "logs" / "receive-counter.jsonl"
-        self.log.parent.mkdir(parents=True)
+        (there := folder / "there" / "logs").mkdir(parents=True)
         both, alone = make_certificate(folder)
-        self.process, port = self._serve(folder / "there", key, both)
-        self.network = FaultyNetwork(port)
-        told = f"driver: remote\nendpoint: wss://127.0.0.1:{self.network.port}\nsilence_max_s: {SILENCE_S}\n"
-        registry = self.workspace.target_registry
-        registry.write_text(registry.read_text().replace("target: counter\n", f"target: counter\n{told}"))
-        secret = self.workspace.root / TOKENS / "counter"
-        secret.parent.mkdir(parents=True)
-        secret.touch(mode=0o600)
-        secret.write_text(key)
+        self.served = Served(there, SLOW, options=("--certificate", str(both)))
+        self.network = FaultyNetwork(int(self.served.start().rpartition(":")[2]))
+        endpoint, more = f"wss://127.0.0.1:{self.network.port}", f"silence_max_s: {SILENCE_S}\n"
+        secret = lead_elsewhere(self.workspace, "counter", endpoint, self.served.key.hex(), more)
         shutil.copy(alone, secret.with_name("counter.pem"))
-
-    def _serve(self, folder, key, certificate):
-        shutil.copy(ROOT / "examples" / "projects" / "05_any_body" / "slide.py", folder)
-        (folder / "slow.py").write_text(SLOW)
-        command = [sys.executable, str(folder / "slow.py"), "--log", str(self.log), "--certificate", str(certificate)]
-        environment = os.environ | {"PYTHONPATH": str(ROOT / "kits" / "target_server")}
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-        process = subprocess.Popen(command, text=True, env=environment, **pipes)
-        process.stdin.write(f"{key}\n")
-        process.stdin.flush()
-        return process, int(process.stdout.readline().rpartition(":")[2])
 
     def read(self, goal):
         """Commands of a goal that the body accepted: session, epoch, number."""
-        lines = [json.loads(line) for line in self.log.read_bytes().splitlines()]
+        lines = [json.loads(line) for line in self.served.log.read_bytes().splitlines()]
         taken = [line for line in lines if line["kind"] == "Command" and line.get("accepted", True)]
         ours = [line for line in taken if line["session"].startswith(goal)]
         return [(line["session"], line["epoch"], line["sequence"]) for line in ours]
 
     def close(self):
-        self.process.stdin.close()
-        assert self.process.wait(15.0) == 0
-        self.process.stdout.close()
+        self.served.close()
         self.network.close()
 
 
@@ -114,18 +89,7 @@ def elsewhere(tmp_path_factory):
     made.close()
 
 
-def test_a_goal_is_met_on_a_body_that_the_kit_serves(elsewhere):
-    there, mission = elsewhere
-    there.network.delay_s = 0.1
-    report = mission.run(there.workspace.root / "lift.yaml", seed=0, goal="calm")
-    there.network.delay_s = 0.0
-
-    assert report.verdict == "success"
-    assert "driver remote/slide" in "\n".join(why(there.workspace.root, report.sessions[0].id).explanation)
-    assert [number for _, _, number in there.read("calm.")] == list(range(1, 21)), "delay costs time alone"
-
-
-def test_a_network_that_is_gone_for_longer_than_the_lease_costs_the_session_alone(elsewhere):
+def test_a_goal_is_met_on_a_body_that_the_kit_serves_though_its_network_was_gone_for_longer_than_the_lease(elsewhere):
     there, mission = elsewhere
 
     def fail():

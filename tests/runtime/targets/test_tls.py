@@ -1,7 +1,5 @@
 """TLS to a target that is served elsewhere: by the framework and by the kit; never without it to another machine."""
 
-import sys
-
 import pytest
 
 from phyagentos.assembly.processes import open_door
@@ -10,7 +8,7 @@ from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.handshake import greet, mint
 from phyagentos.runtime.targets.websocket import WebSocketDoor, connect_websocket
 from tests.certificates import make_certificate
-from tests.conformance.test_target_server import Served
+from tests.served_kit import Served
 
 
 @pytest.mark.slow
@@ -40,7 +38,7 @@ def test_a_door_with_a_certificate_speaks_tls_to_who_trusts_it(tmp_path):
 @pytest.mark.slow
 def test_the_kit_speaks_tls(tmp_path):
     both, alone = make_certificate(tmp_path)
-    served = Served(tmp_path, sys.executable, options=("--certificate", str(both)))
+    served = Served(tmp_path, options=("--certificate", str(both)))
     endpoint = served.start()
     try:
         channel = connect_websocket(endpoint, alone)
