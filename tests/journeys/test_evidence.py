@@ -52,6 +52,7 @@ def test_mujoco_alone_finds_the_cube_in_the_tray(calm):
     offset = data.xpos[model.body("red_cube").id] - data.xpos[model.body("red_tray").id]
     assert np.all(np.abs(offset[:2]) < (0.055, 0.09))
     assert 0.0 < offset[2] < 0.035
+    assert "red_tray" in (calm / evidence.SCENE_XML).read_text()
 
 
 def test_commands_and_measurements_agree_within_the_tracking_limit(calm):

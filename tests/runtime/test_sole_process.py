@@ -40,11 +40,21 @@ def hold(lock):
         process.kill()
 
 
-@pytest.fixture
-def holder(tmp_path):
-    lock = tmp_path / "folder" / "lock"
+@pytest.fixture(scope="module")
+def held(tmp_path_factory):
+    lock = tmp_path_factory.mktemp("held") / "folder" / "lock"
     with hold(lock) as process:
         yield lock, process
+
+
+@pytest.fixture
+def holder(held):
+    """One process for all tests; it runs and has its own text in the lock again after each."""
+    lock, process = held
+    text = lock.read_text()
+    yield held
+    lock.write_text(text)
+    process.send_signal(signal.SIGCONT)
 
 
 def test_a_second_process_is_refused_and_told_who_is_there(holder):
@@ -54,18 +64,17 @@ def test_a_second_process_is_refused_and_told_who_is_there(holder):
         become_sole(lock, ManualClock(), "BUSY", "there is one")
 
 
-def test_the_holder_is_found_and_gone_when_it_was_killed(holder):
-    lock, process = holder
-    pidfd = find_sole(lock)
+def test_the_holder_is_found_and_gone_when_it_was_killed(tmp_path):
+    with hold(lock := tmp_path / "lock") as process:
+        pidfd = find_sole(lock)
+        assert is_held(lock)
+        signal.pidfd_send_signal(pidfd, signal.SIGKILL)
+        ended = select.poll()  # select.select takes no descriptor above 1023
+        ended.register(pidfd, select.POLLIN)
+        assert ended.poll(10_000)
+        os.close(pidfd)
 
-    assert is_held(lock)
-    signal.pidfd_send_signal(pidfd, signal.SIGKILL)
-    ended = select.poll()  # select.select takes no descriptor above 1023
-    ended.register(pidfd, select.POLLIN)
-    assert ended.poll(10_000)
-    os.close(pidfd)
-
-    assert process.wait() == -signal.SIGKILL
+        assert process.wait() == -signal.SIGKILL
     assert find_sole(lock) is None
     assert not is_held(lock)
     os.close(become_sole(lock, SystemClock(), "BUSY", "there is one"))

@@ -109,13 +109,19 @@ MUTANTS = (
                 "self._floors[self.session] = self._epoch + 1",
             ),
         ),
-        tests=("tests/runtime/targets/test_world.py::test_no_command_is_accepted_after_the_end_of_its_session",),
+        tests=(
+            "tests/conformance/test_target_drivers.py::"
+            "test_a_driver_does_what_the_port_promises[debug-asks_for_authority]",
+        ),
     ),
     Mutant(
         name="stale_epoch_at_target",
         claim="The target obeys a worker whose claim has been replaced.",
         edits=(Edit(AUTHORITY, "if epoch != self._epoch:", "if False:"),),
-        tests=("tests/runtime/targets/test_world.py::test_what_is_refused_moves_nothing",),
+        tests=(
+            "tests/conformance/test_target_drivers.py::"
+            "test_a_driver_does_what_the_port_promises[debug-asks_for_authority]",
+        ),
     ),
     Mutant(
         name="stale_epoch_in_journal",

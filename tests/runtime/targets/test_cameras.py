@@ -248,6 +248,8 @@ def test_looking_changes_no_bit_of_the_simulation_and_the_same_run_sees_the_same
             rig.hold(0.08, 0.1)
             if rig is not blind:
                 frames.append(see(rig, cameras=("wrist",)))
+                rig.world.handle(wire.InvokeTool(wire.RENDER, {"camera": "overview", "width": 64, "height": 48}))
+                rig.observe()
     assert blind.observe().snapshot == first.observe().snapshot
     for one, other in zip(frames[:3], frames[3:], strict=True):
         np.testing.assert_array_equal(one.depth_m, other.depth_m)

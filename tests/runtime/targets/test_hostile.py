@@ -218,12 +218,3 @@ def press(rig, goal):
         if stopped := rig.send(rig.make_command(q, 0.0, qd)).stopped:
             return stopped
     return ""
-
-
-def test_a_stop_of_category_one_ends_the_motion_of_its_session(rig):
-    assert isinstance(rig.send(rig.make_command(rig.driver.controller.q_rad)), wire.Step)
-    assert isinstance(rig.world.handle(wire.Halt(session="s", epoch=1, category=1)), wire.Step)
-    assert rig.send(rig.make_command(rig.driver.controller.q_rad)).code == "SAFETY_STOP"
-    rig.world.handle(wire.End(session="s", epoch=1))
-    rig.begin("t")
-    assert isinstance(rig.send(rig.make_command(rig.driver.controller.q_rad)), wire.Step)
