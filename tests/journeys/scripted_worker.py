@@ -1,6 +1,6 @@
 """A worker process without a target, which behaves as a plan says: one entry for each process that is started.
 
-    python scripted_worker.py PLAN.json --control FD
+    python -m tests.journeys.scripted_worker PLAN.json --control FD
 
 An entry maps `start`, `check`, `run` and `reconcile` to a behaviour; what it leaves out goes well.
 """

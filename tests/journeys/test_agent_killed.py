@@ -12,6 +12,7 @@ import msgspec
 import pytest
 
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.fork_server import start_python
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
@@ -34,10 +35,9 @@ class Planes:
     def __init__(self, root: Path, project: Path, graph: Path) -> None:
         self.workspace = Workspace.create(root, Library.open(project))
         self.graph = graph
-        command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(root), "--no-pictures"]
-        command += ["--trust-python"]
+        command = ["-m", "phyagentos", "watch", "--workspace", str(root), "--no-pictures", "--trust-python"]
         self._log = (self.workspace.logs / "planes.log").open("wb")
-        self._watch = subprocess.Popen(command, stdout=self._log, stderr=self._log)
+        self._watch = start_python(command, self._log)
         while not list(self.workspace.sessions.iterdir()):
             if self._watch.poll() is not None:
                 self._log.close()

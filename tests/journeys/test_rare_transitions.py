@@ -22,7 +22,6 @@ from .reached import read_phase_arrows
 
 pytestmark = pytest.mark.journey
 
-HERE = Path(__file__).parent
 CLOCK = SystemClock()
 PATIENCE_S = 30.0
 STARTED = ["submit", "claim", "check", "start"]
@@ -47,7 +46,7 @@ class Stand:
         self._thread = threading.Thread(target=self._watchdog.run, daemon=True)
 
     def _hire(self, target: str) -> Worker:
-        script = [str(HERE / "scripted_worker.py"), str(self._plan)]
+        script = ["-m", "tests.journeys.scripted_worker", str(self._plan)]
         return Worker(target, world=None, worker=script, logs=self.workspace.logs, socket=Path())
 
     def play(self, *plan: dict[str, str], **limits: float) -> None:

@@ -18,10 +18,11 @@ from .conftest import open_plane
 pytestmark = pytest.mark.journey
 
 
-@pytest.fixture
-def served(tmp_path):
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
     """The arm of another workspace at a port of this machine: its endpoint, and the key that admits."""
-    workspace, key = Workspace.create(tmp_path / "there", Library.open()), make_key().hex()
+    root = tmp_path_factory.mktemp("served") / "there"
+    workspace, key = Workspace.create(root, Library.open()), make_key().hex()
     command = [sys.executable, "-m", "phyagentos.assembly.processes", "world", "--workspace", str(workspace.root)]
     command += ["--target", "panda", "--socket", "ws://127.0.0.1:0"]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}

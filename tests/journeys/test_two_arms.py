@@ -3,8 +3,6 @@
 import os
 import shutil
 import signal
-import subprocess
-import sys
 from functools import cache
 
 import msgspec
@@ -12,6 +10,7 @@ import pytest
 
 from phyagentos.assembly.paths import make_socket_folder
 from phyagentos.clock import SystemClock
+from phyagentos.fork_server import start_python
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.sessions.heartbeats import find_heartbeat
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -38,7 +37,7 @@ class TwoArms:
     def __init__(self, root, project, scene, *options):
         self.scene = scene
         self.workspace = Workspace.create(root / "w", Library.open(project))
-        command = [sys.executable, "-m", "phyagentos", "watch", "--workspace", str(root / "w"), "--no-pictures"]
+        command = ["-m", "phyagentos", "watch", "--workspace", str(root / "w"), "--no-pictures"]
         self._command, self._log = [*command, *options], root / "watch.log"
         self.start()
         self.journal = Journal(self.workspace.root, side=Side.AGENT, by="journey", clock=CLOCK)
@@ -48,7 +47,7 @@ class TwoArms:
 
     def start(self):
         with self._log.open("ab") as log:
-            self.process = subprocess.Popen(self._command, stdout=log, stderr=log)
+            self.process = start_python(self._command, log)
 
     def begin_round(self):
         """Sessions from now on are of a scene of their own; what others did is forgotten."""

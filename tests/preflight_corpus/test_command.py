@@ -1,8 +1,6 @@
 """`paos preflight`, with the real processes: it prints what would be granted, or why not, and moves nothing."""
 
 import json
-import subprocess
-import sys
 
 import msgspec
 import pytest
@@ -21,21 +19,17 @@ from .corpus import compile_sessions
 pytestmark = pytest.mark.journey
 
 
-def preflight(*arguments, cwd):
-    command = [sys.executable, "-m", "phyagentos", "preflight", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, cwd=cwd)
-
-
 @pytest.fixture
 def workspace(tmp_path):
     return Workspace.create(tmp_path / "w", Library.open())
 
 
-def test_a_goal_graph_that_fits_prints_plans_tools_and_the_dry_run(tmp_path):
-    done = preflight("two_in_a_tray", "--json", cwd=tmp_path)
+def test_a_goal_graph_that_fits_prints_plans_tools_and_the_dry_run(tmp_path, paos, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = paos("preflight", "two_in_a_tray", "--json")
 
-    assert done.returncode == 0, done.stderr
-    sessions = {each["session"]: each for each in json.loads(done.stdout)["sessions"]}
+    assert done.code == 0, done.err
+    sessions = {each["session"]: each for each in json.loads(done.out)["sessions"]}
     red, beside = sessions["two_in_a_tray.red"], sessions["two_in_a_tray.beside"]
     assert red["problems"] == []
     assert red["plan"]["tree"] == "pick_and_place"
@@ -56,7 +50,7 @@ def test_a_goal_graph_that_does_not_compile_is_invalid_input(tmp_path, paos, mon
     assert_refused(paos("preflight", "goal_graphs/broken.yaml"), "UNKNOWN_NAME (skill)")
 
 
-def test_a_session_of_a_workspace_is_examined_as_it_was_submitted(tmp_path, workspace):
+def test_a_session_of_a_workspace_is_examined_as_it_was_submitted(workspace, paos):
     session = compile_sessions("tidy_table", Library.open(), workspace)[0]
     spoilt = msgspec.structs.replace(session, parameters={**session.parameters, "object": "purple_cube"})
     journal = Journal(workspace.root, side=Side.AGENT, by="test", clock=SystemClock())
@@ -68,10 +62,10 @@ def test_a_session_of_a_workspace_is_examined_as_it_was_submitted(tmp_path, work
     folder.mkdir(parents=True)
     write_json(folder / LOOKAHEAD, foreseen)
 
-    done = preflight("red", "--workspace", workspace.root, "--json", cwd=tmp_path)
+    done = paos("preflight", "red", "--workspace", workspace.root, "--json")
 
-    assert done.returncode == 3, done.stderr
-    (report,) = json.loads(done.stdout)["sessions"]
+    assert done.code == 3, done.err
+    (report,) = json.loads(done.out)["sessions"]
     assert (report["forecast"]["samples"], report["forecast"]["causes"]) == (8, {"LOAD_LOST": 2})
     (problem,) = report["problems"]
     assert problem["code"] == "NOT_OBSERVED"
