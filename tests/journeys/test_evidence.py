@@ -65,9 +65,9 @@ def test_commands_and_measurements_agree_within_the_tracking_limit(calm):
 
 @pytest.fixture(scope="module")
 def other(plane):
-    """A session from another start."""
-    assert plane.run("calm-7", seed=7).verdict == "success"
-    return plane.bundle("calm-7.red")
+    """A session from another start, which a fault struck."""
+    plane.mission.run(GRAPH, seed=6, goal="slip-6", overrides={"defaults.max_replans": "0"})
+    return plane.bundle("slip-6.red")
 
 
 def test_a_repetition_from_another_start_is_told_apart(calm, other):
@@ -93,10 +93,8 @@ def test_the_receive_log_shows_silence_after_the_end_and_no_state_write(plane, c
     assert commands > 100
 
 
-def test_a_session_with_a_fault_can_be_repeated_from_its_own_documents(plane):
-    plane.mission.run(GRAPH, seed=6, goal="slip-6", overrides={"defaults.max_replans": "0"})
-
-    assert rerun(plane.workspace.root, "slip-6.red").differences == ()
+def test_a_session_with_a_fault_can_be_repeated_from_its_own_documents(plane, other):
+    assert rerun(plane.workspace.root, other.name).differences == ()
 
 
 @pytest.fixture

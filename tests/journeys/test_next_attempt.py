@@ -1,7 +1,6 @@
 """A policy that comes down beside the thing: its next attempt begins at home, and with the thing shown aside."""
 
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +10,13 @@ import yaml
 from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
-from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.policies.exchanges import read_arrays, read_exchanges
 from phyagentos.runtime.policies.policy_server import serve_policy
-from tests.policies import serve
+from tests.policies import STATE, serve, show_tool_pose, write_arm, write_policy_skill
 
 pytestmark = pytest.mark.journey
 
@@ -25,7 +24,6 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "projects" / "10_tr
 ERROR_M = np.array([-0.022, 0.018, 0.0])  # of what it has learned
 WAY = ((80, 0.1), (50, 0.0))  # rows, and the height over the thing after them [m]
 CLOSE, LIFT, CHUNK = 30, 40, 100
-STATE = {"modality": "proprioception", "dtype": "float64", "rate_hz": 50}
 SKILL = {
     "skill": "grip",
     "description": "Takes hold of a thing.",
@@ -97,22 +95,14 @@ def smooth(count):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     root = tmp_path_factory.mktemp("next_attempt")
-    robot = shutil.copytree(find_shipped_root() / "robots" / "panda", root / "robots" / "panda")
-    profile = yaml.safe_load((robot / "target.yaml").read_text())
-    (robot / "target.yaml").write_text(
-        yaml.safe_dump(profile | {"observations": [*profile["observations"], "tool_pose"]})
-    )
+    write_arm(root)
     policy = SKILL["policy"] | {"endpoint": "tcp://127.0.0.1:0"}
     policy["endpoint"] = serve(serve_policy, Gripping(), PolicyDescriptor.model_validate(policy))
-    path = root / "skills" / "grip" / "SKILL.md"
-    path.parent.mkdir(parents=True)
-    path.write_text(f"---\n{yaml.safe_dump(SKILL | {'policy': policy})}---\n# Grip\n")
+    write_policy_skill(root, SKILL | {"policy": policy})
     for each in (GRAPH, HELD):
         (root / f"{each['goal']}.yaml").write_text(yaml.safe_dump(each))
     workspace = Workspace.create(root / "w", Library.open(root, EXAMPLE))
-    provides = "provides: [joint_state, gripper_width]\n    signals:\n"
-    told = "provides: [joint_state, gripper_width, tool_pose]\n    signals:\n      tool_pose: {shape: [7]}\n"
-    workspace.sensors.write_text(workspace.sensors.read_text().replace(provides, told))
+    show_tool_pose(workspace)
     with open_bench(workspace, SystemClock(), memory_use=MemoryUse.NONE) as agent:
         return workspace, *(agent.mission.run(root / f"{each['goal']}.yaml", seed=1) for each in (GRAPH, HELD))
 

@@ -1,7 +1,6 @@
 """Every action bridge carries a policy on physics: one motion of the tool, said in six languages, is that motion."""
 
 import json
-import shutil
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace, describe_target_space
-from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.capabilities.registries import read_target_registry
 from phyagentos.protocol.sessions import evidence
@@ -21,7 +20,7 @@ from phyagentos.runtime.actions.bridges.chain import compile_chain, list_bridges
 from phyagentos.runtime.actions.bridges.tool_poses import describe_frames
 from phyagentos.runtime.policies.exchanges import read_arrays, read_exchanges, replay_exchanges
 from phyagentos.runtime.policies.openpi_server import serve_openpi
-from tests.policies import serve
+from tests.policies import STATE, STREAM, serve, show_tool_pose, write_arm, write_policy_skill
 
 pytestmark = pytest.mark.journey
 
@@ -52,11 +51,10 @@ SPACES = {
         "gripper": {"closed": 1.0, "open": 0.0},
     },
 }  # fmt: skip
-STATE = {"modality": "proprioception", "dtype": "float64", "rate_hz": 50}
 POLICY = {
     "policy": "mover/1",
     "observations": {
-        "joint_state": STATE | {"shape": ["n_joints"], "unit": "rad"},
+        "joint_state": STREAM,
         "tool_pose": STATE | {"shape": [7]},
         "gripper_width": STATE | {"unit": "m"},
     },
@@ -112,11 +110,7 @@ class Mover:
 
 
 def make_project(root, endpoint):
-    robot = shutil.copytree(find_shipped_root() / "robots" / "panda", root / "robots" / "panda")
-    profile = yaml.safe_load((robot / "target.yaml").read_text())
-    profile["observations"].append("tool_pose")
-    profile["mount_quaternion_wxyz"] = MOUNT  # so that its base's frame is not the world's
-    (robot / "target.yaml").write_text(yaml.safe_dump(profile))
+    write_arm(root, mount_quaternion_wxyz=MOUNT)  # so that its base's frame is not the world's
     for name, space in SPACES.items():
         front = {
             "skill": name,
@@ -126,9 +120,7 @@ def make_project(root, endpoint):
             "action_space": space,
             "policy": POLICY | {"endpoint": endpoint},
         }
-        path = root / "skills" / name / "SKILL.md"
-        path.parent.mkdir(parents=True)
-        path.write_text(f"---\n{yaml.safe_dump(front)}---\n# {name}\n")
+        write_policy_skill(root, front)
     accept = ["not moved(red_cube)", "metric(final_rest_s) >= 0.05"]
     graph = {"goal": "speak", "objective": "Move.", "scene": "tabletop/cubes_and_trays", "targets": {"arm": "panda"}}
     graph["defaults"] = {"timeout_s": 20, "max_replans": 0}
@@ -145,11 +137,7 @@ def run(tmp_path_factory):
     descriptor = PolicyDescriptor.model_validate(POLICY | {"endpoint": "openpi://127.0.0.1:0"})
     make_project(root, serve(serve_openpi, Mover(), descriptor))
     workspace = Workspace.create(root / "w", Library.open(root))
-    sensors = workspace.sensors.read_text()
-    provides = "provides: [joint_state, gripper_width]\n    signals:\n"
-    assert provides in sensors
-    told = "provides: [joint_state, gripper_width, tool_pose]\n    signals:\n      tool_pose: {shape: [7]}\n"
-    workspace.sensors.write_text(sensors.replace(provides, told))
+    show_tool_pose(workspace)
     with open_bench(workspace, SystemClock(), memory_use=MemoryUse.NONE) as agent:
         report = agent.mission.run(root / "speak.yaml", seed=1)
     return workspace, {session.id.rpartition(".")[2]: session for session in report.sessions}

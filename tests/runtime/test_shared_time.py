@@ -42,6 +42,15 @@ def test_time_stands_while_a_session_is_about_to_start(right, waiting, running):
     assert find_running(ARMS, {"left": BUSY, "right": right}, waiting.__eq__) == running
 
 
+ENDED = SimpleNamespace(side=Side.RUNTIME, to=SessionState.AWAITING_VERIFICATION, id="b", seq=7)
+
+
+def make_ledger(state, target="left", goals=()):
+    """Of one session of the goal g; its status."""
+    status = SimpleNamespace(contract=SimpleNamespace(goal="g", target=target), state=state)
+    return SimpleNamespace(sessions={"b": status}, goals=dict(goals)), status
+
+
 @pytest.fixture
 def world(tmp_path):
     """What a world hears, from whom, the agent's marks and the clock."""
@@ -54,15 +63,14 @@ def world(tmp_path):
 
 def test_time_stands_until_the_verdict_and_until_the_agent_has_acted_on_it(world):
     heard, shared, marks, _ = world
-    status = SimpleNamespace(contract=SimpleNamespace(goal="g", target="right"), state=SessionState.VERIFYING)
-    ledger = SimpleNamespace(sessions={"b": status}, goals={})
+    ledger, status = make_ledger(SessionState.VERIFYING, target="right")
 
     def look():
         again_s = shared.update({"left": BUSY}, ledger, lambda _: False)
         return heard.read(), again_s
 
     assert look() == ({"left": "a"}, float("inf"))
-    shared.take_in(SimpleNamespace(side=Side.RUNTIME, to=SessionState.AWAITING_VERIFICATION, id="b", seq=7))
+    shared.take_in(ENDED)
     said, again_s = look()
     assert said is None
     assert again_s < 0.01
@@ -74,13 +82,10 @@ def test_time_stands_until_the_verdict_and_until_the_agent_has_acted_on_it(world
 
 def test_a_target_in_turn_begins_nothing_before_the_agent_has_acted_on_what_ended(tmp_path):
     marks = TurnMarks(tmp_path)
-    status = SimpleNamespace(
-        contract=SimpleNamespace(goal="g", target="game"), state=SessionState.AWAITING_VERIFICATION
-    )
-    ledger = SimpleNamespace(sessions={"a": status}, goals={})
+    ledger, status = make_ledger(SessionState.AWAITING_VERIFICATION, target="game")
     time = SharedTime({}, marks, ManualClock(), in_turn=["game"])
     assert not time.holds_back("game", ledger)
-    time.take_in(SimpleNamespace(side=Side.RUNTIME, to=SessionState.AWAITING_VERIFICATION, id="a", seq=7))
+    time.take_in(ENDED)
     assert time.holds_back("game", ledger)
     assert not time.holds_back("arm", ledger), "another target waits for nothing"
     assert time.update({}, ledger, lambda _: True) < 0.01, "nothing wakes it for the mark"
@@ -93,20 +98,20 @@ def test_a_target_in_turn_begins_nothing_before_the_agent_has_acted_on_what_ende
 
 def test_an_agent_that_is_gone_holds_time_for_a_minute_at_most(world):
     heard, shared, _, clock = world
-    status = SimpleNamespace(contract=SimpleNamespace(goal="g", target="left"), state=SessionState.VERIFYING)
-    shared.take_in(SimpleNamespace(side=Side.RUNTIME, to=SessionState.AWAITING_VERIFICATION, id="b", seq=7))
+    ledger, _ = make_ledger(SessionState.VERIFYING)
+    shared.take_in(ENDED)
     for wait_s, said in ((0.0, None), (AGENT_S + 1.0, {"left": "a"})):
         clock.sleep(wait_s)
-        shared.update({"left": BUSY}, SimpleNamespace(sessions={"b": status}, goals={}), lambda _: False)
+        shared.update({"left": BUSY}, ledger, lambda _: False)
         assert heard.read() == said
 
 
 def test_a_goal_that_has_its_verdict_holds_no_time_for_the_next_one(world):
     heard, shared, _, _ = world
-    status = SimpleNamespace(contract=SimpleNamespace(goal="g", target="left"), state=SessionState.SUCCEEDED)
     goal = SimpleNamespace(verdict="")
-    shared.take_in(SimpleNamespace(side=Side.RUNTIME, to=SessionState.AWAITING_VERIFICATION, id="b", seq=7))
+    ledger, _ = make_ledger(SessionState.SUCCEEDED, goals={"g": goal})
+    shared.take_in(ENDED)
     for verdict, said in (("", None), ("success", {"left": "a"})):
         goal.verdict = verdict
-        shared.update({"left": BUSY}, SimpleNamespace(sessions={"b": status}, goals={"g": goal}), lambda _: False)
+        shared.update({"left": BUSY}, ledger, lambda _: False)
         assert heard.read() == said

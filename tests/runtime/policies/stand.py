@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 
 from phyagentos.protocol.capabilities.action_spaces import ActionSpace, GripperRange, describe_target_space
-from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.settings.sensors import Sensors
 from phyagentos.protocol.world.environment import Pose, TargetState
 from phyagentos.runtime.actions.bridges.chain import compile_chain
@@ -16,6 +15,7 @@ from phyagentos.runtime.policies.observations import Observer
 from phyagentos.runtime.policies.policy_runtime import PolicyParts, PolicySkillRuntime
 from phyagentos.runtime.targets.wire import Observation
 from phyagentos.testing import ManualClock
+from tests.policies import STREAM, describe
 
 PERIOD_S = 0.02
 INFERENCE_S = 0.1
@@ -72,17 +72,8 @@ class Stand:
             **space,
             gripper=GripperRange(closed=0.0, open=1.0) if profile.end_effector == "opening" else None,
         )
-        stream = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
-        stream["history"] = history
-        descriptor = PolicyDescriptor.model_validate(
-            {
-                "policy": "line/1",
-                "endpoint": "tcp://127.0.0.1:1",
-                "observations": {"joint_state": stream},
-                "inference_s": INFERENCE_S,
-                "execution": dict(execution),
-            }
-        )
+        shown = {"joint_state": STREAM | {"history": history}}
+        descriptor = describe(observations=shown, inference_s=INFERENCE_S, execution=dict(execution))
         streams = descriptor.observations
         observer = Observer(streams, Sensors(sensors={}), SimpleNamespace(observe=self.observe), 0.0, {})
         commands = SimpleNamespace(q_rad=self.q, gripper_width_m=self.width_m, n_steps=10, step_s=0.002)

@@ -11,15 +11,13 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient
 from phyagentos.runtime.policies.openpi_server import serve_openpi
 from phyagentos.runtime.policies.policy_server import serve_policy
-from tests.policies import serve, take
+from tests.policies import describe, serve, take
 
 CLOCK = SystemClock()
-STREAM = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
 HEARTBEAT_S, INFERENCE_S = 0.2, 0.1
 SKILL = """---
 skill: echo
@@ -56,19 +54,7 @@ class Slow:
 
 
 def open_client(endpoint, timeout_s=10.0):
-    return PolicyClient(
-        endpoint, timeout_s, {"joint_state": DESCRIPTOR.observations["joint_state"]}, HEARTBEAT_S, INFERENCE_S
-    )
-
-
-DESCRIPTOR = PolicyDescriptor.model_validate(
-    {
-        "policy": "echo/1",
-        "endpoint": "tcp://127.0.0.1:0",
-        "observations": {"joint_state": STREAM},
-        "inference_s": INFERENCE_S,
-    }
-)
+    return PolicyClient(endpoint, timeout_s, describe().observations, HEARTBEAT_S, INFERENCE_S)
 
 
 def ask(client, sequence=0):
@@ -88,8 +74,7 @@ def watch(client, for_s):
 @pytest.mark.slow
 @pytest.mark.parametrize(("serve_so", "scheme"), [(serve_policy, "tcp"), (serve_openpi, "openpi")])
 def test_a_server_that_is_at_work_for_long_is_waited_for(serve_so, scheme):
-    descriptor = DESCRIPTOR.model_copy(update={"endpoint": f"{scheme}://127.0.0.1:0"})
-    client = open_client(serve(serve_so, Slow(), descriptor))
+    client = open_client(serve(serve_so, Slow(), describe(f"{scheme}://127.0.0.1:0")))
     assert ask(client).rows.shape == (1, 2)
     watch(client, 3 * HEARTBEAT_S)  # idle, and alive
     client.close()

@@ -8,22 +8,13 @@ import pytest
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.protocol.capabilities.registries import locate_models
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient, ask_policy
-from tests.policies import take
+from tests.policies import STREAM, describe, take
 
-STREAM = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
-STREAMS = PolicyDescriptor.model_validate(
-    {
-        "policy": "line/1",
-        "endpoint": "onnx:line.onnx",
-        "observations": {"joint_state": STREAM | {"key": "state"}},
-        "inference_s": 0.1,
-    }
-).observations
+STREAMS = describe("onnx:line.onnx", observations={"joint_state": STREAM | {"key": "state"}}).observations
 SKILL = """---
 skill: line
 description: Follows a line.

@@ -15,28 +15,22 @@ from websockets.sync.server import serve as serve_websocket
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefectError, ExecutionError
-from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.policies import openpi_codec, wire
 from phyagentos.runtime.policies.client import PolicyClient, ask_policy
 from phyagentos.runtime.policies.model_inputs import arrange
 from phyagentos.runtime.policies.openpi_server import serve_openpi
 from tests.certificates import make_certificate
-from tests.policies import serve, take
+from tests.policies import STREAM, describe, serve, take
 
 CLOCK = SystemClock()
-JOINTS = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
 CAMERA = {"modality": "rgb", "shape": [4, 8, 3], "dtype": "uint8", "rate_hz": 25}
-DESCRIPTOR = PolicyDescriptor.model_validate(
-    {
-        "policy": "echo/1",
-        "endpoint": "openpi://127.0.0.1:0",
-        "observations": {
-            "joint_state": JOINTS | {"key": "observation/state"},
-            "gripper_width": JOINTS | {"shape": [], "unit": "m", "key": "observation/state"},
-            "camera_rgb": CAMERA | {"key": "observation/image", "resize": [8, 8]},
-        },
-        "inference_s": 0.1,
-    }
+DESCRIPTOR = describe(
+    "openpi://127.0.0.1:0",
+    observations={
+        "joint_state": STREAM | {"key": "observation/state"},
+        "gripper_width": STREAM | {"shape": [], "unit": "m", "key": "observation/state"},
+        "camera_rgb": CAMERA | {"key": "observation/image", "resize": [8, 8]},
+    },
 )
 SHOWN = {
     "joint_state": np.array([0.1, 0.2]),
@@ -332,7 +326,7 @@ def test_streams_of_one_key_and_turned_pictures_and_other_rotations():
         },
         "gripper_width": {"modality": "proprioception", "rate_hz": 50, "key": "state"},
     }
-    declared = PolicyDescriptor.model_validate(DESCRIPTOR.model_dump() | {"observations": streams}).observations
+    declared = describe(observations=streams).observations
     picture = np.arange(96, dtype=np.uint8).reshape(4, 8, 3)
     turned = np.sqrt(0.5)
     shown = {"camera_rgb": picture, "tool_pose": np.array([1.0, 2.0, 3.0, turned, 0, 0, turned]), "gripper_width": 0.08}

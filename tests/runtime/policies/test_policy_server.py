@@ -10,23 +10,14 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
 from phyagentos.runtime.policies import wire
 from phyagentos.runtime.policies.client import PolicyClient, ask_policy
 from phyagentos.runtime.policies.policy_server import answer, serve_policy
 from tests.hostile_server import HostileServer
-from tests.policies import serve, take
+from tests.policies import describe, serve, take
 
 CLOCK = SystemClock()
-STREAM = {"modality": "proprioception", "shape": ["n_joints"], "dtype": "float64", "unit": "rad", "rate_hz": 50}
-DESCRIPTOR = PolicyDescriptor.model_validate(
-    {
-        "policy": "echo/1",
-        "endpoint": "tcp://127.0.0.1:0",
-        "observations": {"joint_state": STREAM},
-        "inference_s": 0.1,
-    }
-)
+DESCRIPTOR = describe()
 
 
 class Echo:
