@@ -39,10 +39,10 @@ main(Watched)
 '''
 
 
-@pytest.fixture
-def watched(tmp_path):
+@pytest.fixture(scope="module")
+def watched(tmp_path_factory):
     """A client of a body with a camera."""
-    made = Served(tmp_path, EYE)
+    made = Served(tmp_path_factory.mktemp("watched"), EYE)
     target = made.reach()
     target.exchange(wire.LoadScene("counter", 1, "e"))
     yield target
