@@ -133,9 +133,11 @@ def test_what_a_look_leaves_is_read_by_the_next_ones(tmp_path, listen):
 def test_more_events_than_the_kernel_keeps_lose_no_stop(tmp_path, listen):
     listener = listen()
     drop_signal(tmp_path, Signal(kind="estop", by="a button"), SystemClock())
-    other = tmp_path / "new" / "other"
-    for number in range(9_000):
-        other.with_suffix(f".{number % 2}").write_text(str(number))
+    others = [tmp_path / "new" / f"other.{number}" for number in range(2)]
+    for other in others:
+        other.write_text("kind: [")
+    for number in range(18_000):  # each time it is closed is an event, and equal ones in a row would be one
+        os.close(os.open(others[number % 2], os.O_WRONLY))
 
     assert listener.is_latched()  # beside two other files
 
