@@ -15,7 +15,7 @@ from websockets.sync.server import serve as serve_websocket
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefectError, ExecutionError
-from phyagentos.runtime.policies import openpi_codec, wire
+from phyagentos.runtime.policies import openpi_client, openpi_codec, wire
 from phyagentos.runtime.policies.client import PolicyClient, ask_policy
 from phyagentos.runtime.policies.model_inputs import arrange
 from phyagentos.runtime.policies.openpi_server import serve_openpi
@@ -296,7 +296,8 @@ def test_a_server_that_drops_the_connection_is_lost(hostile):
 
 
 @pytest.mark.slow
-def test_a_server_without_metadata_is_not_reached(hostile):
+def test_a_server_without_metadata_is_not_reached(hostile, monkeypatch):
+    monkeypatch.setattr(openpi_client, "CONNECT_S", 0.5)
     with pytest.raises(ExecutionError, match=r"POLICY_UNREACHABLE: .*no metadata on connect"):
         ask_policy(hostile(lambda connection: connection.recv(), metadata=None))
 

@@ -19,7 +19,7 @@ from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.runtime.channel import Link
 from phyagentos.runtime.drivers.debug import DebugDriver
-from phyagentos.runtime.targets import wire
+from phyagentos.runtime.targets import server, wire
 from phyagentos.runtime.targets.handshake import Grant, Hello, Tokens, grant, greet, make_key, mint
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
@@ -82,7 +82,8 @@ def stand(request, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_token_of_the_epoch_admits_beside_one_who_says_nothing_and_requests_are_answered(stand):
+def test_the_token_of_the_epoch_admits_beside_one_who_says_nothing_and_requests_are_answered(stand, monkeypatch):
+    monkeypatch.setattr(server, "GREETING_S", 0.5)
     target, tokens, open_channel = stand
     tokens.renew(key := make_key())
     silent, channel = open_channel(), open_channel()
@@ -131,7 +132,8 @@ def test_an_earlier_commander_that_is_still_connected_is_refused_and_makes_room(
 
 
 @pytest.mark.slow
-def test_a_successor_waits_neither_for_an_earlier_commander_that_says_nothing_nor_for_impostors(stand):
+def test_a_successor_waits_neither_for_an_earlier_commander_that_says_nothing_nor_for_impostors(stand, monkeypatch):
+    monkeypatch.setattr(server, "LOOK_S", 0.1)
     _, tokens, open_channel = stand
     tokens.renew(early := make_key())
     old = open_channel()
