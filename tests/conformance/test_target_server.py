@@ -29,6 +29,7 @@ from phyagentos.runtime.targets.handshake import Hello, greet, make_key, mint
 from phyagentos.runtime.targets.websocket import connect_websocket
 from phyagentos.testing import DRIVER_CHECKS, DriverSubject
 from phyagentos.testing.driver_checks import stops_in_an_emergency
+from tests.following import wait_until
 from tests.monitors.silence import LogMonitor
 from tests.served_kit import KIT, SLIDE, Served
 
@@ -120,7 +121,7 @@ def read_lines(served):
 def test_a_motion_without_a_next_command_is_ended_by_the_body_itself(motor):
     served, target = motor
     assert isinstance(target.exchange(make_motion(target)), wire.Step)
-    time.sleep(2.0)  # noqa: TID251
+    wait_until(lambda: served.log.read_bytes().endswith(b"\n") and read_lines(served)[-1]["kind"] == "Deadman")
 
     assert [line["kind"] for line in read_lines(served)][-2:] == ["Command", "Deadman"]
     assert target.exchange(make_motion(target, sequence=2)).code == "DEADMAN"
