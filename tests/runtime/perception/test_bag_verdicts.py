@@ -1,6 +1,7 @@
 """Verdicts on bags of ROS 2 that a recorder of others made: right, or unknown with the reason; no false success."""
 
 import itertools
+import shutil
 import zlib
 
 import msgspec
@@ -57,11 +58,17 @@ def write(path, text):
 
 
 @pytest.fixture(scope="module")
-def shown_inside(tmp_path_factory):
-    """The verdict on a run that puts the cube into its tray, and whether it is there."""
-    table, folder = Table(), tmp_path_factory.mktemp("inside")
-    bag = Recorder(rate_hz=5.0).record(table, folder / "bag", IN, UNTIL_S)
-    return verify_bag(bag, SCENE, (RED,), folder / "verdict"), is_inside(table)
+def recorded(tmp_path_factory):
+    """The bag of a run that puts the cube into its tray, and whether it is there."""
+    table, bag = Table(), tmp_path_factory.mktemp("inside") / "bag"
+    return Recorder(rate_hz=5.0).record(table, bag, IN, UNTIL_S), is_inside(table)
+
+
+@pytest.fixture(scope="module")
+def shown_inside(recorded):
+    """The verdict on that bag, and whether the cube is there."""
+    bag, is_true = recorded
+    return verify_bag(bag, SCENE, (RED,), bag.with_name("verdict")), is_true
 
 
 def test_what_a_bag_shows_at_its_end_is_judged_as_the_simulator_has_it(judge, shown_inside):
@@ -264,8 +271,8 @@ def test_an_object_between_the_fingers_may_be_held(judge):
 
 
 @pytest.mark.parametrize("share", [0.3, 0.98])
-def test_a_truncated_bag_says_so(tmp_path, share):
-    bag = Recorder(rate_hz=5.0).record(Table(), tmp_path / "bag", IN, UNTIL_S)
+def test_a_truncated_bag_says_so(recorded, tmp_path, share):
+    bag = shutil.copytree(recorded[0], tmp_path / "bag")
     file = next(bag.glob("*.mcap"))
     file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
 
@@ -288,18 +295,18 @@ def test_topics_names_of_joints_and_places_of_cameras_can_be_given(judge, tmp_pa
     assert found.verdict is Truth.TRUE
 
 
-def test_what_the_bag_or_the_scene_lacks_is_refused_with_what_there_is(judge, tmp_path):
+def test_what_the_bag_or_the_scene_lacks_is_refused_with_what_there_is(judge, recorded, tmp_path):
     typo = write(tmp_path / "bag.yaml", "cameras: {front: {color: /lft/color/image_raw}}\n")
-    for wrong, text in (
-        ({"settings": typo}, "Did you mean '/left/color/image_raw'"),
-        ({"accept": ("inside(red_cub, red_tray)",)}, "Did you mean 'red_cube'"),
-        ({"accept": ()}, "no criterion"),
-        ({"accept": ("measured(path_m) < 2",)}, "INVALID|UNKNOWN|metric"),
-        ({"robot": "go2"}, "whose base moves"),
-        ({"robot": "pnda"}, "Did you mean 'panda'"),
+    for accept, how, text in (
+        ((RED,), {"settings": typo}, "Did you mean '/left/color/image_raw'"),
+        (("inside(red_cub, red_tray)",), {}, "Did you mean 'red_cube'"),
+        ((), {}, "no criterion"),
+        (("measured(path_m) < 2",), {}, "INVALID|UNKNOWN|metric"),
+        ((RED,), {"robot": "go2"}, "whose base moves"),
+        ((RED,), {"robot": "pnda"}, "Did you mean 'panda'"),
     ):
         with pytest.raises(DefinitionError, match=text):
-            judge({}, **wrong)
+            verify_bag(recorded[0], SCENE, accept, tmp_path / "verdict", **how)
     with pytest.raises(DefinitionError, match="joints of no robot of the library"):
         judge({}, Recorder(rate_hz=5.0, joint_names={"joint1": "shoulder"}))
 
