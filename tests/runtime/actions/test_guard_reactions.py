@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import mujoco
 import numpy as np
 import pytest
@@ -18,12 +19,12 @@ from phyagentos.runtime.actions.violations import Intervention, ViolationCode
 from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.preflight.safety_limits import iter_safety_problems
-from phyagentos.runtime.targets.wire import Description, Halt, Kinematics
+from phyagentos.runtime.targets.wire import Halt, Kinematics
 
-from .test_guard import DT, HOME, N, build_command, build_step
+from .test_guard import DESCRIPTION, DT, HOME, N, build_command, build_step
 
 ACCELERATION = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
-STILL = Kinematics(axes=((0.0, 0.0, 1.0),) * 7, anchors_m=((0.4, 0.0, 0.4),) * 7, tcp_m=(0.4, 0.0, 0.4))
+STILL = DESCRIPTION.kinematics
 PLANAR = Kinematics(axes=((0.0, 0.0, 1.0),) * 7, anchors_m=((0.0, 0.0, 0.0),) * 7, tcp_m=(0.5, 0.0, 0.4))
 
 GANTRY = """
@@ -46,21 +47,8 @@ LEGS = """
 
 
 def build_description(**changes):
-    facts = {
-        "target": "panda",
-        "n_joints": 7,
-        "steps_per_command": N,
-        "physics_step_s": DT,
-        "q_min_rad": (-3.0,) * 7,
-        "q_max_rad": (3.8,) * 7,
-        "observations": (),
-        "actions": (),
-        "cameras": (),
-        "mode": "lockstep",
-        "kinematics": STILL,
-        "gripper_force_n": 70.0,
-    }
-    return Description(**{**facts, **changes})
+    """The target of the guard's tests with wider joints, and other changes."""
+    return msgspec.structs.replace(DESCRIPTION, **{"q_min_rad": (-3.0,) * 7, "q_max_rad": (3.8,) * 7} | changes)
 
 
 @pytest.fixture
