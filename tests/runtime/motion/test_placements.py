@@ -29,7 +29,7 @@ def deep(depth_m, *more, half_m=0.015, x=0.05, y=0.065, is_open=False):
 
 @pytest.fixture
 def ask(planner, home):
-    """Asks for places for the cube of a world in its bin."""
+    """The answer to a request for places of the cube of a world in its bin."""
 
     def ask(world, width_m, tcp_T_entity=DOWN, **changes):
         held = Payload("cube0", tcp_T_entity, width_m=width_m)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import yaml
 
-from phyagentos.assembly.robot_trial import run_trial
+from phyagentos.assembly import robot_trial
 from phyagentos.errors import DefinitionError
 from phyagentos.geometry import compute_rotation, convert_euler, multiply
 from phyagentos.protocol.capabilities.library import Library
@@ -201,13 +201,14 @@ def test_of_three_fingers_two_that_face_each_other_close_and_the_third_stands_aw
 @pytest.mark.slow
 @pytest.mark.sim
 @pytest.mark.parametrize("hand", ["three fingers", "a jaw"])
-def test_a_drafted_hand_holds_what_it_takes_when_it_is_tried_alone(tmp_path, hand):
+def test_a_drafted_hand_holds_what_it_takes_when_it_is_tried_alone(tmp_path, monkeypatch, hand):
+    monkeypatch.setattr(robot_trial, "CELLS", 5)  # a coarse map of where it grasps
     jaw = TURNING.format(i=INERTIAL.replace("0.01", "1e-4"), y=0.0, at=0.03, low=-1.6, high=0.0)
     finger = '<origin xyz="0 -0.005 0.06"/><geometry><box size="0.02 0.01 0.1"/></geometry>'
     palm = FINGERS.format(p="", i=INERTIAL, jaws="").replace("</link>", f"<collision>{finger}</collision></link>", 1)
     text = build_arm() + {"three fingers": build_fingers(0, 145, 215), "a jaw": palm + jaw}[hand]
     profile, _, _ = draft(tmp_path, text)
-    trial = run_trial(profile, tmp_path / "robots" / "mine")
+    trial = robot_trial.run_trial(profile, tmp_path / "robots" / "mine")
     assert [each.measured for each in trial.findings if not each.is_well] == []
     assert trial.findings[-1].what.startswith("holds a cube")
 
