@@ -52,18 +52,9 @@ class SceneRenderer:
 
     def __init__(self, playback: Playback, look: Look) -> None:
         self._playback, self._look = playback, look
-        model = playback.model
-        cameras = [model.camera(index).name for index in range(model.ncam)]
-        if look.camera and look.camera not in cameras:
-            raise DefinitionError.unknown("camera", "--camera", look.camera, cameras)
-        model.vis.global_.offwidth = max(model.vis.global_.offwidth, look.width)
-        model.vis.global_.offheight = max(model.vis.global_.offheight, look.height)
+        model, where = playback.model, str(playback.bundle.folder)
         model.vis.quality.shadowsize = SHADOW_PX
-        try:
-            self._renderer = mujoco.Renderer(model, look.height, look.width)
-        except Exception as error:  # graphics drivers raise what they like
-            where, found = str(playback.bundle.folder), f"{type(error).__name__}: {error}"
-            raise DefinitionError.of("NO_GRAPHICS", where, found, "MuJoCo's graphics", "See `paos doctor`.") from error
+        self._renderer = open_renderer(model, look.camera, look.width, look.height, where)
         self._data = mujoco.MjData(model)
 
     def __enter__(self) -> "SceneRenderer":

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
+from phyagentos.operations.why import why
+from phyagentos.protocol.sessions.estop import Latch, latch
 from tests.following import wait_until
 
 GOAL = Path(__file__).parent / "goal.yaml"
@@ -34,6 +36,17 @@ class Journey:
     def finish(self):
         self._thread.join(LIMIT_S)
         return self._reports[0]
+
+    def stop(self):
+        """Press the emergency stop; the session ends by it."""
+        latch(self.workspace.signals.parent, Latch(by="test", reason="a hand in the cell"))
+        assert [(each.ended, each.code) for each in self.finish().sessions] == [("safety_stop", "ESTOPPED")]
+
+    def explain_loss(self):
+        """Why the session ended as one of a lost target."""
+        (session,) = self.finish().sessions
+        assert (session.ended, session.code) == ("target_lost", "TARGET_LOST")
+        return "\n".join(why(self.workspace.root, session.id).explanation)
 
     def count(self, kind):
         log = self.workspace.logs / f"receive-{self.target}.jsonl"

@@ -138,10 +138,7 @@ class ProfileDraft:
     def _list_end(self) -> tuple[str, float, list[str], list[str]]:
         """What opens, the load [kg], and the lines of the tool and of the gripper."""
         model, hand, carried = self.compiled, self.hand, self.carried
-        body, hint = (
-            model.body(int(model.jnt_bodyid[self.chain[-1]])).name,
-            "# check: z approaches, y is the closing axis",
-        )
+        body = model.body(int(model.jnt_bodyid[self.chain[-1]])).name
         if carried is not None:
             at = f"{{body: {_quote(body)}, {_place(find_flange(model, self.chain))}}}"
             tool = [f"hand: {{model: '{carried.model}', at: {at}}}   # check: its base", carried.tool]

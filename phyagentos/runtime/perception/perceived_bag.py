@@ -33,23 +33,25 @@ class PerceivedBag:
     def __init__(
         self, bag: Bag, how: BagSettings, scene: Scene, library: Library, profile: TargetProfile, folder: Path
     ) -> None:
-        mask, name, age_s = RobotMask(profile, folder), profile.target, how.max_age_s
+        mask, name = RobotMask(profile, folder), profile.target
         self.looks = BagLooks(bag, how, profile, mask)
         self.seen: list[tuple[Look, Environment]] = []
-        for look in self.looks.find_looks(scene):
-            frames = RecordedFrames(look)
-            world = PerceivedWorld(name, frames, library, mask, max_age_s=age_s, noisy=how.noise, profile=profile)
+        looks = self.looks.find_looks(scene)
+        self.left_out, self.between_fingers = tuple(dict.fromkeys(self.looks.left_out)), ""
+        if not looks:
+            return
+        frames, age_s = RecordedFrames(looks[0]), how.max_age_s
+        world = PerceivedWorld(name, frames, library, mask, max_age_s=age_s, noisy=how.noise, profile=profile)
+        for look in looks:
             if self.seen:  # whole pictures show that the cameras live: no probe is due
                 before, probed = self.seen[-1][1], {"probed_s": look.now[0]}
                 alive = {each: msgspec.structs.replace(was, **probed) for each, was in before.sensors.items()}
                 look.before = msgspec.structs.replace(before, sensors=alive)
             self.seen.append((look, world.repeat(look)))
-        self.left_out, self.between_fingers = tuple(dict.fromkeys(self.looks.left_out)), ""
-        if self.seen:
-            look, shown = self.seen[-1]
-            ill = {each: health for each, health in shown.sensors.items() if health.status != "live"}
-            self.left_out += tuple(f"camera {each}: {health.status}, {health.detail}" for each, health in ill.items())
-            hand = Hand(target=name, reach_m=mask.reach_m, find_middle=mask.find_middle)
-            touching = msgspec.structs.replace(look.now[1], fingers_touching=2)
-            held = find_held(shown.entities, touching, build_inventory(read_placed(library, scene.name)), hand)
-            self.between_fingers = held.name if held is not None else ""
+        look, shown = self.seen[-1]
+        ill = {each: health for each, health in shown.sensors.items() if health.status != "live"}
+        self.left_out += tuple(f"camera {each}: {health.status}, {health.detail}" for each, health in ill.items())
+        hand = Hand(target=name, reach_m=mask.reach_m, find_middle=mask.find_middle)
+        touching = msgspec.structs.replace(look.now[1], fingers_touching=2)
+        held = find_held(shown.entities, touching, build_inventory(read_placed(library, scene.name)), hand)
+        self.between_fingers = held.name if held is not None else ""

@@ -102,7 +102,7 @@ MUTANTS = (
         ),
         tests=(
             "tests/runtime/actions/bridges/test_conformance.py::"
-            "test_every_bridge_of_any_chain_is_undone_or_is_a_projection",
+            "test_every_bridge_of_any_chain_is_undone_or_is_a_projection_and_is_needed_by_some_pair_of_spaces",
         ),
     ),
     Mutant(

@@ -53,7 +53,9 @@ MUTANTS = (
         name="workspace_without_a_ceiling",
         claim="The guard lets the tool out of its workspace on the far side of each axis.",
         edits=(Edit(GUARD, "if not low <= value <= high:", "if not low <= value:"),),
-        tests=("tests/runtime/actions/test_guard.py::test_a_tool_outside_the_workspace_is_refused_with_its_axis",),
+        tests=(
+            "tests/runtime/actions/test_guard.py::test_a_command_out_of_bounds_is_refused_with_its_place_and_number",
+        ),
     ),
     Mutant(
         name="target_takes_any_motion",

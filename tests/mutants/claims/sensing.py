@@ -260,7 +260,7 @@ MUTANTS = (
         ),
         tests=(
             "tests/runtime/perception/test_confirmation.py::"
-            "test_what_was_taken_away_is_not_believed_after_the_next_glance",
+            "test_what_is_not_there_any_more_is_not_believed_after_the_next_glance",
         ),
     ),
     Mutant(

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import mujoco
 import numpy as np
 import pytest
@@ -18,12 +19,12 @@ from phyagentos.runtime.actions.violations import Intervention, ViolationCode
 from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 from phyagentos.runtime.models.robot import build_robot
 from phyagentos.runtime.preflight.safety_limits import iter_safety_problems
-from phyagentos.runtime.targets.wire import Description, Halt, Kinematics
+from phyagentos.runtime.targets.wire import Halt, Kinematics
 
-from .test_guard import DT, HOME, N, build_command, build_step
+from .test_guard import DESCRIPTION, DT, HOME, N, build_command, build_step
 
 ACCELERATION = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
-STILL = Kinematics(axes=((0.0, 0.0, 1.0),) * 7, anchors_m=((0.4, 0.0, 0.4),) * 7, tcp_m=(0.4, 0.0, 0.4))
+STILL = DESCRIPTION.kinematics
 PLANAR = Kinematics(axes=((0.0, 0.0, 1.0),) * 7, anchors_m=((0.0, 0.0, 0.0),) * 7, tcp_m=(0.5, 0.0, 0.4))
 
 GANTRY = """
@@ -46,21 +47,8 @@ LEGS = """
 
 
 def build_description(**changes):
-    facts = {
-        "target": "panda",
-        "n_joints": 7,
-        "steps_per_command": N,
-        "physics_step_s": DT,
-        "q_min_rad": (-3.0,) * 7,
-        "q_max_rad": (3.8,) * 7,
-        "observations": (),
-        "actions": (),
-        "cameras": (),
-        "mode": "lockstep",
-        "kinematics": STILL,
-        "gripper_force_n": 70.0,
-    }
-    return Description(**{**facts, **changes})
+    """The target of the guard's tests with wider joints, and other changes."""
+    return msgspec.structs.replace(DESCRIPTION, **{"q_min_rad": (-3.0,) * 7, "q_max_rad": (3.8,) * 7} | changes)
 
 
 @pytest.fixture
@@ -96,27 +84,107 @@ def test_a_bang_bang_motion_is_no_jerk(make_guard):
     assert make_guard().check(build_command(q, qd), build_step()) is None
 
 
-def test_positions_that_shake_under_quiet_velocity_rows_are_refused(make_guard):
-    q = np.tile(HOME, (N, 1))
-    q[::2, 0] += 3e-4  # 0.15 rad/s from row to row: no velocity limit sees it
-    violation = make_guard().check(build_command(q), build_step())
-    assert (violation.code, violation.where) == (ViolationCode.JOINT_ACCELERATION, "joint 1")
-    assert violation.found == pytest.approx(150.0)
+def turn(angle_rad):
+    """A posture of the planar double, whose tool is 0.5 m from the axis, at the sum of the angles."""
+    return np.array([angle_rad, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0])
 
 
-def test_velocity_rows_that_are_not_those_of_the_positions_are_refused(make_guard):
-    qd = np.zeros((N, 7))
-    qd[:, 0] = 14.0 * DT * np.arange(1, N + 1)  # a ramp that the positions do not follow
-    violation = make_guard().check(build_command(qd=qd), build_step())
-    assert (violation.code, violation.where) == (ViolationCode.SET_POINTS_DISAGREE, "joint 1")
+SHAKEN = HOME + 3e-4 * np.outer(np.arange(N) % 2 == 0, np.eye(7)[0])  # 0.15 rad/s: no velocity limit sees it
+RAMP = 14.0 * DT * np.outer(np.arange(1, N + 1), np.eye(7)[0])  # rad/s, which the positions do not follow
+LAMP = Limit(value=((0.4, -0.1, 0.3), (0.6, 0.1, 0.5)), unit="m", source="a lamp", provenance="site_policy")
+SLIDE = Kinematics(
+    axes=((1.0, 0.0, 0.0), *((0.0, 0.0, 0.0),) * 6), anchors_m=STILL.anchors_m, tcp_m=STILL.tcp_m, slides=(True,) * 7
+)
 
 
 @pytest.mark.parametrize(
-    ("expires_at_s", "code"), [(np.nan, "EXPIRED"), (0.2, "EXPIRY_TOO_LATE"), (np.inf, "EXPIRY_TOO_LATE")]
+    ("described", "changes", "start", "command", "code", "found"),
+    [
+        pytest.param(
+            {},
+            {},
+            HOME,
+            {"q": SHAKEN},
+            "JOINT_ACCELERATION",
+            {"where": "joint 1", "found": pytest.approx(150.0)},
+            id="positions that shake under quiet velocity rows",
+        ),
+        pytest.param(
+            {},
+            {},
+            HOME,
+            {"qd": RAMP},
+            "SET_POINTS_DISAGREE",
+            {"where": "joint 1"},
+            id="velocity rows that are not those of the positions",
+        ),
+        pytest.param(
+            {"gripper_force_n": 140.0},
+            {},
+            HOME,
+            {},
+            "GRIPPER_FORCE",
+            {"found": 140.0, "limit": 70.0},
+            id="a gripper that can press harder than allowed",
+        ),
+        pytest.param(
+            {"gripper_force_n": math.nan},
+            {},
+            HOME,
+            {},
+            "GRIPPER_FORCE",
+            {"where": "gripper, whose force the target does not declare"},
+            id="a force that is not declared",
+        ),
+        pytest.param(
+            {"kinematics": None},
+            {},
+            HOME,
+            {},
+            "WORKSPACE",
+            {"where": "tool, whose kinematics the target does not declare"},
+            id="kinematics that are not declared",
+        ),
+        pytest.param(
+            {"kinematics": PLANAR},
+            {},
+            turn(2.6),
+            {"q": np.tile(turn(2.6), (N, 1))},
+            "WORKSPACE",
+            {"where": "x", "found": pytest.approx(0.5 * np.cos(2.6))},
+            id="a tool point beyond the workspace, before the arm moves",
+        ),
+        pytest.param(
+            {"kinematics": SLIDE},
+            {},
+            turn(1.0),
+            {"q": np.tile(turn(1.0), (N, 1))},
+            "WORKSPACE",
+            {"where": "x", "found": pytest.approx(1.4)},
+            id="the tool point of a slide beyond the workspace",
+        ),
+        pytest.param(
+            {"kinematics": PLANAR},
+            {"keep_out": {"lamp": LAMP}},
+            turn(0.0),
+            {"q": np.tile(turn(0.0), (N, 1))},
+            "KEEP_OUT",
+            {"where": "lamp"},
+            id="a tool point in a keep-out volume",
+        ),
+    ],
 )
-def test_an_expiry_that_never_comes_is_refused(make_guard, expires_at_s, code):
-    violation = make_guard().check(build_command(expires_at_s=expires_at_s), build_step())
-    assert violation.code == code
+def test_what_breaks_a_limit_of_the_whole_robot_is_refused(make_guard, described, changes, start, command, code, found):
+    ruling = make_guard(start, build_description(**described), changes).judge(build_command(**command), build_step())
+
+    assert (ruling.command, ruling.violation.code) == (None, code)
+    assert {name: getattr(ruling.violation, name) for name in found} == found
+    assert ruling.reaction == ("stop_category_2" if code in {"WORKSPACE", "KEEP_OUT"} else "refuse")
+
+
+def test_a_tool_point_within_the_workspace_passes(make_guard):
+    guard = make_guard(turn(1.6), build_description(kinematics=PLANAR))
+    assert guard.check(build_command(np.tile(turn(1.6), (N, 1))), build_step()) is None
 
 
 def test_a_session_that_commands_for_too_long_is_refused(make_guard):
@@ -133,57 +201,6 @@ def test_nothing_passes_while_the_emergency_stop_is_latched(make_guard, tmp_path
     latch.touch()
     ruling = guard.judge(build_command(expires_at_s=0.08), build_step(time_s=0.02))
     assert (ruling.violation.code, ruling.reaction) == (ViolationCode.ESTOPPED, "stop_category_1")
-
-
-def test_a_gripper_that_can_press_harder_than_allowed_is_not_used(make_guard):
-    violation = make_guard(description=build_description(gripper_force_n=140.0)).check(build_command(), build_step())
-    assert (violation.code, violation.found, violation.limit) == (ViolationCode.GRIPPER_FORCE, 140.0, 70.0)
-
-
-@pytest.mark.parametrize(
-    ("untold", "code"),
-    [
-        ({"gripper_force_n": math.nan}, ViolationCode.GRIPPER_FORCE),
-        ({"kinematics": None}, ViolationCode.WORKSPACE),
-    ],
-)
-def test_a_target_that_leaves_open_what_a_limit_is_held_against_is_not_commanded(make_guard, untold, code):
-    violation = make_guard(description=build_description(**untold)).check(build_command(), build_step())
-    assert violation.code is code
-    assert "the target does not declare" in str(violation)
-
-
-def test_the_commanded_tool_point_is_kept_in_the_workspace_before_the_arm_moves(make_guard):
-    start = np.array([1.6, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0])  # the planar double: the angle is the sum, the radius 0.5 m
-    guard = make_guard(start, build_description(kinematics=PLANAR))
-    assert guard.check(build_command(np.tile(start, (N, 1))), build_step()) is None
-    start = start + np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    guard = make_guard(start, build_description(kinematics=PLANAR))
-    ruling = guard.judge(build_command(np.tile(start, (N, 1))), build_step())
-    assert (ruling.violation.code, ruling.violation.where) == (ViolationCode.WORKSPACE, "x")
-    assert ruling.violation.found == pytest.approx(0.5 * np.cos(2.6))
-    assert ruling.reaction == "stop_category_2"
-
-
-def test_the_tool_point_of_a_slide_is_kept_in_the_workspace_too(make_guard):
-    still = ((0.0, 0.0, 0.0),) * 6
-    slide = Kinematics(
-        axes=((1.0, 0.0, 0.0), *still), anchors_m=((0.4, 0.0, 0.4),) * 7, tcp_m=(0.4, 0.0, 0.4), slides=(True,) * 7
-    )
-    assert ToolPoint(slide).compute(np.full(7, 0.25)) == pytest.approx([0.65, 0.0, 0.4])
-    start = np.array([1.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0])
-    violation = make_guard(start, build_description(kinematics=slide)).check(
-        build_command(np.tile(start, (N, 1))), build_step()
-    )
-    assert (violation.code, violation.where, violation.found) == (ViolationCode.WORKSPACE, "x", pytest.approx(1.4))
-
-
-def test_the_tool_point_does_not_enter_a_keep_out_volume(make_guard):
-    box = Limit(value=((0.4, -0.1, 0.3), (0.6, 0.1, 0.5)), unit="m", source="a lamp", provenance="site_policy")
-    start = np.array([0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0])
-    guard = make_guard(start, build_description(kinematics=PLANAR), {"keep_out": {"lamp": box}})
-    violation = guard.check(build_command(np.tile(start, (N, 1))), build_step())
-    assert (violation.code, violation.where) == (ViolationCode.KEEP_OUT, "lamp")
 
 
 def test_a_commanded_posture_that_touches_something_is_refused_with_its_name(make_guard):
@@ -297,15 +314,17 @@ FIELDS = {
 
 @pytest.fixture
 def write_safety(tmp_path):
-    def write(changed="", **facts):
+    """Limits of some names, all by default; facts of the changed one."""
+
+    def write(changed="", names=(), more="", **facts):
         text = SOURCED
-        for name, (value, unit) in FIELDS.items():
+        for name, (value, unit) in [(name, FIELDS[name]) for name in names or FIELDS]:
             parts = {"value": value, "unit": unit, "source": '"a data sheet"', "provenance": "measured"}
             if name == changed:
                 parts |= facts
             body = ", ".join(f"{key}: {part}" for key, part in parts.items() if part is not None)
             text += f"    {name}: {{{body}}}\n"
-        (tmp_path / "safety.yaml").write_text(text)
+        (tmp_path / "safety.yaml").write_text(text + more)
         return tmp_path / "safety.yaml"
 
     return write
@@ -315,13 +334,13 @@ def test_limits_with_a_source_are_read(write_safety):
     assert read_safety(write_safety()).targets["panda"].gripper_force_max.value == 70.0
 
 
-@pytest.mark.parametrize("name", FIELDS)
 @pytest.mark.parametrize(
-    ("facts", "found"),
+    ("name", "facts", "found"),
     [
-        *(({"source": source}, "MISSING_VALUE") for source in ('""', '"  "', '"unknown"', '"TODO"', None)),
-        ({"unit": "deg"}, "INVALID_VALUE: found 'deg'"),
-        ({"provenance": "hearsay"}, "INVALID_VALUE"),
+        *((name, {"source": None}, "MISSING_VALUE") for name in FIELDS),
+        *((name, {"unit": "deg"}, "INVALID_VALUE: found 'deg'") for name in FIELDS),
+        *(("joint_jerk_max", {"source": source}, "MISSING_VALUE") for source in ('""', '"  "', '"unknown"', '"TODO"')),
+        ("joint_jerk_max", {"provenance": "hearsay"}, "INVALID_VALUE"),
     ],
 )
 def test_every_limit_without_a_source_in_another_unit_or_of_unknown_provenance_is_refused_at_load(
@@ -363,13 +382,19 @@ def test_a_list_where_one_number_is_meant_is_refused_at_load(write_safety, name,
         read_safety(write_safety(name, value=[0.05] * count))
 
 
-def test_a_reaction_to_what_the_guard_never_finds_is_refused_at_load(write_safety):
-    path = write_safety()
-    path.write_text(path.read_text() + "    reactions: {JOINT_VELOCTIY: stop_category_1, DEADMAN: refuse}\n")
-    with pytest.raises(
-        DefinitionError, match=r"UNKNOWN_NAME \(key\): found 'JOINT_VELOCTIY'.*Did you mean 'JOINT_VELOCITY'"
-    ):
-        read_safety(path)
+@pytest.mark.parametrize(
+    ("reactions", "said"),
+    [
+        (
+            "{JOINT_VELOCTIY: stop_category_1, DEADMAN: refuse}",
+            r"UNKNOWN_NAME \(key\): found 'JOINT_VELOCTIY'.*Did you mean 'JOINT_VELOCITY'",
+        ),
+        ("{JOINT_VELOCITY: clamp}", r"Only GRIPPER_WIDTH, JOINT_POSITION can be clamped"),
+    ],
+)
+def test_a_reaction_to_what_the_guard_never_finds_or_cannot_clamp_is_refused_at_load(write_safety, reactions, said):
+    with pytest.raises(DefinitionError, match=said):
+        read_safety(write_safety(more=f"    reactions: {reactions}\n"))
 
 
 def test_there_is_a_reaction_to_whatever_the_guard_finds():
@@ -377,25 +402,8 @@ def test_there_is_a_reaction_to_whatever_the_guard_finds():
     assert set(GUARDED) == set(ViolationCode) - of_bridges
 
 
-def test_what_cannot_be_clamped_is_refused_at_load(write_safety):
-    path = write_safety()
-    path.write_text(path.read_text() + "    reactions: {JOINT_VELOCITY: clamp}\n")
-    with pytest.raises(DefinitionError, match=r"Only GRIPPER_WIDTH, JOINT_POSITION can be clamped"):
-        read_safety(path)
-
-
-def write_some(path, names):
-    body = "".join(
-        f"    {name}: {{value: {value}, unit: {unit}, source: a data sheet, provenance: measured}}\n"
-        for name, (value, unit) in FIELDS.items()
-        if name in names
-    )
-    path.write_text(SOURCED + body)
-    return path
-
-
-def test_a_target_without_joints_has_limits_of_commands_and_sessions_alone(tmp_path):
-    limits = read_safety(write_some(tmp_path / "safety.yaml", sorted(OF_EVERY_TARGET))).targets["panda"]
+def test_a_target_without_joints_has_limits_of_commands_and_sessions_alone(write_safety):
+    limits = read_safety(write_safety(names=OF_EVERY_TARGET)).targets["panda"]
     assert [name for (name,), *_ in limits.iter_limits()] == [name for name in UNITS if name in OF_EVERY_TARGET]
 
     found = [each.address for each in iter_safety_problems(limits, read_target(Library.open().get_target("panda")))]
@@ -404,8 +412,8 @@ def test_a_target_without_joints_has_limits_of_commands_and_sessions_alone(tmp_p
 
 
 @pytest.mark.parametrize("given", [*sorted(OF_EVERY_TARGET), *sorted(set(FIELDS) - OF_EVERY_TARGET)])
-def test_half_of_the_limits_of_a_target_with_joints_are_refused(tmp_path, given):
+def test_half_of_the_limits_of_a_target_with_joints_are_refused(write_safety, given):
     names = OF_EVERY_TARGET ^ {given}
     with pytest.raises(DefinitionError, match="MISSING_VALUE") as caught:
-        read_safety(write_some(tmp_path / "safety.yaml", sorted(names)))
+        read_safety(write_safety(names=names))
     assert len(caught.value.problems) == len(FIELDS) - len(names)

@@ -4,16 +4,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.environment import Entity, Interior, Pose, Region, Shape, ShapeKind
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.requests import (
-    FindGrasps,
-    FindPlacements,
-    Payload,
-    PlanMove,
-    TimeLine,
+    Approaches,
     World,
 )
 
@@ -32,6 +27,10 @@ def build_fixed(name, position_m, *shapes, **changes):
     return Entity(
         name=name, kind=name, movable=False, pose=Pose(tuple(map(float, position_m))), shapes=shapes, **changes
     )
+
+
+TABLE = build_fixed("table", (0.45, 0.05, -0.02), build_box((0, 0, 0), (0.45, 0.65, 0.02)))
+WALL = build_fixed("wall", (0.5, 0.0, 0.35), build_box((0, 0, 0), (0.25, 0.01, 0.35)))  # before the arm
 
 
 def build_tray(name, x, y, half_x=0.10, half_y=0.10):
@@ -59,7 +58,7 @@ def build_scene(seed, cubes=3):
     side = (0.12, 0.01, shelf_z / 2 + 0.15)
     return World(
         entities=(
-            build_fixed("table", (0.45, 0.05, -0.02), build_box((0, 0, 0), (0.45, 0.65, 0.02))),
+            TABLE,
             build_fixed("wall", (wall_x, wall_y, wall_h / 2), build_box((0, 0, 0), (0.16, 0.01, wall_h / 2))),
             build_fixed(
                 "shelf",
@@ -84,48 +83,6 @@ def get_entity(world, name):
     return next(entity for entity in world.entities if entity.name == name)
 
 
-class Picker:
-    """Asks for everything that one pick and place needs, and keeps every answer."""
-
-    def __init__(self, planner):
-        self.planner = planner
-        self.answers = []
-
-    def ask(self, request):
-        answer = self.planner.answer(request)
-        self.answers.append(answer)
-        return answer
-
-    def pick_and_place(self, world, name, destination, q_rad, seed):
-        """The motions (move, payload or None), the world after them, and where the arm ends."""
-        grasps = self.ask(FindGrasps(world=world, object=name, q_rad=q_rad, seed=seed)).approaches
-        goals = np.array([grasp.line_rad[0] for grasp in grasps])
-        to_object = self.ask(PlanMove(world=world, q_rad=q_rad, goals_rad=goals, seed=seed))
-        grasp = grasps[to_object.goal]
-        lower, lift = (self.ask(TimeLine(waypoints_rad=line)) for line in (grasp.line_rad, grasp.line_rad[::-1]))
-        entity = get_entity(world, name)
-        tcp_T_entity = compute_inverse(compute_matrix(grasp.tcp_end)) @ compute_matrix(entity.pose)
-        payload = Payload(name, compute_pose(tcp_T_entity))
-        q = grasp.line_rad[0]
-        places = self.ask(
-            FindPlacements(world=world, payload=payload, destination=destination, q_rad=q, seed=seed)
-        ).approaches
-        goals = np.array([place.line_rad[0] for place in places])
-        to_place = self.ask(PlanMove(world=world, q_rad=q, goals_rad=goals, seed=seed, payload=payload))
-        place = places[to_place.goal]
-        down, up = (self.ask(TimeLine(waypoints_rad=line)) for line in (place.line_rad, place.line_rad[::-1]))
-        moved = msgspec.structs.replace(entity, pose=place.site)
-        motions = [
-            (q_rad, to_object, None),
-            (grasp.line_rad[0], lower, None),
-            (grasp.line_rad[-1], lift, None),
-            (q, to_place, payload),
-            (place.line_rad[0], down, None),
-            (place.line_rad[-1], up, None),
-        ]
-        return motions, replace_entity(world, moved), place.line_rad[0]
-
-
 @pytest.fixture(scope="session")
 def profile_file():
     return Library.open().get_target("panda")
@@ -142,21 +99,12 @@ def home(planner):
 
 
 @pytest.fixture
-def picker(planner):
-    return Picker(planner)
+def find(planner):
+    """The approaches that answer a request, of which there is one at least."""
 
+    def ask(request):
+        answer = planner.answer(request)
+        assert isinstance(answer, Approaches), answer
+        return answer.approaches
 
-@pytest.fixture
-def build():
-    """The builders, for tests that vary them."""
-
-    class Build:
-        box = staticmethod(build_box)
-        cube = staticmethod(build_cube)
-        fixed = staticmethod(build_fixed)
-        tray = staticmethod(build_tray)
-        scene = staticmethod(build_scene)
-        replace = staticmethod(replace_entity)
-        entity = staticmethod(get_entity)
-
-    return Build
+    return ask

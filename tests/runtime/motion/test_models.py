@@ -19,6 +19,7 @@ from phyagentos.runtime.motion.robot_model import build_robot_model
 from phyagentos.runtime.motion.shapes import compute_bounds
 from phyagentos.runtime.motion.solids import add_geoms
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
+from tests.runtime.motion.conftest import WALL, build_box, build_cube, build_fixed, build_scene
 
 pytestmark = pytest.mark.motion
 
@@ -82,8 +83,8 @@ def test_a_line_of_the_tool_is_straight_and_one_out_of_reach_is_none(planner, ho
 
 
 @pytest.mark.parametrize("payload", [None, Payload("cube0", Pose((0.0, 0.0, 0.0)))])
-def test_spheres_call_nothing_free_that_touches_the_world(planner, build, payload):
-    scene = PlanningScenes(planner.robot).get_scene(build.scene(1), payload)
+def test_spheres_call_nothing_free_that_touches_the_world(planner, payload):
+    scene = PlanningScenes(planner.robot).get_scene(build_scene(1), payload)
     checker = SphereChecker(planner._spheres.build_arrays(scene))
     exact, spheres = (
         np.array([check(q) for q in draw_postures(planner, 2000)]) for check in (scene.is_free, checker.is_free)
@@ -94,9 +95,8 @@ def test_spheres_call_nothing_free_that_touches_the_world(planner, build, payloa
     assert (exact & ~spheres).sum() <= 0.06 * exact.sum()
 
 
-def test_an_edge_through_a_wall_is_blocked_for_both_checkers(planner, build, home):
-    wall = build.fixed("wall", (0.5, 0.0, 0.35), build.box((0, 0, 0), (0.25, 0.01, 0.35)))
-    scene = PlanningScenes(planner.robot).get_scene(World((wall,)))
+def test_an_edge_through_a_wall_is_blocked_for_both_checkers(planner, home):
+    scene = PlanningScenes(planner.robot).get_scene(World((WALL,)))
     checker = SphereChecker(planner._spheres.build_arrays(scene))
     left, right = (home + np.array((turn, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0)) for turn in (0.9, -0.9))
 
@@ -107,9 +107,9 @@ def test_an_edge_through_a_wall_is_blocked_for_both_checkers(planner, build, hom
         assert not check.path_is_free(np.array((left, right)))
 
 
-def test_a_motion_goes_around_a_thing_that_has_no_name(planner, build, home):
+def test_a_motion_goes_around_a_thing_that_has_no_name(planner, home):
     box = msgspec.structs.replace(
-        build.cube("unknown_1", 0.55, 0.0), kind=UNNAMED, shapes=(build.box((0, 0, 0.33), (0.04, 0.04, 0.35)),)
+        build_cube("unknown_1", 0.55, 0.0), kind=UNNAMED, shapes=(build_box((0, 0, 0.33), (0.04, 0.04, 0.35)),)
     )
     start, goal = (home + np.array((turn, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0)) for turn in (-0.9, 0.9))
     scenes = PlanningScenes(planner.robot)
@@ -121,9 +121,9 @@ def test_a_motion_goes_around_a_thing_that_has_no_name(planner, build, home):
     assert all(scene.is_free(q) for q in motion.trajectory.q_rad)
 
 
-def test_a_new_pose_needs_no_new_model_and_a_held_thing_is_no_obstacle(planner, build, home):
+def test_a_new_pose_needs_no_new_model_and_a_held_thing_is_no_obstacle(planner, home):
     tip = planner._chain.compute_tcp(home)[:3, 3]
-    near, far = (World((build.cube("cube", *tip[:2], half=0.05, z=float(z)),)) for z in (tip[2], 0.02))
+    near, far = (World((build_cube("cube", *tip[:2], half=0.05, z=float(z)),)) for z in (tip[2], 0.02))
     scenes = PlanningScenes(planner.robot)
 
     assert {pair[1] for pair in scenes.get_scene(near).find_contacts(home)} == {"cube"}
@@ -222,10 +222,10 @@ def test_new_sizes_and_places_need_no_new_model_and_collide_as_a_model_made_for_
     assert ("payload" in met) == (held is not None)
 
 
-def test_what_is_held_collides_in_the_place_of_the_hand(planner, build, home):
+def test_what_is_held_collides_in_the_place_of_the_hand(planner, home):
     tip = planner._chain.compute_tcp(home)[:3, 3]
-    shelf = build.fixed("shelf", (tip[0], tip[1], tip[2] - 0.08), build.box((0, 0, 0), (0.1, 0.1, 0.01)))
-    world = World((shelf, build.cube("cube", 0.4, 0.3, half=0.03)))
+    shelf = build_fixed("shelf", (tip[0], tip[1], tip[2] - 0.08), build_box((0, 0, 0), (0.1, 0.1, 0.01)))
+    world = World((shelf, build_cube("cube", 0.4, 0.3, half=0.03)))
     scenes = PlanningScenes(planner.robot)
     low = Payload("cube", Pose((0.0, 0.0, 0.05)))
 
@@ -262,7 +262,7 @@ def test_a_profile_that_names_an_absent_site_is_refused_with_the_known_ones(plan
         build_robot_model(profile, profile_file.parent)
 
 
-def test_a_bottle_is_taken_below_its_top_and_a_wide_box_is_too_wide(planner, build, home):
+def test_a_bottle_is_taken_below_its_top_and_a_wide_box_is_too_wide(planner, home):
     from phyagentos.runtime.motion.requests import FindGrasps
 
     bottle = Entity(
@@ -271,7 +271,7 @@ def test_a_bottle_is_taken_below_its_top_and_a_wide_box_is_too_wide(planner, bui
         pose=Pose((0.5, 0.0, 0.1)),
         shapes=(Shape(ShapeKind.CYLINDER, (0.025, 0.1)),),
     )
-    crate = build.cube("crate", 0.4, 0.3, half=0.06)
+    crate = build_cube("crate", 0.4, 0.3, half=0.06)
     world = World((bottle, crate))
     held = planner.answer(FindGrasps(world=world, object="bottle", q_rad=home, seed=1)).approaches[0]
     refused = planner.answer(FindGrasps(world=world, object="crate", q_rad=home, seed=1))

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, convert_euler
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion.chain import build_chain
 from phyagentos.runtime.motion.kinematics import POLISHED, REACHED
@@ -22,20 +23,51 @@ from phyagentos.runtime.motion.requests import (
     NoPlan,
     Payload,
     PlanMove,
+    TimeLine,
     World,
 )
 from phyagentos.runtime.motion.sphere_model import SphereModel
 from phyagentos.runtime.motion.timing import JointLimits, compute_excess
+from tests.runtime.motion.conftest import (
+    TABLE,
+    WALL,
+    build_box,
+    build_cube,
+    build_fixed,
+    build_scene,
+    build_tray,
+    get_entity,
+    replace_entity,
+)
 
 pytestmark = pytest.mark.motion
 
 HELD = Payload("cube0", Pose(quaternion_wxyz=(0.0, 1.0, 0.0, 0.0)))
 
 
-@pytest.mark.parametrize("seed", range(30))
-def test_a_pick_and_place_is_found_stays_within_the_limits_and_touches_nothing(planner, picker, build, home, seed):
-    world = build.scene(seed)
-    motions, _, _ = picker.pick_and_place(world, "cube0", "tray", home, seed)
+def pick_and_place(planner, find, world, name, q_rad, seed):
+    """The motions into a tray (start, motion, payload or None), the world after them, and where the arm ends."""
+    grasps = find(FindGrasps(world=world, object=name, q_rad=q_rad, seed=seed))
+    goals = np.array([grasp.line_rad[0] for grasp in grasps])
+    to_object = planner.answer(PlanMove(world=world, q_rad=q_rad, goals_rad=goals, seed=seed))
+    grasp = grasps[to_object.goal]
+    entity = get_entity(world, name)
+    payload = Payload(name, compute_pose(compute_inverse(compute_matrix(grasp.tcp_end)) @ compute_matrix(entity.pose)))
+    q = grasp.line_rad[0]
+    places = find(FindPlacements(world=world, payload=payload, destination="tray", q_rad=q, seed=seed))
+    goals = np.array([place.line_rad[0] for place in places])
+    to_place = planner.answer(PlanMove(world=world, q_rad=q, goals_rad=goals, seed=seed, payload=payload))
+    place = places[to_place.goal]
+    lines = [line for there in (grasp, place) for line in (there.line_rad, there.line_rad[::-1])]
+    motions = [(line[0], planner.answer(TimeLine(waypoints_rad=line)), None) for line in lines]
+    moved = msgspec.structs.replace(entity, pose=place.site)
+    return [(q_rad, to_object, None), (q, to_place, payload), *motions], replace_entity(world, moved), place.line_rad[0]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_pick_and_place_is_found_stays_within_the_limits_and_touches_nothing(planner, find, home, seed):
+    world = build_scene(seed)
+    motions, _, _ = pick_and_place(planner, find, world, "cube0", home, seed)
 
     limits = JointLimits.from_profile(planner.robot.profile)
     for start, motion, _ in motions:
@@ -43,7 +75,7 @@ def test_a_pick_and_place_is_found_stays_within_the_limits_and_touches_nothing(p
         assert compute_excess(start, trajectory.q_rad, trajectory.qd_rad_s, limits) < 1.0
         assert len(trajectory.q_rad) % limits.steps_per_command == 0
         assert not trajectory.qd_rad_s[-1].any()
-    for start, motion, payload in (motions[0], motions[3]):
+    for start, motion, payload in motions[:2]:
         scene = PlanningScenes(planner.robot).get_scene(world, payload)
         assert scene.find_first_blocked(np.vstack((start, motion.trajectory.q_rad))) is None
 
@@ -55,8 +87,8 @@ def draw_motion(home, seed, fastest_rad):
 
 
 @pytest.mark.parametrize("fastest_rad", [1e-5, 4e-4, 0.004])
-def test_between_the_rows_that_are_checked_no_point_of_the_robot_moves_far(planner, build, home, fastest_rad):
-    scene = PlanningScenes(planner.robot).get_scene(build.scene(0))
+def test_between_the_rows_that_are_checked_no_point_of_the_robot_moves_far(planner, home, fastest_rad):
+    scene = PlanningScenes(planner.robot).get_scene(build_scene(0))
     arrays = SphereModel(planner.robot, build_chain(planner.robot)).build_arrays(scene)
     rows = draw_motion(home, 1, fastest_rad)
 
@@ -78,9 +110,9 @@ def test_between_the_rows_that_are_checked_no_point_of_the_robot_moves_far(plann
     assert np.array_equal(thin_out(rows[:1], arrays), rows[:1])
 
 
-def test_rows_that_a_margin_covers_are_judged_as_when_each_is_checked(planner, build, home):
+def test_rows_that_a_margin_covers_are_judged_as_when_each_is_checked(planner, home):
     robot = planner.robot
-    scene = PlanningScenes(robot).get_scene(build.scene(0))
+    scene = PlanningScenes(robot).get_scene(build_scene(0))
     arrays = SphereModel(robot, build_chain(robot)).build_arrays(scene)
     goals = np.random.default_rng(0).uniform(robot.q_min_rad, robot.q_max_rad, (40, len(home)))
     motions = [thin_out(home + np.linspace(0.0, 1.0, 2000)[:, None] * (goal - home), arrays) for goal in goals]
@@ -93,34 +125,23 @@ def test_rows_that_a_margin_covers_are_judged_as_when_each_is_checked(planner, b
     assert 10 < sum(found is not None for found in each) < 35
 
 
-def test_three_cubes_find_room_in_one_tray_one_after_the_other(picker, build, home):
-    world, q = build.scene(3), home
+def test_three_cubes_find_room_in_one_tray_one_after_the_other(planner, find, home):
+    world, q = build_scene(3), home
     for cube in ("cube0", "cube1", "cube2"):
-        _, world, q = picker.pick_and_place(world, cube, "tray", q, 3)
+        _, world, q = pick_and_place(planner, find, world, cube, q, 3)
 
-    tray = build.entity(world, "tray")
-    placed = [build.entity(world, cube).pose.position_m for cube in ("cube0", "cube1", "cube2")]
+    tray = get_entity(world, "tray")
+    placed = [get_entity(world, cube).pose.position_m for cube in ("cube0", "cube1", "cube2")]
     for x, y, z in placed:
         assert abs(x - tray.pose.position_m[0]) < 0.075
         assert abs(y - tray.pose.position_m[1]) < 0.075
         assert z == pytest.approx(0.025, abs=1e-6)
 
 
-def test_a_tray_for_two_still_has_room_after_the_first(picker, build, home):
-    world = World(
-        (build.tray("narrow", 0.5, 0.25, 0.065, 0.095), build.cube("a", 0.5, -0.1), build.cube("b", 0.4, -0.1))
-    )
-    _, world, q = picker.pick_and_place(world, "a", "narrow", home, 1)
-    _, world, _ = picker.pick_and_place(world, "b", "narrow", q, 1)
-
-    a, b = (np.array(build.entity(world, name).pose.position_m) for name in "ab")
-    assert 0.045 < np.linalg.norm(a - b) < 0.17
-
-
-def test_the_same_request_gives_the_same_bits_in_any_order_and_in_a_fresh_planner(planner, build, home, profile_file):
-    first, second = (FindGrasps(world=build.scene(s), object="cube1", q_rad=home, seed=s) for s in (5, 6))
+def test_the_same_request_gives_the_same_bits_in_any_order_and_in_a_fresh_planner(planner, home, profile_file):
+    first, second = (FindGrasps(world=build_scene(s), object="cube1", q_rad=home, seed=s) for s in (5, 6))
     goals = home + np.array(((0.9, 0.3, 0.0, 0.2, 0.0, 0.4, 0.0), (1.2, 0.6, 0.0, 0.3, 0.0, 0.4, 0.0)))
-    move = PlanMove(world=build.scene(7), q_rad=home, goals_rad=goals, seed=7)
+    move = PlanMove(world=build_scene(7), q_rad=home, goals_rad=goals, seed=7)
     requests = [first, second, move]
 
     forward = [planner.answer(request) for request in requests]
@@ -139,9 +160,10 @@ def encode(answer):
     return answer.goal, answer.trajectory.q_rad.tobytes(), answer.trajectory.qd_rad_s.tobytes(), answer.stages
 
 
-def test_every_goal_posture_is_polished_below_what_screening_reached(planner, build, home):
-    for seed in range(12):
-        found = planner.answer(FindGrasps(world=build.scene(seed), object="cube0", q_rad=home, seed=seed))
+def test_every_goal_posture_is_polished_and_one_of_a_line_takes_hardly_more_than_one_program(planner, home):
+    rows, steps = 0, 0
+    for seed in range(6):
+        found = planner.answer(FindGrasps(world=build_scene(seed), object="cube0", q_rad=home, seed=seed))
         stages = found.stages
 
         assert [goal.label for goal in stages.goals] == [approach.label for approach in found.approaches]
@@ -153,24 +175,17 @@ def test_every_goal_posture_is_polished_below_what_screening_reached(planner, bu
             assert goal.line.iterations >= len(approach.line_rad) - 1
             tip = planner._chain.compute_tcp(approach.line_rad[0])[:3, 3]
             assert tip == pytest.approx(np.add(approach.tcp_end.position_m, (0.0, 0.0, 0.08)), abs=2e-7)
-
-
-def test_a_posture_of_a_line_takes_hardly_more_than_one_program(planner, build, home):
-    rows, steps = 0, 0
-    for seed in range(12):
-        found = planner.answer(FindGrasps(world=build.scene(seed), object="cube0", q_rad=home, seed=seed))
-        rows += sum(len(approach.line_rad) - 1 for approach in found.approaches)
-        steps += sum(goal.line.iterations for goal in found.stages.goals)
+            rows += len(approach.line_rad) - 1
+            steps += goal.line.iterations
 
     assert rows <= steps < 1.2 * rows
 
 
-def test_another_seed_may_go_another_way(planner, build, home):
-    wall = build.fixed("wall", (0.5, 0.0, 0.35), build.box((0, 0, 0), (0.25, 0.01, 0.35)))
+def test_another_seed_may_go_another_way(planner, home):
     goals = (home + np.array((0.9, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0)))[None]
     start = home + np.array((-0.9, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0))
     motions = [
-        planner.answer(PlanMove(world=World((wall,)), q_rad=start, goals_rad=goals, seed=seed)) for seed in (1, 2)
+        planner.answer(PlanMove(world=World((WALL,)), q_rad=start, goals_rad=goals, seed=seed)) for seed in (1, 2)
     ]
 
     assert [motion.stages.path.planner for motion in motions] == ["OMPL RRT-Connect"] * 2
@@ -178,12 +193,11 @@ def test_another_seed_may_go_another_way(planner, build, home):
     assert motions[0].trajectory.q_rad.tobytes() != motions[1].trajectory.q_rad.tobytes()
 
 
-def test_an_answer_counts_what_it_called_of_each_library(planner, build, home):
-    found = planner.answer(FindGrasps(world=build.scene(1), object="cube0", q_rad=home, seed=1))
+def test_an_answer_counts_what_it_called_of_each_library(planner, home):
+    found = planner.answer(FindGrasps(world=build_scene(1), object="cube0", q_rad=home, seed=1))
     direct = planner.answer(PlanMove(world=World(()), q_rad=home, goals_rad=home[None] + 0.4, seed=1))
-    wall = build.fixed("wall", (0.5, 0.0, 0.35), build.box((0, 0, 0), (0.25, 0.01, 0.35)))
     left, right = (home + np.array((turn, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0)) for turn in (-0.9, 0.9))
-    around = planner.answer(PlanMove(world=World((wall,)), q_rad=left, goals_rad=right[None], seed=1))
+    around = planner.answer(PlanMove(world=World((WALL,)), q_rad=left, goals_rad=right[None], seed=1))
 
     assert found.stages.calls.keys() == {"mink"}
     assert found.stages.calls["mink"] >= sum(
@@ -193,17 +207,12 @@ def test_an_answer_counts_what_it_called_of_each_library(planner, build, home):
     assert around.stages.calls["ompl"] == 4
 
 
-def test_half_speed_takes_about_twice_as_long(planner, build, home):
+def test_half_the_speed_of_a_request_or_of_the_planner_takes_about_twice_as_long(planner, profile_file, home):
     request = PlanMove(world=World(()), q_rad=home, goals_rad=home[None] + 0.4, seed=1)
     full, half = (planner.answer(msgspec.structs.replace(request, speed=speed)) for speed in (1.0, 0.5))
+    slow = MotionPlanner.open(profile_file, speed=0.5).answer(request)
 
     assert len(half.trajectory.q_rad) / len(full.trajectory.q_rad) == pytest.approx(2.0, rel=0.05)
-
-
-def test_a_share_of_the_limits_for_all_motions_times_each_as_that_speed_does(planner, profile_file, home):
-    request = PlanMove(world=World(()), q_rad=home, goals_rad=home[None] + 0.4, seed=1)
-    half = planner.answer(msgspec.structs.replace(request, speed=0.5))
-    slow = MotionPlanner.open(profile_file, speed=0.5).answer(request)
     assert np.array_equal(slow.trajectory.q_rad, half.trajectory.q_rad)
 
 
@@ -214,9 +223,9 @@ def test_an_arm_that_is_there_already_holds_for_one_period(planner, home):
     assert not motion.trajectory.qd_rad_s.any()
 
 
-def test_goals_inside_a_wall_are_refused_with_the_pair_that_touches(planner, build, home):
+def test_goals_inside_a_wall_are_refused_with_the_pair_that_touches(planner, home):
     x, y, z = planner._chain.compute_tcp(home)[:3, 3]
-    wall = build.fixed("wall", (x, y + 0.3, z), build.box((0, 0, 0), (0.3, 0.05, 0.3)))
+    wall = build_fixed("wall", (x, y + 0.3, z), build_box((0, 0, 0), (0.3, 0.05, 0.3)))
     goal = home + np.array((0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     answer = planner.answer(PlanMove(world=World((wall,)), q_rad=home, goals_rad=goal[None], seed=1))
 
@@ -226,9 +235,9 @@ def test_goals_inside_a_wall_are_refused_with_the_pair_that_touches(planner, bui
     assert "goal postures" in answer.message
 
 
-def test_an_arm_in_contact_leaves_it_once_and_never_touches_it_again(planner, build, home):
+def test_an_arm_in_contact_leaves_it_once_and_never_touches_it_again(planner, home):
     x, y, z = planner._chain.compute_tcp(home)[:3, 3]
-    world = World((build.cube("stone", x, y + 0.03, half=0.02, z=float(z)),))
+    world = World((build_cube("stone", x, y + 0.03, half=0.02, z=float(z)),))
     goal = home + np.array((-0.6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     motion = planner.answer(PlanMove(world=world, q_rad=home, goals_rad=goal[None], seed=1))
 
@@ -241,9 +250,9 @@ def test_an_arm_in_contact_leaves_it_once_and_never_touches_it_again(planner, bu
     assert not leaves_contact(rows, [], scene)
 
 
-def test_an_arm_that_is_boxed_in_is_told_so_and_may_ignore_the_entity(planner, build, home):
+def test_an_arm_that_is_boxed_in_is_told_so_and_may_ignore_the_entity(planner, home):
     x, y, z = planner._chain.compute_tcp(home)[:3, 3]
-    world = World((build.cube("stone", x, y, half=0.25, z=float(z)),))
+    world = World((build_cube("stone", x, y, half=0.25, z=float(z)),))
     request = PlanMove(world=world, q_rad=home, goals_rad=home[None] + 0.1, seed=1)
     answer = planner.answer(request)
     ignoring = planner.answer(msgspec.structs.replace(request, ignore=("stone",)))
@@ -253,21 +262,21 @@ def test_an_arm_that_is_boxed_in_is_told_so_and_may_ignore_the_entity(planner, b
     assert isinstance(ignoring, Motion)
 
 
-def test_an_unknown_entity_is_answered_with_the_nearest_name(planner, build, home):
-    answer = planner.answer(FindGrasps(world=build.scene(0), object="cube9", q_rad=home, seed=1))
+def test_an_unknown_entity_is_answered_with_the_nearest_name(planner, home):
+    answer = planner.answer(FindGrasps(world=build_scene(0), object="cube9", q_rad=home, seed=1))
 
     assert answer.code == "OBJECT_GONE"
     assert "Did you mean 'cube" in answer.message
 
 
 @pytest.fixture
-def impossible(build, home):
+def impossible(home):
     """A move from one side of a high wall to the other, whose gap for the arm's column is too small for its elbow."""
     world = World(
         (
-            build.fixed("front", (1.2, 0.0, 1.0), build.box((0, 0, 0), (1.0, 0.01, 1.0))),
-            build.fixed("back", (-1.2, 0.0, 1.0), build.box((0, 0, 0), (1.0, 0.01, 1.0))),
-            build.fixed("lid", (0.0, 0.0, 1.3), build.box((0, 0, 0), (0.2, 0.01, 0.75))),
+            build_fixed("front", (1.2, 0.0, 1.0), build_box((0, 0, 0), (1.0, 0.01, 1.0))),
+            build_fixed("back", (-1.2, 0.0, 1.0), build_box((0, 0, 0), (1.0, 0.01, 1.0))),
+            build_fixed("lid", (0.0, 0.0, 1.3), build_box((0, 0, 0), (0.2, 0.01, 0.75))),
         )
     )
     start, goal = (home + np.array((turn, 1.4, 0.0, 0.0, 0.0, 0.5, 0.0)) for turn in (1.5, -1.5))
@@ -294,8 +303,8 @@ def test_a_search_without_a_way_ends_with_its_budget(planner, impossible, monkey
     assert "No path to any of 1 goals" in answer.message
 
 
-def test_a_grasp_label_that_is_avoided_is_not_offered_again(planner, build, home):
-    world = World((build.cube("cube", 0.5, 0.0, 0.3),))
+def test_a_grasp_label_that_is_avoided_is_not_offered_again(planner, home):
+    world = World((build_cube("cube", 0.5, 0.0, 0.3),))
     request = FindGrasps(world=world, object="cube", q_rad=home, seed=1, count=8)
     offered = {approach.label for approach in planner.answer(request).approaches}
     nearest = planner.answer(request).approaches[0].label
@@ -305,9 +314,9 @@ def test_a_grasp_label_that_is_avoided_is_not_offered_again(planner, build, home
     assert nearest not in {approach.label for approach in again.approaches}
 
 
-def test_a_full_tray_has_no_free_site_and_a_far_one_is_out_of_reach(planner, build, home):
-    near, far = build.tray("near", 0.5, 0.2, 0.035, 0.035), build.tray("far", 1.5, 0.2)
-    world = World((near, far, build.cube("cube0", 0.4, -0.2), build.cube("other", 0.5, 0.2)))
+def test_a_full_tray_has_no_free_site_and_a_far_one_is_out_of_reach(planner, home):
+    near, far = build_tray("near", 0.5, 0.2, 0.035, 0.035), build_tray("far", 1.5, 0.2)
+    world = World((near, far, build_cube("cube0", 0.4, -0.2), build_cube("other", 0.5, 0.2)))
     full = planner.answer(FindPlacements(world=world, payload=HELD, destination="near", q_rad=home, seed=1))
     distant = planner.answer(FindPlacements(world=world, payload=HELD, destination="far", q_rad=home, seed=1))
 
@@ -316,8 +325,8 @@ def test_a_full_tray_has_no_free_site_and_a_far_one_is_out_of_reach(planner, bui
     assert distant.rejected["ik"] > 0
 
 
-def test_a_cube_is_put_on_another_and_near_a_point(planner, build, home):
-    world = World((build.tray("tray", 0.5, 0.3), build.cube("cube0", 0.4, -0.2), build.cube("base", 0.5, 0.0)))
+def test_a_cube_is_put_on_another_and_near_a_point(planner, home):
+    world = World((build_tray("tray", 0.5, 0.3), build_cube("cube0", 0.4, -0.2), build_cube("base", 0.5, 0.0)))
     on = FindPlacements(world=world, payload=HELD, destination="base", relation="on", q_rad=home, seed=1)
     point = (0.53, 0.33, 0.02)
     near = FindPlacements(world=world, payload=HELD, destination="tray", q_rad=home, seed=1, near=point)
@@ -327,9 +336,9 @@ def test_a_cube_is_put_on_another_and_near_a_point(planner, build, home):
     assert np.linalg.norm(np.array(site)[:2] - point[:2]) < 0.03
 
 
-def test_things_are_put_into_a_region_on_the_table(planner, build, home):
+def test_things_are_put_into_a_region_on_the_table(planner, home):
     answer = planner.answer(
-        FindPlacements(world=build.scene(0), payload=HELD, destination="front_right", q_rad=home, seed=0)
+        FindPlacements(world=build_scene(0), payload=HELD, destination="front_right", q_rad=home, seed=0)
     )
 
     x, y, z = answer.approaches[0].site.position_m
@@ -338,13 +347,13 @@ def test_things_are_put_into_a_region_on_the_table(planner, build, home):
     assert z == pytest.approx(0.02, abs=1e-6)
 
 
-def test_a_lift_may_begin_in_contact_but_not_run_into_another_thing(planner, build, home):
-    world = build.scene(0)
+def test_a_lift_may_begin_in_contact_but_not_run_into_another_thing(planner, home):
+    world = build_scene(0)
     grasp = planner.answer(FindGrasps(world=world, object="cube0", q_rad=home, seed=0)).approaches[0]
     q = grasp.line_rad[-1]
     x, y, z = grasp.tcp_end.position_m
     up, aside = (Pose((x, y + dy, z + 0.05), grasp.tcp_end.quaternion_wxyz) for dy in (0.0, -0.1))
-    pillar = build.fixed("pillar", (x, y - 0.17, z + 0.1), build.box((0, 0, 0), (0.02, 0.02, 0.2)))
+    pillar = build_fixed("pillar", (x, y - 0.17, z + 0.1), build_box((0, 0, 0), (0.02, 0.02, 0.2)))
     lift = FindLine(world=world, q_rad=q, waypoints=(up,), seed=0, payload=HELD)
     blocked = msgspec.structs.replace(lift, waypoints=(up, aside), world=World((*world.entities, pillar)))
 
@@ -354,27 +363,17 @@ def test_a_lift_may_begin_in_contact_but_not_run_into_another_thing(planner, bui
     assert any(reason.endswith("|pillar") for reason in planner.answer(blocked).rejected)
 
 
-@pytest.mark.parametrize("half_m", [0.01, 0.0125, 0.015, 0.02])
-@pytest.mark.parametrize("yaw_rad", [0.0, 0.6])
+@pytest.mark.parametrize(("half_m", "yaw_rad"), [(0.01, 0.6), (0.0125, 0.0), (0.015, 0.6), (0.02, 0.0)])
 def test_fingers_around_a_small_thing_and_on_their_way_open_touch_no_wall_of_a_tray(
-    planner, build, home, half_m, yaw_rad
+    planner, find, home, half_m, yaw_rad
 ):
     """A wall between a finger that holds and the same finger opened is in its way, though both are beside it."""
-    tray = msgspec.structs.replace(
-        build.tray("tray", 0.5, 0.3, 0.05, 0.06), pose=turn_about_z((0.5, 0.3, 0.0), yaw_rad)
-    )
-    floor = build.fixed("table", (0.45, 0.05, -0.02), build.box((0, 0, 0), (0.45, 0.65, 0.02)))
-    world = World((floor, tray, build.cube("cube0", 0.4, -0.2, half=half_m)))
+    turned = Pose((0.5, 0.3, 0.0), convert_euler((0.0, 0.0, yaw_rad)))
+    tray = msgspec.structs.replace(build_tray("tray", 0.5, 0.3, 0.05, 0.06), pose=turned)
+    world = World((TABLE, tray, build_cube("cube0", 0.4, -0.2, half=half_m)))
     held = Payload("cube0", Pose((0.0, 0.0, 0.0)), width_m=2.0 * half_m)
-    request = FindPlacements(world=world, payload=held, destination="tray", q_rad=home, seed=1)
-    answer = planner.answer(request)
-    assert isinstance(answer, Approaches), answer
-    bare = PlanningScenes(planner.robot).get_scene(World((floor, tray)))
-    for approach in answer.approaches:
+    bare = PlanningScenes(planner.robot).get_scene(World((TABLE, tray)))
+    for approach in find(FindPlacements(world=world, payload=held, destination="tray", q_rad=home, seed=1)):
         for opening_m in np.linspace(held.width_m, approach.release_m, 20):
             bare.spread_fingers(opening_m, opening_m)
             assert bare.find_contacts(approach.line_rad[-1]) == [], (approach.label, opening_m)
-
-
-def turn_about_z(position_m, yaw_rad):
-    return Pose(position_m, (float(np.cos(yaw_rad / 2)), 0.0, 0.0, float(np.sin(yaw_rad / 2))))

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from phyagentos.runtime.motion.process import LocalPlanner, PlannerProcess
 from phyagentos.runtime.motion.requests import Approaches, FindGrasps
+from tests.runtime.motion.conftest import build_scene
 
 pytestmark = pytest.mark.motion
 
@@ -25,8 +26,8 @@ def process(profile_file):
 
 
 @pytest.fixture
-def request_of_cube(build, home):
-    return FindGrasps(world=build.scene(0), object="cube0", q_rad=home, seed=3)
+def request_of_cube(home):
+    return FindGrasps(world=build_scene(0), object="cube0", q_rad=home, seed=3)
 
 
 def ask(planner, request):

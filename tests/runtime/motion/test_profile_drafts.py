@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import yaml
 
-from phyagentos.assembly.robot_trial import run_trial
+from phyagentos.assembly import robot_trial
 from phyagentos.errors import DefinitionError
 from phyagentos.geometry import compute_rotation, convert_euler, multiply
 from phyagentos.protocol.capabilities.library import Library
@@ -106,19 +106,19 @@ def test_a_jaw_that_turns_closes_on_what_stands_still(tmp_path, low, high, side)
     assert side * y[1] > 0.9
 
 
-@pytest.mark.parametrize(("turn", "points"), [(90, "-x"), (180, "-z"), (-90, "x")])
-def test_a_tool_that_points_elsewhere_than_its_fingers_is_refused_with_what_to_write(tmp_path, turn, points):
+def test_a_tool_that_points_elsewhere_than_its_fingers_is_refused_with_what_to_write(tmp_path):
     profile, _, _ = draft(tmp_path, build_arm() + build_jaws())
     right = profile.tool.quaternion_wxyz
-    wrong = multiply(right, convert_euler((0.0, np.radians(turn), 0.0)))
     text = (file := tmp_path / "robots" / "mine" / "target.yaml").read_text()
-    lines = [f"tool: {{body: l6, position_m: {list(profile.tool.position_m)}, quaternion_wxyz: {list(wrong)}}}"
-             if line.startswith("tool:") else line for line in text.splitlines()]  # fmt: skip
-    file.write_text("\n".join(lines))
-    (problem,) = check_profile(file)
-    assert f"fingers that point along {points} of the tool" in str(problem)
-    written = yaml.safe_load(problem.hint.removeprefix("Write ").removesuffix(" there."))["quaternion_wxyz"]
-    assert compute_rotation(written) == pytest.approx(compute_rotation(right), abs=1e-4)
+    (given,) = (line for line in text.splitlines() if line.startswith("tool:"))
+    for turn, points in ((90, "-x"), (180, "-z"), (-90, "x")):
+        wrong = list(multiply(right, convert_euler((0.0, np.radians(turn), 0.0))))
+        tool = f"tool: {{body: l6, position_m: {list(profile.tool.position_m)}, quaternion_wxyz: {wrong}}}"
+        file.write_text(text.replace(given, tool))
+        (problem,) = check_profile(file)
+        assert f"fingers that point along {points} of the tool" in str(problem)
+        written = yaml.safe_load(problem.hint.removeprefix("Write ").removesuffix(" there."))["quaternion_wxyz"]
+        assert compute_rotation(written) == pytest.approx(compute_rotation(right), abs=1e-4)
 
 
 def test_an_arm_is_turned_so_that_it_reaches_what_is_in_front(tmp_path):
@@ -154,7 +154,7 @@ def test_of_two_arms_one_is_drafted_the_other_named_and_standing_still(tmp_path)
         draft(tmp_path, text, joint="right_j7")
 
 
-@pytest.mark.parametrize("prefix", ["my arm ", "ns/", "hand/", "1:", "on, "])
+@pytest.mark.parametrize("prefix", ["my arm ", "hand/", "1:", "on, "])
 def test_names_with_blanks_and_prefixes_are_written_so_that_they_are_read_back(tmp_path, prefix):
     profile, _, _ = draft(tmp_path, build_arm(prefix))
     assert profile.arm.joints[5] == f"{prefix}j6"
@@ -201,13 +201,14 @@ def test_of_three_fingers_two_that_face_each_other_close_and_the_third_stands_aw
 @pytest.mark.slow
 @pytest.mark.sim
 @pytest.mark.parametrize("hand", ["three fingers", "a jaw"])
-def test_a_drafted_hand_holds_what_it_takes_when_it_is_tried_alone(tmp_path, hand):
+def test_a_drafted_hand_holds_what_it_takes_when_it_is_tried_alone(tmp_path, monkeypatch, hand):
+    monkeypatch.setattr(robot_trial, "CELLS", 5)  # a coarse map of where it grasps
     jaw = TURNING.format(i=INERTIAL.replace("0.01", "1e-4"), y=0.0, at=0.03, low=-1.6, high=0.0)
     finger = '<origin xyz="0 -0.005 0.06"/><geometry><box size="0.02 0.01 0.1"/></geometry>'
     palm = FINGERS.format(p="", i=INERTIAL, jaws="").replace("</link>", f"<collision>{finger}</collision></link>", 1)
     text = build_arm() + {"three fingers": build_fingers(0, 145, 215), "a jaw": palm + jaw}[hand]
     profile, _, _ = draft(tmp_path, text)
-    trial = run_trial(profile, tmp_path / "robots" / "mine")
+    trial = robot_trial.run_trial(profile, tmp_path / "robots" / "mine")
     assert [each.measured for each in trial.findings if not each.is_well] == []
     assert trial.findings[-1].what.startswith("holds a cube")
 

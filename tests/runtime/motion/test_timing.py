@@ -9,7 +9,7 @@ from phyagentos.geometry import compute_pose
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.motion import transport
 from phyagentos.runtime.motion.path import densify
-from phyagentos.runtime.motion.requests import FindLine, Load, NoPlan, ShapeTransport, TimeLine, World
+from phyagentos.runtime.motion.requests import FindLine, Load, ShapeTransport, TimeLine, World
 from phyagentos.runtime.motion.timing import JointLimits, compute_excess, drop_duplicates, time_path
 from phyagentos.runtime.motion.transport import CarryConstraints, time_carry
 
@@ -34,7 +34,7 @@ def limits(planner):
     return JointLimits.from_profile(planner.robot.profile)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_random_paths_respect_the_limits_by_finite_differences(limits, home, seed):
     rng = np.random.default_rng(seed)
     rows = densify(home + np.cumsum(rng.normal(0.0, 0.3, (6, len(home))), axis=0), 0.12)
@@ -134,7 +134,6 @@ def test_a_path_that_tips_the_vessel_itself_is_refused(planner, home):
     tipped[5] += 0.5
     answer = planner.answer(ShapeTransport(waypoints_rad=densify(np.array((home, tipped)), 0.05)))
 
-    assert isinstance(answer, NoPlan)
     assert answer.code == "NO_PLAN"
     assert "tilts the vessel by 0.5" in answer.message
 
@@ -145,7 +144,6 @@ def test_a_carry_that_still_tilts_the_vessel_when_slowed_down_is_refused(planner
     monkeypatch.setattr(transport, "MARGIN", 3.0)
     answer = planner.answer(ShapeTransport(waypoints_rad=carried, tilt_max_rad=0.05))
 
-    assert isinstance(answer, NoPlan)
     assert answer.code == "NO_PLAN"
     assert "at its slowest" in answer.message
 

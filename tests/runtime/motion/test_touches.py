@@ -5,27 +5,24 @@ import numpy as np
 import pytest
 
 from phyagentos.protocol.world.environment import Shape, ShapeKind
-from phyagentos.runtime.motion.requests import Approaches, FindTouch, World
+from phyagentos.runtime.motion.requests import FindTouch, World
+from tests.runtime.motion.conftest import build_box, build_cube, build_fixed
 
 pytestmark = pytest.mark.motion
 TIPS_M = 0.0085  # of the shipped hand beyond its tool centre point
 
 
 @pytest.fixture
-def world(build):
-    cap = msgspec.structs.replace(build.cube("cap", 0.5, 0.1), shapes=(Shape(ShapeKind.CYLINDER, (0.025, 0.006)),))
-    panel = build.fixed("panel", (0.5, 0.1, 0.0), build.box((0, 0, 0), (0.1, 0.1, 0.02)))
-    return World((panel, cap, build.cube("button", 0.5, 0.1, half=0.005, z=0.025)))
+def world():
+    cap = msgspec.structs.replace(build_cube("cap", 0.5, 0.1), shapes=(Shape(ShapeKind.CYLINDER, (0.025, 0.006)),))
+    panel = build_fixed("panel", (0.5, 0.1, 0.0), build_box((0, 0, 0), (0.1, 0.1, 0.02)))
+    return World((panel, cap, build_cube("button", 0.5, 0.1, half=0.005, z=0.025)))
 
 
-def test_fingertips_end_at_the_point_on_a_straight_way_down(planner, home, world):
+def test_fingertips_end_at_the_point_on_a_straight_way_down(planner, find, home, world):
     at_m = (0.5, 0.1, 0.026)
-    answer = planner.answer(
-        FindTouch(world=world, object="cap", at_m=at_m, q_rad=home, seed=1, ignore=("button",), hover_m=0.05)
-    )
-
-    assert isinstance(answer, Approaches), answer
-    for approach in answer.approaches:
+    touch = FindTouch(world=world, object="cap", at_m=at_m, q_rad=home, seed=1, ignore=("button",), hover_m=0.05)
+    for approach in find(touch):
         points = planner._chain.compute_tcp_path(approach.line_rad)[:, :3, 3]
         np.testing.assert_allclose(points[-1], (0.5, 0.1, 0.026 + TIPS_M), atol=1e-3)
         np.testing.assert_allclose(points[:, :2], [(0.5, 0.1)] * len(points), atol=1e-3)

@@ -6,6 +6,7 @@ import pytest
 
 from benchmarks.worlds.table import TOP, render_table
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
+from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.settings.sensors import read_sensors
 from phyagentos.protocol.world.environment import Pose, TargetState
@@ -124,6 +125,16 @@ class Stage:
         """(3,) where a thing really is."""
         self.physics.queries.look()
         return np.array(self.physics.queries.seen.xpos[self.physics.model.body(name).id])
+
+
+def judge(text, belief):
+    """The truth of a claim, as far as one belief shows it."""
+    return parse_predicate(text).evaluate(View(now=belief, initial=None, target="panda")).truth
+
+
+def spread(x, y, z):
+    """Points (n, 3) at all combinations of these coordinates."""
+    return np.column_stack([each.ravel() for each in np.meshgrid(x, y, z)])
 
 
 def look_from(position_m):

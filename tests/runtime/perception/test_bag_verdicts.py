@@ -1,6 +1,7 @@
 """Verdicts on bags of ROS 2 that a recorder of others made: right, or unknown with the reason; no false success."""
 
 import itertools
+import shutil
 import zlib
 
 import msgspec
@@ -11,8 +12,11 @@ from phyagentos.errors import DefinitionError
 from phyagentos.operations.verify_bag import verify_bag
 from phyagentos.protocol.sessions.evidence import AFTER
 from phyagentos.protocol.sessions.looks import read_looks, read_stored_look
+from phyagentos.protocol.settings.bag import BagSettings
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
+from phyagentos.runtime.perception.bag_looks import explain_clock
+from phyagentos.runtime.perception.bag_reader import decode_color, decode_depth, find_kind, read_bag
 from tests.bags import SCENE, Recorder, Table
 
 pytest.importorskip("rosbags", reason="needs the extra `export`: pip install '.[export]'")
@@ -53,18 +57,28 @@ def write(path, text):
     return path
 
 
-def test_what_a_bag_shows_at_its_end_is_judged_as_the_simulator_has_it(judge):
-    for script, truth in ((IN, True), (OUT, False), ({}, False)):
-        found, is_true = judge(script)
-
-        assert (found.verdict is Truth.TRUE, found.verdict is Truth.FALSE) == (truth, not truth)
-        assert is_true is truth
-        assert found.left_out == ()
-        assert found.robot == "panda"
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """The bag of a run that puts the cube into its tray, and whether it is there."""
+    table, bag = Table(), tmp_path_factory.mktemp("inside") / "bag"
+    return Recorder(rate_hz=5.0).record(table, bag, IN, UNTIL_S), is_inside(table)
 
 
-def test_the_verdict_names_its_frames_and_keeps_them(judge):
-    found, _ = judge(IN)
+@pytest.fixture(scope="module")
+def shown_inside(recorded):
+    """The verdict on that bag, and whether the cube is there."""
+    bag, is_true = recorded
+    return verify_bag(bag, SCENE, (RED,), bag.with_name("verdict")), is_true
+
+
+def test_what_a_bag_shows_at_its_end_is_judged_as_the_simulator_has_it(judge, shown_inside):
+    for (found, is_true), truth in ((shown_inside, True), (judge(OUT), False), (judge({}), False)):
+        assert (found.verdict is Truth.TRUE, found.verdict is Truth.FALSE, is_true) == (truth, not truth, truth)
+        assert (found.left_out, found.robot) == ((), "panda")
+
+
+def test_the_verdict_names_its_frames_and_keeps_them(shown_inside):
+    found, _ = shown_inside
     (criterion,) = found.criteria
 
     assert [(look.role, look.time_s) for look in found.looks] == [("start", 0.0), ("look", 1.6), ("end", 2.0)]
@@ -83,13 +97,26 @@ def test_the_verdict_names_its_frames_and_keeps_them(judge):
 
 
 @pytest.mark.parametrize(
-    ("color", "depth"), [
-        ("bgr8", "32FC1"), ("png", "16UC1"), ("jpeg", "16UC1"), ("rgba8", "16UC1/compressedDepth"),
-        ("rgb8", "32FC1/compressedDepth"),
+    ("color", "depth", "tint", "off_m"),
+    [
+        ("bgr8", "32FC1", 0, 0.0), ("png", "16UC1", 0, 0.0005), ("jpeg", "16UC1", 6, 0.0005),
+        ("rgba8", "16UC1/compressedDepth", 0, 0.0005), ("rgb8", "32FC1/compressedDepth", 0, 0.003),
     ],
 )  # fmt: skip
-def test_pictures_and_depths_of_other_encodings_are_read(judge, color, depth):
-    found, _ = judge(IN, Recorder(rate_hz=5.0, color=color, depth=depth))
+def test_pictures_and_depths_of_other_encodings_are_read(tmp_path, color, depth, tint, off_m):
+    """Colours but for what JPEG loses on the average; depths but for their unit."""
+    table = Table()
+    bag = read_bag(Recorder(color=color, depth=depth).record(table, tmp_path / "bag", {}, 0.0))
+    shown = table.capture("left", 0.0, 0)
+    taken = [each for topic, (each,) in bag.pictures.items() if topic.startswith("/left/") and "info" not in topic]
+    found = {find_kind(each): each for each in taken}
+
+    assert np.abs(decode_color(found["color"]).astype(int) - shown.rgb).mean() <= tint
+    np.testing.assert_allclose(decode_depth(found["depth"]), shown.depth_m, atol=off_m + 1e-6)
+
+
+def test_compressed_pictures_and_depths_are_found_by_their_topics(judge):
+    found, _ = judge(IN, Recorder(rate_hz=5.0, color="png", depth="32FC1/compressedDepth"))
     assert found.verdict is Truth.TRUE
 
 
@@ -143,15 +170,15 @@ def test_one_look_does_not_show_that_an_object_rests(judge):
     assert found.criteria[0].because == "red_cube was seen once, which does not show that it rests"
 
 
-@pytest.mark.parametrize("off_s", [-1.0, 1.0])
-def test_a_camera_of_another_clock_is_left_out(judge, off_s):
-    late = Recorder(rate_hz=5.0, clock_s={f"/left/{each}": off_s for each in ("color/image_raw", "depth/image_rect")})
+def test_a_camera_of_another_clock_is_left_out(judge):
+    late = Recorder(rate_hz=5.0, clock_s=dict.fromkeys(("/left/color/image_raw", "/left/depth/image_rect"), 1.0))
     found, _ = judge(IN, late)
 
     assert found.verdict is Truth.TRUE
     assert [each.camera for each in found.looks[-1].frames] == ["overhead", "right"]
-    way = "ahead of" if off_s > 0 else "behind"
-    assert f"camera left: stamps 1.00 s {way} the joint states' clock; clock_s allows 0.2 s" in found.left_out
+    says = "stamps 1.00 s {} the joint states' clock; clock_s allows 0.2 s"
+    assert f"camera left: {says.format('ahead of')}" in found.left_out
+    assert explain_clock(1_005_000_000, 5_000_000, BagSettings()) == says.format("behind")
 
 
 def test_old_pictures_with_stamps_of_now_are_not_believed(judge):
@@ -201,7 +228,7 @@ def test_a_camera_that_was_moved_is_not_believed(judge):
     assert "camera left: displaced, its depth disagrees with the other cameras" in found.left_out
 
 
-@pytest.mark.parametrize(("seed", "off_m"), [(4, (0.0, 0.12)), (5, (0.08, 0.0)), (3, (0.0, 0.1))])
+@pytest.mark.parametrize(("seed", "off_m"), [(4, (0.0, 0.12)), (5, (0.08, 0.0))])
 def test_cameras_in_another_frame_than_the_scenes_decide_nothing(judge, seed, off_m):
     """All of them say that they stand aside, and a cube beside the tray seems to be where the tray should be."""
     beside = {0.2: lambda table: table.put_into("red_cube", "red_tray", (-off_m[0], -off_m[1], 0.0))}
@@ -243,9 +270,9 @@ def test_an_object_between_the_fingers_may_be_held(judge):
     assert found.criteria[0].because == why
 
 
-@pytest.mark.parametrize("share", [0.3, 0.7, 0.98])
-def test_a_truncated_bag_says_so(tmp_path, share):
-    bag = Recorder(rate_hz=5.0).record(Table(), tmp_path / "bag", IN, UNTIL_S)
+@pytest.mark.parametrize("share", [0.3, 0.98])
+def test_a_truncated_bag_says_so(recorded, tmp_path, share):
+    bag = shutil.copytree(recorded[0], tmp_path / "bag")
     file = next(bag.glob("*.mcap"))
     file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
 
@@ -268,23 +295,23 @@ def test_topics_names_of_joints_and_places_of_cameras_can_be_given(judge, tmp_pa
     assert found.verdict is Truth.TRUE
 
 
-def test_what_the_bag_or_the_scene_lacks_is_refused_with_what_there_is(judge, tmp_path):
+def test_what_the_bag_or_the_scene_lacks_is_refused_with_what_there_is(judge, recorded, tmp_path):
     typo = write(tmp_path / "bag.yaml", "cameras: {front: {color: /lft/color/image_raw}}\n")
-    for wrong, text in (
-        ({"settings": typo}, "Did you mean '/left/color/image_raw'"),
-        ({"accept": ("inside(red_cub, red_tray)",)}, "Did you mean 'red_cube'"),
-        ({"accept": ()}, "no criterion"),
-        ({"accept": ("measured(path_m) < 2",)}, "INVALID|UNKNOWN|metric"),
-        ({"robot": "go2"}, "whose base moves"),
-        ({"robot": "pnda"}, "Did you mean 'panda'"),
+    for accept, how, text in (
+        ((RED,), {"settings": typo}, "Did you mean '/left/color/image_raw'"),
+        (("inside(red_cub, red_tray)",), {}, "Did you mean 'red_cube'"),
+        ((), {}, "no criterion"),
+        (("measured(path_m) < 2",), {}, "INVALID|UNKNOWN|metric"),
+        ((RED,), {"robot": "go2"}, "whose base moves"),
+        ((RED,), {"robot": "pnda"}, "Did you mean 'panda'"),
     ):
         with pytest.raises(DefinitionError, match=text):
-            judge({}, **wrong)
+            verify_bag(recorded[0], SCENE, accept, tmp_path / "verdict", **how)
     with pytest.raises(DefinitionError, match="joints of no robot of the library"):
         judge({}, Recorder(rate_hz=5.0, joint_names={"joint1": "shoulder"}))
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 def test_no_damage_makes_a_false_success(judge, seed):
     """The cube is put into the tray, then just beside it; frames are lost, a clock and a camera are off."""
     rng = np.random.default_rng(seed)

@@ -5,12 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.environment import Status
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.runtime.drivers.mujoco.simulated_camera import pose_state
 from phyagentos.runtime.perception.confirmation import confirm, is_settled
-from tests.runtime.perception.conftest import Stage, observe_now
+from tests.runtime.perception.conftest import Stage, judge, observe_now
 
 pytestmark = pytest.mark.sim
 GLANCE_S = 0.1
@@ -65,10 +64,6 @@ def watched(stage, looked):
     return stage, handle, glance
 
 
-def judge(text, environment):
-    return parse_predicate(text).evaluate(View(now=environment, initial=None, target="panda")).truth
-
-
 @pytest.mark.parametrize(("name", "every"), [("can", 1), ("screen", 3)])
 def test_what_stands_still_is_confirmed_by_a_few_pixels_and_its_pose_stays(watched, name, every):
     stage, handle, glance = watched
@@ -121,13 +116,23 @@ def test_what_was_moved_is_found_where_it_is_by_the_very_next_glance(watched, na
     assert is_known_elsewhere or after.status is not Status.SEEN
 
 
-def test_what_was_taken_away_is_not_believed_after_the_next_glance(watched):
+@pytest.mark.parametrize(
+    "puts",
+    [
+        pytest.param({"can": (2.5, 2.5)}, id="taken away"),
+        pytest.param({"can": (2.5, 2.5), "first": (0.62, 0.0)}, id="another object in its place"),
+        pytest.param({"can": (2.5, 2.5), "screen": (0.66, 0.05, None, 0.3)}, id="behind a screen"),
+    ],
+)
+def test_what_is_not_there_any_more_is_not_believed_after_the_next_glance(watched, puts):
     stage, _, glance = watched
-    glance("can")
-    stage.put("can", 2.5, 2.5)
+    seen_at_s = glance("can").entities["can"].observed_at_s
+    for name, place in puts.items():
+        stage.put(name, *place)
     after = glance("can")
 
     assert after.entities["can"].status is not Status.SEEN
+    assert after.entities["can"].observed_at_s == pytest.approx(seen_at_s)
     assert judge("upright(can)", after) is Truth.UNKNOWN
 
 
@@ -137,26 +142,6 @@ def test_what_fell_over_is_known_to_lie_after_the_next_glance(watched):
     stage.put("can", 0.62, 0.0, z_m=0.026, yaw_rad=0.6, tilt_rad=math.pi / 2)
 
     assert judge("upright(can)", glance("can")) is not Truth.TRUE
-
-
-def test_another_thing_in_the_same_place_is_not_taken_for_it(watched):
-    stage, _, glance = watched
-    seen_at_s = glance("can").entities["can"].observed_at_s
-    stage.put("can", 2.5, 2.5)
-    stage.put("first", 0.62, 0.0)
-    after = glance("can").entities["can"]
-
-    assert after.status is not Status.SEEN
-    assert after.observed_at_s == pytest.approx(seen_at_s)
-
-
-def test_what_is_behind_a_screen_is_not_confirmed(watched):
-    stage, _, glance = watched
-    glance("can")
-    stage.put("screen", 0.66, 0.05, yaw_rad=0.3)
-    stage.put("can", 2.5, 2.5)
-
-    assert glance("can").entities["can"].status is not Status.SEEN
 
 
 def test_a_thing_that_moved_at_the_last_look_is_not_settled(watched):

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.worlds.table import render_table
-from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.truth import Truth
-from tests.runtime.perception.conftest import Stage, open_library
+from tests.runtime.perception.conftest import Stage, judge, open_library
 
 pytestmark = pytest.mark.sim
 COUNT = 18
@@ -55,12 +54,7 @@ def library(tmp_path_factory):
     return open_library(tmp_path_factory.mktemp("contents"), render_table("test/contents", BODIES))
 
 
-def judge(text, belief):
-    return parse_predicate(text).evaluate(View(now=belief)).truth
-
-
-@pytest.mark.parametrize(("level", "seen"), [("none", 0.75), ("nominal", 0.75), ("harsh", 0.3)])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(("level", "seen", "seed"), [("none", 0.75, 0), ("nominal", 0.75, 1), ("harsh", 0.3, 0)])
 def test_the_number_of_balls_is_within_what_is_stated(library, level, seen, seed):
     stage = Stage(library, "test/contents", seed, level)
     stage.look()

@@ -48,7 +48,7 @@ def library(tmp_path_factory):
     return open_library(tmp_path_factory.mktemp("furnished"), *scenes)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_fixed_bodies_of_an_area_and_of_a_frame_are_found_within_their_stated_doubt(library, seed):
     stage = Stage(library, "test/furnished", seed)
     stage.look()

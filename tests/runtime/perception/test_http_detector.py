@@ -15,10 +15,8 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.runtime.perception.detection import http
 from phyagentos.runtime.perception.detection.detector_registry import open_detector
-from phyagentos.runtime.perception.detection.http import HttpDetector
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.segmentation import NO_COLOR, DetectorSegmenter
-from tests.hostile_server import HostileServer
 
 RGB = np.zeros((24, 32, 3), np.uint8)
 RGB[4:10, 6:14] = (200, 30, 20)
@@ -29,13 +27,11 @@ BOX = [6, 4, 8, 6]
 def server():
     class Handler(BaseHTTPRequestHandler):
         def do_POST(self):
-            asked = json.loads(self.rfile.read(int(self.headers["content-length"])))
-            httpd.asked.append(asked)
+            httpd.asked.append(json.loads(self.rfile.read(int(self.headers["content-length"]))))
             if httpd.silent:
                 httpd.release.wait(10)
                 return
-            body = httpd.reply(asked) if callable(httpd.reply) else httpd.reply
-            data = body if isinstance(body, bytes) else json.dumps(body).encode()
+            data = httpd.reply if isinstance(httpd.reply, bytes) else json.dumps(httpd.reply).encode()
             self.send_response(httpd.status)
             self.send_header("content-length", str(len(data)))
             self.end_headers()
@@ -134,24 +130,11 @@ def test_masks_that_take_more_memory_than_any_answer_are_refused(server, detecto
         detector.detect(RGB, ["red cube"])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("way", "code", "what"),
-    [
-        ("a drip of headers", "MODEL_FAILED", "in 0.2 s"),
-        ("a body without end", "MODEL_FAILED", "more than"),
-        ("a gzip, gzip bomb", "MODEL_FAILED", "encoding"),
-        ("redirect", "MODEL_FAILED", "not followed"),
-    ],
-)
-def test_a_server_cannot_hold_what_asks_it(server, way, code, what):
-    hostile = HostileServer(way, f"http://127.0.0.1:{server.server_port}/detect")
-    asking = HttpDetector(hostile.url, timeout_s=0.2 if way == "a drip of headers" else 20.0)
-    with pytest.raises(ExecutionError, match=what) as caught:
-        asking.detect(RGB, ["red cube"])
-    asking.close()
-    hostile.close()
-    assert (caught.value.code, server.asked) == (code, [])
+def test_an_answer_that_is_larger_than_any_is_not_read_to_its_end(server, detector, monkeypatch):
+    monkeypatch.setattr(http, "ANSWER_MAX_BYTES", 100)
+    server.reply = bytes(101)
+    with pytest.raises(ExecutionError, match=r"MODEL_FAILED: .*more than"):
+        detector.detect(RGB, ["red cube"])
 
 
 def test_a_server_that_says_no_is_quoted(server, detector):
@@ -164,17 +147,6 @@ def test_a_server_that_is_silent_is_waited_for_no_longer_than_allowed(server, de
     server.silent = True
     with pytest.raises(ExecutionError, match=r"MODEL_FAILED: .*has sent nothing for 0\.3 s"):
         detector.detect(RGB, ["red cube"])
-
-
-def test_a_server_that_is_not_there_is_told(server):
-    port = server.server_port
-    server.shutdown()
-    server.server_close()
-    gone = HttpDetector(f"http://127.0.0.1:{port}/detect")
-    with pytest.raises(ExecutionError, match=r"ConnectError|refused") as caught:
-        gone.detect(RGB, ["red cube"])
-    gone.close()
-    assert caught.value.code == "MODEL_FAILED"
 
 
 def test_pixels_get_the_colour_of_the_thing_that_a_detector_finds_there(server, detector):

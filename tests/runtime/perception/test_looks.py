@@ -1,7 +1,6 @@
 """A look that was recorded is perceived again to the same world, from its file alone."""
 
 import math
-from itertools import product
 
 import msgspec
 import numpy as np
@@ -67,16 +66,16 @@ def test_each_kind_of_look_is_perceived_again_to_the_same_world(views, twins, tm
     world, observe, repeat = views
     for _ in range(3):
         observe()
-    for at_m in ((0.62, 0.0), (0.6, -0.25)):
-        for things in ((), ("can",), ("screen",), ("can", "first")):
-            twins.put("can", *at_m)
-            belief = observe(*things)
-            assert repeat(*_write(world, tmp_path)) == belief, things
+    still, moved = (0.62, 0.0), (0.6, -0.25)
+    for at_m, things in ((still, ("can",)), (moved, ()), (moved, ("can", "first")), (moved, ("screen",))):
+        twins.put("can", *at_m)
+        belief = observe(*things)
+        assert repeat(*_write(world, tmp_path)) == belief, things
 
 
 def test_so_is_one_for_which_the_robot_was_asked_again_because_time_went_on(views, tmp_path):
     world, observe, repeat = views
-    for lag_s, things in product((0.02, 0.4), ((), ("can",))):
+    for lag_s, things in ((0.4, ()), (0.02, ("can",))):
         belief = observe(*things, lag_s=lag_s)
         assert world.latest_look.moments
         assert repeat(*_write(world, tmp_path)) == belief, (lag_s, things)

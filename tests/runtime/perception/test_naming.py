@@ -6,7 +6,6 @@ import pytest
 import yaml
 
 from phyagentos.geometry import Pose
-from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.environment import Status
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.protocol.world.truth import Truth
@@ -14,7 +13,7 @@ from phyagentos.runtime.perception.association import associate, exchange_uncert
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.naming import HUGE, NOISE_M, assign, iter_exchanges
 from tests.runtime.perception.conftest import SCENE as TWINS_SCENE
-from tests.runtime.perception.conftest import Stage, look_from, make_cloud, open_library
+from tests.runtime.perception.conftest import Stage, judge, look_from, make_cloud, open_library, spread
 
 UNSEEN = 0.012
 
@@ -93,10 +92,8 @@ def test_alike_things_are_named_by_chance_and_say_so(twins):
         "can": (),
         "screen": (),
     }
-    view = View(now=belief, initial=None, target="panda")
-    place = tuple(belief.entities["first"].pose.position_m)
-    assert parse_predicate(f"at(first, {place}, 0.02)").evaluate(view).truth is Truth.UNKNOWN
-    assert parse_predicate("distance(first, second) > 0.05").evaluate(view).truth is Truth.TRUE
+    assert judge(f"at(first, {belief.entities['first'].pose.position_m}, 0.02)", belief) is Truth.UNKNOWN
+    assert judge("distance(first, second) > 0.05", belief) is Truth.TRUE
 
 
 @pytest.mark.sim
@@ -125,31 +122,27 @@ def test_one_alike_thing_in_view_may_be_either(twins):
 
 SCENE = """
 scene: near
-materials: {pale: {rgba: [0.72, 0.66, 0.56, 1]}, grey: {rgba: [0.64, 0.61, 0.52, 1]}}
+materials: {pale: {rgba: [0.72, 0.66, 0.56, 1]}, grey: {rgba: [0.64, 0.61, 0.52, 1]},
+  rosy: {rgba: [0.64, 0.54, 0.47, 1]}}  # near to pale, of another hue in any light
 cameras: {top: {position_m: [0.5, 0.0, 1.4], target_m: [0.5, 0.01, 0.0]}}
 bodies:
   block: {kind: block, material: pale, shapes: [{kind: box, size_m: [0.04, 0.04, 0.01]}]}
   bar: {kind: bar, material: grey, shapes: [{kind: box, size_m: [0.03, 0.008, 0.006]}]}
 """
+TOP = look_from((0.5, 0.0, 1.4))
+BLOCK = spread(np.linspace(0.461, 0.539, 24), np.linspace(-0.039, 0.039, 24), 0.02)
 
 
-def test_a_thing_out_of_view_is_not_on_another_ones_stray_pixels():
-    inventory = build_inventory(SceneSpec.model_validate(yaml.safe_load(SCENE)))
-    block, bar = inventory.things["block"], inventory.things["bar"]
-    u, v = (each.ravel() for each in np.meshgrid(np.linspace(-0.039, 0.039, 24), np.linspace(-0.039, 0.039, 24)))
-    labels = np.where((np.abs(v) < 0.009) & (np.arange(u.size) % 2 == 0), bar.colors[0], block.colors[0])
-    cloud = make_cloud(np.column_stack((0.5 + u, v, np.full(u.size, 0.02))), labels)
-    view = look_from((0.5, 0.0, 1.4))
-
-    found = associate(inventory.things, {}, cloud, (view,), inventory.map, inventory.palette)
-
-    assert list(found) == ["block"]
-    assert found["block"].fit.position_m == pytest.approx((0.5, 0.0, 0.01), abs=0.003)
+def build(others=(), **more):
+    """The objects of the scene, both of one colour, unless more is said of the bar."""
+    scene = yaml.safe_load(SCENE)
+    scene["bodies"]["bar"] |= {"material": "pale"} | more
+    scene["bodies"] |= dict(others)
+    return build_inventory(SceneSpec.model_validate(scene))
 
 
-def spread(x, y, z):
-    """Points (n, 3) at all combinations of these coordinates."""
-    return np.column_stack([each.ravel() for each in np.meshgrid(x, y, [z])])
+def believe(inventory, name, position_m, **more):
+    return msgspec.structs.replace(inventory.things[name].template, pose=Pose(position_m), **more)
 
 
 def join(*parts):
@@ -158,31 +151,27 @@ def join(*parts):
     return make_cloud(np.concatenate([part for part, _ in parts]), colors)
 
 
-TOP = look_from((0.5, 0.0, 1.4))
+def test_a_thing_out_of_view_is_not_on_another_ones_stray_pixels():
+    inventory = build(material="grey")
+    block, bar = (inventory.things[name].colors[0] for name in ("block", "bar"))
+    labels = np.where((np.abs(BLOCK[:, 1]) < 0.009) & (np.arange(len(BLOCK)) % 2 == 0), bar, block)
 
+    found = associate(inventory.things, {}, make_cloud(BLOCK, labels), (TOP,), inventory.map, inventory.palette)
 
-def build(**more):
-    """The things of the scene, both of one colour."""
-    scene = yaml.safe_load(SCENE)
-    scene["bodies"]["bar"] |= {"material": "pale"} | more
-    return build_inventory(SceneSpec.model_validate(scene))
-
-
-def believe(inventory, name, position_m, **more):
-    return msgspec.structs.replace(inventory.things[name].template, pose=Pose(position_m), **more)
+    assert list(found) == ["block"]
+    assert found["block"].fit.position_m == pytest.approx((0.5, 0.0, 0.01), abs=0.003)
 
 
 def test_what_came_to_touch_a_thing_of_its_colour_is_told_from_it_by_what_was_known_of_that():
     inventory = build()
     color = inventory.things["bar"].colors[0]
-    block = spread(np.linspace(0.461, 0.539, 24), np.linspace(-0.039, 0.039, 24), 0.02)
     bar = spread(np.linspace(0.471, 0.529, 20), np.linspace(0.042, 0.055, 6), 0.012)
     believed = {
         "block": believe(inventory, "block", (0.5, 0.0, 0.01)),
         "bar": believe(inventory, "bar", (0.5, 0.05, 0.05), status=Status.HIDDEN),  # where it was let go
     }
 
-    found = associate(inventory.things, believed, join((block, color), (bar, color)), (TOP,), inventory.map)
+    found = associate(inventory.things, believed, join((BLOCK, color), (bar, color)), (TOP,), inventory.map)
 
     assert found["bar"].fit.position_m == pytest.approx((0.5, 0.0485, 0.006), abs=0.003)
     assert found["block"].fit.position_m == pytest.approx((0.5, 0.0, 0.01), abs=0.003)
@@ -192,8 +181,7 @@ def test_parts_of_the_only_thing_that_is_looked_for_are_one():
     inventory = build(shapes=[{"kind": "box", "size_m": [0.08, 0.008, 0.006]}])
     color = inventory.things["bar"].colors[0]
     ends = [spread(np.linspace(low, low + 0.04, 14), np.linspace(0.193, 0.207, 6), 0.012) for low in (0.32, 0.44)]
-    block = spread(np.linspace(0.461, 0.539, 24), np.linspace(-0.039, 0.039, 24), 0.02)
-    cloud = make_cloud(np.concatenate((block, *ends)), color)
+    cloud = make_cloud(np.concatenate((BLOCK, *ends)), color)
 
     found = associate(
         inventory.things, {"block": believe(inventory, "block", (0.5, 0.0, 0.01))}, cloud, (TOP,), inventory.map
@@ -214,16 +202,11 @@ def test_few_points_where_a_thing_was_confirm_its_place():
 
 
 def test_a_thing_in_view_is_not_thought_to_be_on_stray_pixels_of_one_that_stays():
-    scene = yaml.safe_load(SCENE)
-    scene["materials"]["rosy"] = {"rgba": [0.64, 0.54, 0.47, 1]}  # near to pale, of another hue in any light
-    scene["bodies"]["rod"] = scene["bodies"]["bar"] | {"kind": "rod", "material": "rosy"}
-    scene["bodies"]["bar"] = scene["bodies"]["bar"] | {"material": "pale"}
-    inventory = build_inventory(SceneSpec.model_validate(scene))
+    inventory = build({"rod": yaml.safe_load(SCENE)["bodies"]["bar"] | {"kind": "rod", "material": "rosy"}})
     pale, rosy = (inventory.things[name].colors[0] for name in ("bar", "rod"))
-    block = spread(np.linspace(0.461, 0.539, 24), np.linspace(-0.039, 0.039, 24), 0.02)
     bar = spread(np.linspace(0.371, 0.429, 20), np.linspace(0.193, 0.207, 6), 0.012)
-    cloud = make_cloud(np.concatenate((block, bar, spread([0.56], np.linspace(-0.03, 0.03, 9), 0.01))), pale)
-    cloud.colors[len(block) : len(block) + len(bar) : 3] = rosy  # as pixels in shade are
+    cloud = make_cloud(np.concatenate((BLOCK, bar, spread([0.56], np.linspace(-0.03, 0.03, 9), 0.01))), pale)
+    cloud.colors[len(BLOCK) : len(BLOCK) + len(bar) : 3] = rosy  # as pixels in shade are
     believed = {"block": believe(inventory, "block", (0.5, 0.0, 0.01))}
 
     found = associate(inventory.things, believed, cloud, (TOP,), inventory.map, inventory.palette)

@@ -14,20 +14,28 @@ from phyagentos.runtime.perception.pose_uncertainty import PoseUncertainty
 from phyagentos.runtime.perception.separate_overlaps import SUNK_M, separate_overlaps
 from phyagentos.runtime.perception.views import Visibility, drop_stray
 from phyagentos.runtime.targets.wire import Frame
-from tests.runtime.perception.conftest import SCENE, look_from, make_cloud
+from tests.runtime.perception.conftest import SCENE, look_from, make_cloud, spread
 
 ON_SIDE = turn(np.array([np.pi / 2, 0.0, 0.0]))
 
 
+def read_inventory(scene):
+    return build_inventory(read_scene(Library.open().get_scene(f"tabletop/{scene}")))
+
+
 @pytest.fixture(scope="module")
 def waiter():
-    return build_inventory(read_scene(Library.open().get_scene("tabletop/waiter")))
+    return read_inventory("waiter")
+
+
+@pytest.fixture(scope="module")
+def cubes():
+    return read_inventory("cubes_and_trays")
 
 
 def show(thing, top_m):
     """Points of the upper face of the coaster with its middle at this height."""
-    u, v = np.meshgrid(np.linspace(-0.028, 0.028, 12), np.linspace(-0.028, 0.028, 12))
-    return make_cloud(np.column_stack((0.45 + u.ravel(), v.ravel(), np.full(u.size, top_m))), thing.colors[0])
+    return make_cloud(spread(np.linspace(0.422, 0.478, 12), np.linspace(-0.028, 0.028, 12), top_m), thing.colors[0])
 
 
 @pytest.mark.parametrize(("top_m", "is_found"), [(0.04, True), (-0.08, False)])
@@ -38,15 +46,12 @@ def test_what_would_have_been_seen_through_the_table_is_not_found_below_it(waite
     assert ("coaster" in found) is is_found
 
 
-def test_strays_of_a_near_cameras_edges_do_not_make_a_thing_too_large_to_be_found():
-    cubes = build_inventory(read_scene(Library.open().get_scene("tabletop/cubes_and_trays")))
+def test_strays_of_a_near_cameras_edges_do_not_make_a_thing_too_large_to_be_found(cubes):
     cube = cubes.things["red_cube"]
-    u, v = (each.ravel() for each in np.meshgrid(np.linspace(-0.019, 0.019, 40), np.linspace(-0.019, 0.019, 40)))
-    face = np.column_stack((0.45 + u, v, np.full(u.size, 0.04)))
+    face = spread(np.linspace(0.431, 0.469, 40), np.linspace(-0.019, 0.019, 40), 0.04)
     along = np.linspace(-0.16, 0.12, 60)  # of a ray past the edge: two in a hundred points above, two below
     strays = np.column_stack((np.full(60, 0.47), 0.1 * along, 0.04 + along))
-    points = np.concatenate((face, strays))
-    cloud = make_cloud(points, cube.colors[0])
+    cloud = make_cloud(np.concatenate((face, strays)), cube.colors[0])
     found = associate({"red_cube": cube}, {}, cloud, (look_from((0.45, 0.0, 0.3)),), cubes.map)
     assert found["red_cube"].fit.position_m == pytest.approx([0.45, 0.0, 0.02], abs=0.003)
 
@@ -89,8 +94,7 @@ def test_two_things_are_not_in_one_place_when_a_picture_shows_one_of_them_in_par
     slabs = SCENE.replace("size_m: [0.02, 0.02, 0.02]", "size_m: [0.05, 0.017, 0.006]")
     inventory = build_inventory(SceneSpec.model_validate(yaml.safe_load(slabs)))
     things = {name: inventory.things[name] for name in ("first", "second")}
-    u, v = (each.ravel() for each in np.meshgrid(np.linspace(-0.049, 0.049, 25), np.linspace(-0.016, 0.016, 9)))
-    face = np.column_stack((0.45 + u, v, np.full(u.size, 0.024)))  # of the upper one of two
+    face = spread(np.linspace(0.401, 0.499, 25), np.linspace(-0.016, 0.016, 9), 0.024)  # of the upper one of two
     fits = {name: make_fit(np.eye(3), (0.45, 0.0, 0.018)) for name in things}
     seen = {
         "first": make_cloud(face, things["first"].colors[0]),
@@ -101,12 +105,10 @@ def test_two_things_are_not_in_one_place_when_a_picture_shows_one_of_them_in_par
 
 
 @pytest.mark.parametrize("is_known", [True, False])
-def test_what_is_almost_covered_stays_where_it_was_and_does_not_slide_into_its_cover(is_known):
+def test_what_is_almost_covered_stays_where_it_was_and_does_not_slide_into_its_cover(cubes, is_known):
     """Of the cube below one side is seen, with pixels of the one above it: it was believed a centimetre higher."""
-    cubes = build_inventory(read_scene(Library.open().get_scene("tabletop/cubes_and_trays")))
     things = {name: cubes.things[name] for name in ("red_cube", "green_cube")}
-    u, z = (each.ravel() for each in np.meshgrid(np.linspace(-0.018, 0.018, 9), np.linspace(0.012, 0.05, 12)))
-    side = np.column_stack((np.full(u.size, 0.43), u, z))
+    side = spread(0.43, np.linspace(-0.018, 0.018, 9), np.linspace(0.012, 0.05, 12))
     fits = {"red_cube": make_fit(np.eye(3), (0.45, 0.0, 0.031)), "green_cube": make_fit(np.eye(3), (0.45, 0.0, 0.06))}
     top = np.concatenate((side, side)) + np.array((0.0, 0.0, 0.05))
     seen = {
@@ -143,7 +145,6 @@ def test_a_look_at_what_is_mostly_hidden_keeps_what_was_known_and_adds_nothing(b
 
 def test_where_an_object_ends_is_open_where_only_a_patch_of_its_face_is_visible(waiter):
     coaster = waiter.things["coaster"]
-    u, v = np.meshgrid(np.linspace(0.008, 0.028, 9), np.linspace(0.008, 0.028, 9))
-    patch = make_cloud(np.column_stack((0.45 + u.ravel(), v.ravel(), np.full(u.size, 0.04))), coaster.colors[0])
+    patch = make_cloud(spread(np.linspace(0.458, 0.478, 9), np.linspace(0.008, 0.028, 9), 0.04), coaster.colors[0])
     found = fit(coaster, patch, (look_from((0.45, 0.0, 1.4)),))
     assert np.linalg.norm(found.position_m[:2] - (0.45, 0.0)) < 2 * found.uncertainty.total[0]

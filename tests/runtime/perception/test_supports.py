@@ -8,9 +8,8 @@ import pytest
 
 from benchmarks.worlds.table import render_table
 from phyagentos.geometry import compute_rotation, compute_tilt
-from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.truth import Truth
-from tests.runtime.perception.conftest import FLOOR, Stage, open_library
+from tests.runtime.perception.conftest import FLOOR, Stage, judge, open_library
 
 pytestmark = pytest.mark.sim
 BODIES = f"""{FLOOR}
@@ -68,8 +67,7 @@ def test_a_table_that_is_lower_or_leans_is_measured_and_so_is_what_stands_on_it(
         up = compute_rotation(table.pose.quaternion_wxyz)[:, 2]
         assert tilt_rad == 0.0 or up[0] > 0.5 * tilt_rad  # towards the side that is low
         assert abs(cube.pose.position_m[2] - stage.find("cube")[2]) < 2 * cube.position_std_m
-        claim = parse_predicate("on(cube, table)").evaluate(View(now=belief, initial=None, target="panda"))
-        assert claim.truth is Truth.TRUE
+        assert judge("on(cube, table)", belief) is Truth.TRUE
         assert not [name for name in belief.entities if name.startswith("unknown")]
 
 

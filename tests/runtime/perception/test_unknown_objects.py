@@ -6,7 +6,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.environment import Pose, Shape, ShapeKind, Status
 from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.protocol.world.truth import Truth
@@ -14,7 +13,7 @@ from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.pipeline import Pipeline
 from phyagentos.runtime.perception.solids import Solids
 from phyagentos.runtime.perception.unknown_objects import fit_box
-from tests.runtime.perception.conftest import SCENE, Stage, open_library
+from tests.runtime.perception.conftest import SCENE, Stage, judge, open_library
 
 pytestmark = pytest.mark.sim
 HALF_M = (0.031, 0.02, 0.0155)
@@ -37,11 +36,11 @@ def library(tmp_path_factory):
     return open_library(tmp_path_factory.mktemp("strangers"), *scenes)
 
 
-def open_stage(library, name):
-    """A stage of which one body is not in the inventory."""
+def open_stage(library, name, *unknown):
+    """A stage of which some bodies are not in the inventory."""
     stage = Stage(library, f"test/{name}")
     spec = read_scene(library.get_scene(f"test/{name}"))
-    known = {each: body for each, body in spec.bodies.items() if each != "stranger"}
+    known = {each: body for each, body in spec.bodies.items() if each not in {"stranger", *unknown}}
     inventory = build_inventory(spec.model_copy(update={"bodies": known}))
     stage.pipeline = Pipeline(inventory, stage.mask, "panda")
     return stage
@@ -59,8 +58,7 @@ def test_a_thing_outside_the_inventory_is_an_unnamed_box_where_it_is_until_it_is
         assert sorted(entity.shapes[0].size_m[:2]) == pytest.approx(sorted(HALF_M[:2]), abs=0.008)
     assert (entity.looks, entity.status, entity.movable) == (2, Status.SEEN, True)
     assert "unknown_1" in belief.list_movable()
-    claim = parse_predicate("near(unknown_1, (0.5, -0.3, 0.0155), 0.03)")
-    assert claim.evaluate(View(now=belief, initial=None, target="panda")).truth is Truth.TRUE
+    assert judge("near(unknown_1, (0.5, -0.3, 0.0155), 0.03)", belief) is Truth.TRUE
     seen_once = stage.belief
     stage.put("stranger", 0.5, 2.0)
     assert "unknown_1" not in stage.look().entities, "half a second in one place may be noise"
@@ -82,18 +80,11 @@ def test_a_thing_whose_top_alone_is_seen_stands_on_the_table_and_noise_does_not_
 
 
 def test_a_stranger_that_gets_a_name_is_no_stranger_any_more(library):
-    stage = open_stage(library, "wood")
-    named = stage.pipeline
-    spec = read_scene(library.get_scene("test/wood"))
-    fewer = {name: body for name, body in spec.bodies.items() if name not in {"stranger", "can"}}
-    inventory = build_inventory(spec.model_copy(update={"bodies": fewer}))
-    stage.pipeline = Pipeline(inventory, stage.mask, "panda")
+    stage, named = open_stage(library, "wood", "can"), open_stage(library, "wood").pipeline
     assert {"unknown_1", "unknown_2"} <= set(stage.look().entities)
     stage.pipeline = named
-    assert [name for name in stage.look().entities if name.startswith("unknown") or name == "can"] in (
-        ["can", "unknown_1"],
-        ["can", "unknown_2"],
-    )
+    found = [name for name in stage.look().entities if name.startswith("unknown") or name == "can"]
+    assert found in (["can", "unknown_1"], ["can", "unknown_2"])
 
 
 def test_a_world_of_the_inventory_alone_has_no_strangers(twins):
