@@ -3,7 +3,6 @@
 import importlib.metadata
 import subprocess
 import sys
-import tarfile
 import tomllib
 from pathlib import Path
 
@@ -12,9 +11,9 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from phyagentos.cli.outcome import ExitCode
+from tests.stored_workspace import unpack_stored
 
 ROOT = Path(__file__).resolve().parents[2]
-STORED = Path(__file__).parent / "stored" / "tidy_table_0_1_0.tar.xz"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 WITHOUT = """
 import sys
@@ -44,10 +43,7 @@ def absent():
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("client")
-    with tarfile.open(STORED) as archive:
-        archive.extractall(folder, filter="data")
-    return folder / "tidy_table"
+    return unpack_stored(tmp_path_factory.mktemp("client"))
 
 
 def call(absent, *arguments):

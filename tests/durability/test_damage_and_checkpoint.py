@@ -6,10 +6,11 @@ from collections import Counter
 import pytest
 
 from phyagentos.errors import ExecutionError
+from phyagentos.store.history import fold
 
 from . import damages
 from .patient import Patient
-from .workloads import fold, list_live
+from .workloads import list_live
 
 pytestmark = pytest.mark.slow
 

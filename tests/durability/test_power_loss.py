@@ -9,6 +9,7 @@ import pytest
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.store.follower import Follower
+from phyagentos.store.history import fold
 from phyagentos.store.journal import Journal
 from phyagentos.store.segments import SystemIO
 from phyagentos.testing import ManualClock
@@ -16,7 +17,7 @@ from phyagentos.testing import ManualClock
 from . import second_reader
 from .disk_model import Recorder, Step, build_image, read_folder
 from .interception import intercept
-from .workloads import COMMANDS, LANE, NOON_S, Bench, fold, identify, list_live, make_submit
+from .workloads import COMMANDS, LANE, NOON_S, Bench, identify, list_live, make_submit
 
 pytestmark = pytest.mark.slow
 
@@ -103,8 +104,7 @@ class Judge:
             )
             ledger = again.open_ledger()  # from the checkpoint, where one has survived
             again.commit([make_submit("afterwards")])
-            for record in again.read_new():
-                ledger.apply(record)
+            ledger.extend(again.read_new())
             again.close()
             follower = Follower(folder)
             stands = follower.read_new()

@@ -3,16 +3,16 @@
 import hashlib
 from contextlib import closing
 
-from phyagentos.store.checkpoint import start_reading, write_checkpoint
+from phyagentos.store.checkpoint import read_ledger, write_checkpoint
 from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Entry
+from phyagentos.store.maintenance import Maintenance
 from phyagentos.store.records import encode_record
 from phyagentos.store.recovery.repair import repair_partition
 from phyagentos.store.segments import SystemIO
 from phyagentos.testing import ManualClock
 
 from .conftest import make_submit
-from .histories import fold
 
 
 class HashingFollower(Follower):
@@ -89,8 +89,14 @@ def frames_of(folder):
 
 
 def checkpoint(folder):
-    ledger, follower = start_reading(folder)
-    fold(follower.read_new(), ledger)
-    write_checkpoint(folder, ledger, follower.position, SystemIO(), durable=False)
-    follower.close()
+    ledger, position = read_ledger(folder)
+    write_checkpoint(folder, ledger, position, SystemIO(), durable=False)
+    return ledger
+
+
+def tidy(folder, io=None, *, durable=False):
+    """Write a checkpoint and archive, as a journal does now and then."""
+    ledger, position = read_ledger(folder)
+    if position is not None:
+        Maintenance(folder, ManualClock(), io or SystemIO(), durable=durable).tidy(ledger, position)
     return ledger
