@@ -424,7 +424,7 @@ def test_what_waits_for_a_person_is_said_in_the_first_lines_and_asked_above_the_
     desk.record(GOAL, "goal_compiled", nodes={"a": node}, accept=["human: Is it clean?"], constraints=[])
     session = desk.submit("a")
     desk.execute(session)
-    desk.judge(session, "accept", Verdict.SUCCESS, Truth.TRUE)
+    desk.judge(session, Verdict.SUCCESS, Truth.TRUE)
     desk.record("node:tidy-7/a", "node_done")
     documents = Documents(desk.workspace.root)
     documents.refresh()
