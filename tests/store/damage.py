@@ -1,6 +1,5 @@
 """What rots in a journal, and what is done about it."""
 
-import hashlib
 from contextlib import closing
 
 from phyagentos.store.checkpoint import read_ledger, write_checkpoint
@@ -13,23 +12,7 @@ from phyagentos.store.segments import SystemIO
 from phyagentos.testing import ManualClock
 
 from .conftest import make_submit
-
-
-class HashingFollower(Follower):
-    """Hashes every record it accepts, header and payload, as docs/journal.md defines it."""
-
-    def __init__(self, folder):
-        super().__init__(folder)
-        self.records, self._hash = 0, hashlib.sha256()
-
-    @property
-    def records_sha256(self):
-        return self._hash.hexdigest()
-
-    def accept(self, data, records):
-        super().accept(data, records)
-        self._hash.update(data)
-        self.records += len(records)
+from .readers import HashingFollower
 
 
 def mend(folder, *, accept_loss=True, **options):
