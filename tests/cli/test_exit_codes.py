@@ -152,9 +152,11 @@ def test_every_command_with_an_end_has_json(paos):
         (("rnu",), "Did you mean 'run'?"),
         (("store", "chekc"), "Did you mean 'check'?"),
         (("run", "tidy_table", "--sed", "3"), "Did you mean '--seed'"),
+        (("tree", "show", "pick_and_plaec"), "Did you mean 'pick_and_place'?"),
+        (("schema", "goal_grap"), "Did you mean 'goal_graph'?"),
     ],
 )
-def test_a_slip_in_a_command_or_an_option_gets_the_nearest_name(paos, words, nearest):
+def test_a_slip_in_a_command_an_option_or_a_name_gets_the_nearest_name(paos, words, nearest):
     result = paos(*words)
     assert (result.code, nearest in result.err) == (ExitCode.INVALID_INPUT, True), result.err
 
