@@ -105,6 +105,9 @@ SEED_MAX = str(2**63 - 1)
         *(((command, "tidy_tabel"), NEAREST) for command in ("run", "lint")),
         (("run", "quite_other"), "UNKNOWN_NAME (file): found no such file; expected a path, or one of: carry_cup"),
         (("fly",), "No such command 'fly'"),
+        (("doctor", "nowhere"), "UNKNOWN_NAME (folder)"),
+        (("help", "zzyzx"), "alike, approve, backup"),
+        (("run", "tidy_table", "--verify", "sometimes"), "recovery"),
         (
             ("compile", "tidy_table", "--set", "arm=panda"),
             "--set arm: UNKNOWN_NAME (parameter): found 'arm'; expected targets.arm",
