@@ -9,10 +9,11 @@ import errno
 import inspect
 import shutil
 import traceback
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import CodeType
+from typing import TypeVar
 
 import msgspec
 
@@ -20,6 +21,9 @@ from phyagentos.overtime import limit_time
 
 LOAD_S = 60.0  # for a person's code to load: a library of models takes half of it
 ROOM_BYTES = 1 << 20  # with less room than that no process can keep its records
+
+_NameT = TypeVar("_NameT", bound=str)
+_ValueT = TypeVar("_ValueT")
 
 
 class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -102,6 +106,13 @@ class DefinitionError(PhyAgentOSError):
     def unknown(cls, kind: str, address: str, name: str, possible: Iterable[str]) -> "DefinitionError":
         """The error of one `Problem.unknown`."""
         return cls(Problem.unknown(kind, address, name, possible))
+
+
+def get_known(kind: str, address: str, name: _NameT, known: Mapping[_NameT, _ValueT]) -> _ValueT:
+    """What has this name; raises DefinitionError as `DefinitionError.unknown` where nothing has."""
+    if name not in known:
+        raise DefinitionError.unknown(kind, address, name, known)
+    return known[name]
 
 
 class ExecutionError(PhyAgentOSError):

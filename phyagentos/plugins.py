@@ -18,7 +18,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Generic, TypeVar, cast
 
-from phyagentos.errors import DefinitionError, blaming, list_foreign_errors
+from phyagentos.errors import DefinitionError, blaming, get_known, list_foreign_errors
 
 T = TypeVar("T")
 PACKAGE = "phyagentos"
@@ -46,10 +46,7 @@ class Plugins(Generic[T]):
 
     def find(self, name: str, address: str = "") -> T | EntryPoint:
         """The plug-in of a name; what a package or a text names is not imported. Raises as `load`."""
-        points = self._find_points()
-        if name not in points:
-            raise DefinitionError.unknown(self.noun, address or self.group, name, points)
-        return points[name]
+        return get_known(self.noun, address or self.group, name, self._find_points())
 
     def load(self, name: str, address: str = "") -> T:
         """The plug-in of a name.

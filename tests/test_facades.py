@@ -27,10 +27,6 @@ def test_every_name_of_a_facade_is_there_and_sorted(name):
     assert facade.__doc__.count("from phyagentos."), "no example"
 
 
-def test_the_package_itself_loads_no_facade():
-    assert not {f"phyagentos.{each}" for each in FACADES} & list_loaded("import phyagentos")
-
-
 @pytest.mark.slow
 def test_no_facade_loads_a_simulator():
     code = "\n".join(f"import phyagentos.{each}" for each in FACADES)

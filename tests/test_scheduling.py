@@ -5,6 +5,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 from phyagentos.assembly.process_tuning import ask_for_precedence, ask_for_prompt_wakeups
 
 ASK = """
@@ -27,19 +29,12 @@ print(json.dumps([granted, own == PRECEDENCE, int(child.stdout) >= min(before, 0
 """
 
 
-def test_a_larger_share_is_in_force_where_it_was_granted_and_no_child_inherits_it():
-    done = subprocess.run([sys.executable, "-c", ASK_FOR_SHARE], capture_output=True, text=True, check=True)
-    granted, has_share, is_child_ordinary = json.loads(done.stdout)
+@pytest.mark.parametrize("source", [ASK, ASK_FOR_SHARE], ids=["prompt wake-ups", "a larger share"])
+def test_what_was_granted_is_in_force_and_no_child_inherits_it(source):
+    done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=True)
+    granted, is_in_force, is_child_ordinary = json.loads(done.stdout)
 
-    assert granted == has_share
-    assert is_child_ordinary
-
-
-def test_what_was_granted_is_in_force_and_no_child_inherits_it():
-    done = subprocess.run([sys.executable, "-c", ASK], capture_output=True, text=True, check=True)
-    granted, is_prompt, is_child_ordinary = json.loads(done.stdout)
-
-    assert granted == is_prompt
+    assert granted == is_in_force
     assert is_child_ordinary
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.cli.results import ANSWERING, build_result_schema
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import get_known
 from phyagentos.operations.schema_fields import iter_structures, list_fields
 from phyagentos.protocol.documents.markdown import render_table
 from phyagentos.protocol.documents.plain_data import Fields
@@ -56,10 +56,7 @@ def build_schema(kind: str) -> Fields:
     """The schema as data; raises DefinitionError for an unknown kind."""
     if kind.startswith(RESULTS):
         return build_result_schema(kind.removeprefix(RESULTS).replace("_", " "))
-    builders = _builders()
-    if kind not in builders:
-        raise DefinitionError.unknown("schema", "paos schema", kind, builders)
-    return builders[kind]()
+    return get_known("schema", "paos schema", kind, _builders())()
 
 
 def _builders() -> dict[str, Callable[[], Fields]]:

@@ -11,7 +11,7 @@ from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import read_goal_graph
 from phyagentos.assembly.project import get_file, parse_overrides
 from phyagentos.clock import Clock, SystemClock
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, get_known
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
@@ -90,9 +90,7 @@ def amend(
 
 
 def _get_open(id: GoalId, ledger: Ledger) -> GoalStatus:
-    status = ledger.goals.get(id)
-    if status is None:
-        raise DefinitionError.unknown("goal", "paos amend", id, ledger.goals)
+    status = get_known("goal", "paos amend", id, ledger.goals)
     if status.verdict or status.is_cancelled:
         found = f"its verdict, {status.verdict}, which is final" if status.verdict else "a goal that is cancelled"
         raise DefinitionError.of("ALREADY_OVER", id, found, "", "Run the other graph as a goal of its own.")

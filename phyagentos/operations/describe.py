@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from phyagentos.assembly.project import open_library
-from phyagentos.errors import DefinitionError, format_hint
+from phyagentos.errors import DefinitionError, format_hint, get_known
 from phyagentos.operations.schema_fields import iter_structures, list_fields
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, read_skill
@@ -68,9 +68,7 @@ def describe(kind: str, name: str = "") -> tuple[Described, ...]:
 
     Raises DefinitionError `UNKNOWN_NAME` for a kind or a name.
     """
-    if kind not in KINDS:
-        raise DefinitionError.unknown("kind", "paos describe", kind, KINDS)
-    every = list(KINDS[kind](open_library()))
+    every = list(get_known("kind", "paos describe", kind, KINDS)(open_library()))
     found = [each for each in every if name in {"", each.name, *(row.name for row in each.rows)}]
     if not found:
         raise DefinitionError.unknown(kind, f"paos describe {kind}", name, [each.name for each in every])

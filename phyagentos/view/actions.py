@@ -7,7 +7,7 @@ from pathlib import Path
 
 from phyagentos.assembly.project import admit_python
 from phyagentos.clock import SystemClock
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, get_known
 from phyagentos.operations import answer, recall, stop
 from phyagentos.operations.approve import as_file, deny
 from phyagentos.operations.lint import lint_file
@@ -54,9 +54,7 @@ def perform(workspace: Workspace, name: str, form: Form) -> Done:
         DefinitionError: `UNKNOWN_NAME`; `MISSING_VALUE` for an empty field; whatever its use case finds wrong.
         ExecutionError: As its use case does.
     """
-    if name not in ACTIONS:
-        raise DefinitionError.unknown("action", "actions", name, ACTIONS)
-    action = ACTIONS[name]
+    action = get_known("action", "actions", name, ACTIONS)
     if missing := [field for field in action.needs if not form.get(field, "").strip()]:
         raise DefinitionError.of("MISSING_VALUE", name, "nothing", ", ".join(missing))
     fields = {"reason": "", **{key: clean(value) for key, value in form.items()}}

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, get_known
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.evidence import TRAJECTORY
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
@@ -22,7 +22,7 @@ _OF_COURSE = frozenset({"id", "attempt", "parent", "advice", "advised_by", "goal
 
 def compare_sessions(documents: Documents, first: str, second: str) -> Fields:
     """Values of the template `compare`; raises DefinitionError `UNKNOWN_NAME`."""
-    both = [_get(documents, id) for id in (first, second)]
+    both = [get_known("session", "compare", SessionId(id), documents.ledger.sessions) for id in (first, second)]
     contracts = [flatten(msgspec.to_builtins(each.contract)) for each in both]
     keys = dict.fromkeys([*contracts[0], *contracts[1]])
     differ = [key for key in keys if contracts[0].get(key) != contracts[1].get(key) and key not in _OF_COURSE]
@@ -51,13 +51,6 @@ def flatten(value: Mapping[str, Any], above: str = "") -> Fields:
         else:
             flat[key] = ", ".join(map(str, each)) if isinstance(each, list | tuple) else each
     return flat
-
-
-def _get(documents: Documents, id: str) -> SessionStatus:
-    found = documents.ledger.sessions.get(SessionId(id))
-    if found is None:
-        raise DefinitionError.unknown("session", "compare", id, documents.ledger.sessions)
-    return found
 
 
 def _find_criterion(status: SessionStatus, text: str) -> Any:

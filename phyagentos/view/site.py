@@ -16,7 +16,7 @@ from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from phyagentos.clock import SystemClock
-from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError, get_known
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.view.access import Access
 from phyagentos.view.documents import Documents
@@ -104,9 +104,7 @@ class Site:
 
     def _find_place(self, key: str, *, is_suite: bool) -> Place:
         known = {name: each for name, each in find_places(self._given).items() if each.is_suite == is_suite}
-        if key not in known:
-            raise DefinitionError.unknown("run" if is_suite else "workspace", "paos view", key, known)
-        return known[key]
+        return get_known("run" if is_suite else "workspace", "paos view", key, known)
 
     def _find_suites(self) -> list[Place]:
         return [each for each in find_places(self._given).values() if each.is_suite]

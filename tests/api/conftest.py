@@ -1,6 +1,5 @@
 """A workspace that an earlier version recorded, with a small scene model for the session that lost its cube."""
 
-import tarfile
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,8 +26,8 @@ from phyagentos.protocol.sessions.evidence import (
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.workspace.array_files import decode_arrays, encode_arrays
 from phyagentos.protocol.workspace.workspace import Workspace
+from tests.stored_workspace import unpack_stored
 
-ARCHIVE = Path(__file__).resolve().parents[1] / "cli" / "stored" / "tidy_table_0_1_0.tar.xz"
 GOAL = "tidy_table-7"
 
 
@@ -36,9 +35,7 @@ GOAL = "tidy_table-7"
 def stored(tmp_path_factory):
     """`workspaces/demo` in a folder of its own."""
     folder = tmp_path_factory.mktemp("api") / "workspaces"
-    with tarfile.open(ARCHIVE) as archive:
-        archive.extractall(folder, filter="data")
-    root = (folder / "tidy_table").rename(folder / "demo")
+    root = unpack_stored(folder).rename(folder / "demo")
     add_scene(Workspace.open(root), root / "evidence" / f"{GOAL}.red")
     return root
 

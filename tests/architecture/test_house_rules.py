@@ -131,38 +131,29 @@ def loaded_by(*modules: str) -> set[str]:
     return set(done.stdout.split())
 
 
-def modules_of(package: str) -> list[str]:
-    paths = sorted((PACKAGE / package).rglob("*.py"))
+def modules_of(place: str) -> list[str]:
+    """Of a package, or of one file."""
+    paths = sorted((PACKAGE / place).rglob("*.py")) or [PACKAGE / place]
     names = [path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".") for path in paths]
     return [name.removesuffix(".__init__") for name in names if not name.endswith("__main__")]
 
 
-@pytest.mark.slow
-def test_the_agent_plane_loads_no_body():
-    loaded = loaded_by(*modules_of("agent"))
-    assert not loaded & BODY_LIBRARIES
-    assert not {name for name in loaded if name.startswith("phyagentos.runtime")}
+AGENT, RUNTIME = "phyagentos.agent", "phyagentos.runtime"
+LOADED = {  # by all modules of a room, or by one alone: what it never loads, and rooms of which it loads nothing
+    "agent": (BODY_LIBRARIES, (RUNTIME,)),
+    "runtime": ({"networkx"}, (AGENT,)),
+    "protocol": (BODY_LIBRARIES | {"networkx"}, (AGENT, RUNTIME)),
+    "cli/app.py": (BODY_LIBRARIES | {"networkx", "numpy"}, (AGENT, RUNTIME)),
+}
 
 
 @pytest.mark.slow
-def test_the_runtime_plane_loads_no_goal_graph():
-    loaded = loaded_by(*modules_of("runtime"))
-    assert "networkx" not in loaded
-    assert not {name for name in loaded if name.startswith("phyagentos.agent")}
-
-
-@pytest.mark.slow
-def test_the_boundary_loads_neither_plane_nor_simulator():
-    loaded = loaded_by(*modules_of("protocol"))
-    assert not loaded & (BODY_LIBRARIES | {"networkx"})
-    assert not {name for name in loaded if name.startswith(("phyagentos.agent", "phyagentos.runtime"))}
-
-
-@pytest.mark.slow
-def test_the_command_line_loads_no_plane_before_it_needs_one():
-    loaded = loaded_by("phyagentos.cli.app")
-    assert not loaded & (BODY_LIBRARIES | {"networkx", "numpy"})
-    assert not {name for name in loaded if name.startswith(("phyagentos.agent", "phyagentos.runtime"))}
+@pytest.mark.parametrize("place", LOADED)
+def test_no_room_loads_a_library_or_a_plane_that_is_not_its_own(place):
+    libraries, rooms = LOADED[place]
+    loaded = loaded_by(*modules_of(place))
+    assert not loaded & libraries
+    assert not {name for name in loaded if name.startswith(rooms)}
 
 
 SPEAKS = ("print", "input", "exit", "SystemExit", "redirect_stdout")

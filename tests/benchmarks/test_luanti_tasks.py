@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from benchmarks.luanti import GROUPS, LIBRARY, read_outcomes, sum_up, write_goal
-from phyagentos.operations.lint import lint_paths
+from benchmarks.luanti import GROUPS, read_outcomes, sum_up, write_goal
 
 KITS = Path(__file__).resolve().parents[2] / "kits"
 STONE = {"is_solid": True, "is_liquid": False, "hurts": False, "falls": False}
@@ -95,13 +94,6 @@ def test_a_task_is_planned_from_bare_hands_by_the_book(item, tmp_path):
 def test_what_no_recipe_makes_has_no_plan(tmp_path):
     with pytest.raises(ValueError, match="no plan for default_nyan"):
         write_goal("default_nyan", tmp_path)
-
-
-@pytest.mark.slow
-def test_its_skills_and_trees_lint_clean():
-    found = lint_paths([LIBRARY])
-    assert found.checked
-    assert not found.problems
 
 
 def test_a_task_counts_by_its_last_outcome_and_a_group_by_its_tasks(tmp_path):

@@ -4,7 +4,6 @@ import pytest
 
 from benchmarks.scienceworld import KIT, LIBRARY, sum_up
 from benchmarks.scienceworld_parts.understand import understand, write_goal
-from phyagentos.operations.lint import lint_paths
 
 TASKS = (
     "boil", "melt", "freeze", "change-the-state-of-matter-of", "use-thermometer",
@@ -77,10 +76,3 @@ def test_the_mean_is_of_tasks_and_a_success_that_the_score_denies_is_counted():
     figures = sum_up(lines)
     assert (figures["score_mean"], figures["score_boil"], figures["tasks"]) == (50.0, 75.0, 2)
     assert figures["false_success_share"] == pytest.approx(1 / 3, abs=1e-3)
-
-
-@pytest.mark.slow
-def test_its_goal_skills_and_trees_lint_clean():
-    found = lint_paths([LIBRARY])
-    assert found.checked
-    assert not found.problems

@@ -4,15 +4,13 @@ import msgspec
 import pytest
 
 from phyagentos.operations.progress import RunFold
-from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.protocol.sessions.session import Ended, Execution, Scene
+from phyagentos.protocol.sessions.session import Ended, Scene
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
-from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.ledger import Ledger
 from phyagentos.testing import ManualClock, make_contract
+from tests.pens import Pens
 
 GOAL = "tidy-7"
 NODES = {
@@ -21,21 +19,16 @@ NODES = {
 }
 
 
-class Run:
-    """Both planes' pens on one journal."""
+class Run(Pens):
+    """Both planes' pens on one journal; a record a second."""
 
     def __init__(self, root) -> None:
-        self.workspace = Workspace.create(root, Library(()))
-        self.clock = ManualClock()
-        self.pens = {
-            side: Journal(self.workspace.root, side=side, by=side.value, clock=self.clock, durable=False)
-            for side in Side
-        }
+        super().__init__(root, ManualClock())
         self.fold = RunFold(self.workspace, GOAL, Ledger(forgets=False))
 
     def write(self, side: Side, id: str, ev: str, epoch: int | None = None, /, **body: object) -> None:
         self.clock.advance(1.0)
-        self.pens[side].commit([Entry(id, ev, body or None, epoch)])
+        super().write(side, id, ev, epoch, **body)
         self.fold.apply(self.pens[Side.OPERATOR].read_new())
 
     def begin(self) -> None:
@@ -59,27 +52,15 @@ class Run:
         return session.id
 
     def execute(self, id: str, ended: Ended = Ended.SKILL_FAILED) -> None:
-        self.write(Side.RUNTIME, id, "claim")
-        self.write(Side.RUNTIME, id, "check", 1)
-        self.write(Side.RUNTIME, id, "start", 1)
-        execution = Execution(
-            ended=ended,
-            evidence=f"evidence/{id}",
-            code="GRASP_LOST",
-            leaf="pick_and_place/place/lower",
-            sim_time_s=6.5,
-        )
-        self.write(Side.RUNTIME, id, "halt", 1)
-        self.write(Side.RUNTIME, id, "finish", 1, execution=msgspec.to_builtins(execution))
+        self.claim(id)
+        self.finish(id, ended=ended, code="GRASP_LOST", leaf="pick_and_place/place/lower", sim_time_s=6.5)
 
     def judge(self, id: str, verdict: Verdict, truth: Truth) -> None:
-        self.write(Side.AGENT, id, "verify")
         criterion = Criterion(
             text="inside(red_cube, red_tray)", kind="accept", truth=truth, measured={"distance_m": 0.31}
         )
-        attempt = Attempt(verdict=verdict, criteria=(criterion,), cause="" if truth is Truth.TRUE else "GRASP_LOST")
-        trigger = {Verdict.SUCCESS: "accept", Verdict.FAILURE: "refuse", Verdict.REPLAN: "replan"}[verdict]
-        self.write(Side.AGENT, id, trigger, attempt=msgspec.to_builtins(attempt))
+        cause = "" if truth is Truth.TRUE else "GRASP_LOST"
+        self.decide(id, Attempt(verdict=verdict, criteria=(criterion,), cause=cause))
 
     def end(self, verdict: str) -> None:
         self.write(Side.AGENT, f"goal:{GOAL}", "goal_verdict", verdict=verdict, criteria=[], reason="because")
@@ -89,8 +70,7 @@ class Run:
 def run(tmp_path):
     run = Run(tmp_path / "w")
     yield run
-    for pen in run.pens.values():
-        pen.close()
+    run.close()
 
 
 @pytest.fixture

@@ -10,16 +10,13 @@ import pytest
 
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK
-
-STORED = Path(__file__).parent / "stored" / "tidy_table_0_1_0.tar.xz"
+from tests.stored_workspace import unpack_stored
 
 
 @pytest.fixture
 def root(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with tarfile.open(STORED) as archive:
-        archive.extractall(tmp_path, filter="data")
-    return tmp_path / "tidy_table"
+    return unpack_stored(tmp_path)
 
 
 def read(folder):

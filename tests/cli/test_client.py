@@ -1,9 +1,9 @@
 """What a client can do: the packages of the group `client`, and no others of those that a runtime needs."""
 
 import importlib.metadata
+import re
 import subprocess
 import sys
-import tarfile
 import tomllib
 from pathlib import Path
 
@@ -12,9 +12,9 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from phyagentos.cli.outcome import ExitCode
+from tests.stored_workspace import unpack_stored
 
 ROOT = Path(__file__).resolve().parents[2]
-STORED = Path(__file__).parent / "stored" / "tidy_table_0_1_0.tar.xz"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 WITHOUT = """
 import sys
@@ -25,8 +25,14 @@ class Absent:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Absent())
 from phyagentos.cli.app import main
-main()
+for command in sys.argv[1:]:
+    sys.argv = ["paos", *command.split()]
+    try:
+        main()
+    except SystemExit as ended:
+        print(END, ended.code)
 """
+END = "-- ended with"
 
 
 def name_distributions(wanted):
@@ -44,33 +50,31 @@ def absent():
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("client")
-    with tarfile.open(STORED) as archive:
-        archive.extractall(folder, filter="data")
-    return folder / "tidy_table"
+    return unpack_stored(tmp_path_factory.mktemp("client"))
 
 
-def call(absent, *arguments):
-    command = [sys.executable, "-c", WITHOUT, ",".join(sorted(absent)), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=120, check=False)
+def call(absent, *commands):
+    """The process that carries commands out, and what each printed and ended with."""
+    command = [sys.executable, "-c", WITHOUT.replace("END", repr(END)), ",".join(sorted(absent)), *commands]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=120, check=True)
+    return done, re.findall(rf"(.*?){END} (\d)\n", done.stdout, re.DOTALL)
 
 
 READS = ("why red", "status", "context", "memory show", "approve", "graph")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", READS)
-def test_a_workspace_is_read_without_what_a_runtime_needs(absent, workspace, command):
+def test_a_workspace_is_read_without_what_a_runtime_needs(absent, workspace):
     assert {"mujoco", "scipy", "cv2", "numba", "casadi", "ompl"} <= absent
-    done = call(absent, *command.split(), "-w", workspace)
-    assert done.returncode == ExitCode.GOAL_MET, done.stderr
-    assert done.stdout
+    done, printed = call(absent, *(f"{command} -w {workspace}" for command in READS))
+    assert [code for _, code in printed] == [str(ExitCode.GOAL_MET)] * len(READS), done.stderr
+    assert all(text for text, _ in printed)
 
 
 @pytest.mark.slow
 def test_what_needs_more_says_so(absent, workspace):
-    done = call(absent, "lint", ROOT / "goal_graphs" / "tidy_table.yaml")
-    assert done.returncode == ExitCode.INVALID_INPUT
+    done, ((_, code),) = call(absent, f"lint {ROOT / 'goal_graphs' / 'tidy_table.yaml'}")
+    assert code == str(ExitCode.INVALID_INPUT)
     assert "is not installed here" in done.stderr
     assert "Traceback" not in done.stderr
 

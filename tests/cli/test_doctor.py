@@ -28,10 +28,6 @@ def test_this_machine_keeps_every_promise_and_nothing_is_left_behind(tmp_path, p
     assert not any(tmp_path.iterdir())
 
 
-def test_a_folder_that_does_not_exist_is_a_mistake_of_the_caller(tmp_path, paos):
-    assert_refused(paos("doctor", tmp_path / "nowhere"), "UNKNOWN_NAME (folder)")
-
-
 def test_packages_that_are_missing_or_too_old_are_all_named(monkeypatch):
     wanted = ["no-such-package>=1", "PyYAML>=999", "numpy>=2", "other; extra == 'dev'"]
     monkeypatch.setattr(importlib.metadata, "requires", lambda _: wanted)

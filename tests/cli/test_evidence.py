@@ -198,13 +198,6 @@ def test_a_wrong_policy_is_refused_with_its_place(paos, run, bundles):
     assert paos("lint", run.workspace.runtime_contract).code == ExitCode.INVALID_INPUT
 
 
-def test_a_copy_without_hard_links_is_verified_all_the_same(paos, run, bundles, tmp_path):
-    copy = tmp_path / "copy"
-    shutil.copytree(run.workspace.root, copy)
-    result = paos("evidence", "verify", "-w", copy)
-    assert (result.code, result.out) == (ExitCode.GOAL_MET, "2 bundles checked: as recorded\n")
-
-
 def test_a_context_that_a_model_was_shown_is_checked_with_the_bundle_that_holds_it(paos, run, bundles):
     sha256 = keep_shown(bundles[0], "# Context for verify\n")  # after it was sealed
     criterion = Criterion(text="inside(red_cube, red_tray)", kind="vision", truth=Truth.TRUE, shown=sha256)

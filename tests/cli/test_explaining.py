@@ -135,10 +135,6 @@ def test_what_is_not_there_or_over_is_refused_and_nothing_is_asked(replanned, pa
     assert list(take_signals(replanned.workspace.signals)) == []
 
 
-def test_the_graph_of_no_workspace_is_refused(paos, tmp_path):
-    assert_refused(paos("graph", "--workspace", tmp_path / "nowhere"))
-
-
 @pytest.mark.parametrize("kind", ["cancel", "pause", "resume"])
 def test_a_request_leaves_a_signal_for_one_session(run, paos, kind):
     run.begin()
@@ -159,11 +155,6 @@ def test_a_take_over_names_the_leader_of_the_arm_and_its_keys_need_a_terminal(ru
     assert found.code == ExitCode.GOAL_MET
     assert (signal.session, signal.by) == ("tidy-7.red", "ada")
     assert (signal.leader, signal.speaks) == ("tcp://127.0.0.1:5555", "joints")
-
-
-def test_cancel_all_needs_no_session(run, paos):
-    paos("cancel", "all", "--workspace", run.workspace.root)
-    assert [signal.session for signal in take_signals(run.workspace.signals)] == ["*"]
 
 
 def test_a_damaged_journal_holds_up_no_stop(run, paos):

@@ -5,7 +5,6 @@ import json
 import pytest
 
 from phyagentos.cli.outcome import ExitCode
-from tests.command_line import assert_refused
 
 QUESTIONS = {  # page -> questions of readers
     "slower": ("make the arm slower", "how do I slow down the robot", "reduce speed"),
@@ -52,7 +51,3 @@ def test_a_page_is_shown_with_its_first_lines_and_its_commands_and_commands_besi
 
 def test_without_words_it_is_the_help_of_all_commands(paos):
     assert paos("help").out.split() == paos("--help").out.split()
-
-
-def test_words_of_no_page_are_refused_with_the_pages_there_are(paos):
-    assert_refused(paos("help", "zzyzx"), "alike, approve, backup")

@@ -52,9 +52,18 @@ def test_everything_that_ships_is_clean(paos):
         "faults",
         "protocol",
         "examples/projects/01_yaml_skill",
+        "examples/projects/03_policy_server",
+        "examples/projects/04_two_arms",
+        "examples/projects/07_fetch_and_sort",
+        "examples/projects/08_meta_world",
+        "examples/projects/11_workbench",
+        "benchmarks/crafter_parts/library",
+        "benchmarks/luanti_parts/library",
+        "benchmarks/scienceworld_parts/library",
     ]
     result = paos("lint", *[ROOT / folder for folder in folders])
     assert (result.code, result.err) == (ExitCode.GOAL_MET, "")
+    assert int(result.out.split()[0]) > 250, "of each folder some files are checked"
 
 
 def test_problems_of_several_files_are_reported_in_their_order(paos, write):

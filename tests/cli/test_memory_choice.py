@@ -76,9 +76,6 @@ def test_paos_memory_of_a_workspace_shows_the_memory_that_it_has(project, worksp
     assert "soap" in paos("memory", "show", "-w", chosen.folder).out
 
 
-BATCHES = 10  # of each writer, before both are killed
-
-
 def copy(workspace, to):
     shutil.copytree(workspace.root, to, symlinks=True)
     return Workspace.open(to)

@@ -39,7 +39,6 @@ def _read(near):
 @pytest.mark.parametrize(
     "words",
     [
-        ("describe", "tidy_tabel"),
         ("run", "tidy_tabel"),
         ("help", "slower"),
         ("-h",),

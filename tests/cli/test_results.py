@@ -5,7 +5,6 @@ where the rest is called, so that a new command is asked for by existing.
 """
 
 import re
-import tarfile
 from pathlib import Path
 
 import jsonschema
@@ -14,9 +13,9 @@ import pytest
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.cli.results import ANSWERING, LATE, build_result_schema
 from tests.published_results import check_printed
+from tests.stored_workspace import unpack_stored
 
 ROOT = Path(__file__).resolve().parents[2]
-STORED = ROOT / "tests" / "cli" / "stored" / "tidy_table_0_1_0.tar.xz"
 ANYWHERE = {
     "plan": ("plan", ROOT / "tests" / "api" / "put_red.goal.yaml"),
     "runs": ("runs",),
@@ -136,11 +135,10 @@ def test_the_schema_holds_in_a_workspace(paos, replanned):
 
 @pytest.mark.slow
 def test_the_schema_holds_for_a_recorded_run(paos, here):
-    with tarfile.open(STORED) as archive:
-        archive.extractall(here, filter="data")
-    call(paos, OF_A_RECORDED_RUN, "judge", here / "tidy_table")
+    root = unpack_stored(here)
+    call(paos, OF_A_RECORDED_RUN, "judge", root)
     for command in OF_A_RECORDED_RUN.keys() - {"judge"}:
-        call(paos, OF_A_RECORDED_RUN, command, "-w", here / "tidy_table")
+        call(paos, OF_A_RECORDED_RUN, command, "-w", root)
 
 
 @pytest.mark.parametrize("command", ELSEWHERE)

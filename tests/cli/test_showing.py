@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -65,10 +63,6 @@ def test_a_tree_as_svg_is_well_formed_and_names_every_leaf(paos, tmp_path):
     assert any("verify_grasp" in text for text in texts)
 
 
-def test_an_unknown_tree_names_the_nearest(paos):
-    assert_refused(paos("tree", "show", "pick_and_plaec"), "Did you mean 'pick_and_place'?")
-
-
 def test_a_tree_that_contains_itself_is_not_drawn_for_ever(paos, tmp_path):
     path = tmp_path / "trees" / "loop.yaml"
     path.parent.mkdir()
@@ -118,12 +112,3 @@ def test_an_editor_refuses_an_unknown_key():
     data = yaml.safe_load((ROOT / "goal_graphs/tidy_table.yaml").read_text(encoding="utf-8")) | {"colour": "red"}
     with pytest.raises(jsonschema.ValidationError, match="'colour' was unexpected"):
         make_validator("goal_graph").validate(data)
-
-
-def test_an_unknown_schema_names_the_nearest(paos):
-    assert_refused(paos("schema", "goal_grap"), "Did you mean 'goal_graph'?")
-
-
-def test_the_module_is_the_command():
-    done = subprocess.run([sys.executable, "-m", "phyagentos", "--version"], capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("phyagentos ")

@@ -1,8 +1,6 @@
 """A workspace that an earlier version recorded still opens: its journal, documents, bundles and verdicts."""
 
 import json
-import tarfile
-from pathlib import Path
 
 import pytest
 
@@ -12,17 +10,15 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Journal
 from phyagentos.testing import ManualClock
 from tests.goal_graphs import check_recorded_graphs
+from tests.stored_workspace import unpack_stored
 
-ARCHIVE = Path(__file__).parent / "stored" / "tidy_table_0_1_0.tar.xz"
 GOAL = "tidy_table-7"
 CONTENT_SHA256 = "94c6778454830a45393df91ae799d46a116781548ceaf9b5859fb9a39d3320fa"
 
 
 @pytest.fixture
 def stored(tmp_path):
-    with tarfile.open(ARCHIVE) as archive:
-        archive.extractall(tmp_path, filter="data")
-    return tmp_path / "tidy_table"
+    return unpack_stored(tmp_path)
 
 
 def test_its_journal_is_whole_and_hashes_as_it_did(stored, paos):

@@ -11,7 +11,6 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
-from tests.command_line import assert_refused
 
 
 @pytest.mark.parametrize("mode", [None, *VerificationMode])
@@ -25,7 +24,3 @@ def test_the_agent_is_told_the_mode_that_was_asked_for(tmp_path, monkeypatch, mo
     assert ("--verify" in told) == (mode is not None)
     assert mode is None or told[told.index("--verify") + 1] == mode
     assert "--verify" not in started["watch"]
-
-
-def test_a_mode_that_does_not_exist_is_refused(paos):
-    assert_refused(paos("run", "tidy_table", "--verify", "sometimes"), "recovery")

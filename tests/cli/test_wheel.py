@@ -60,18 +60,14 @@ def test_the_wheel_carries_every_authored_file(wheel, folder):
     assert not missing
 
 
-def test_the_wheel_carries_the_kits(wheel):
-    carried = set(zipfile.ZipFile(wheel).namelist())
-
-    assert {f"phyagentos/share/kits/rollouts/{name}" for name in KIT} <= carried
-
-
-def test_the_wheel_carries_the_scaffold_the_type_marker_and_the_page(wheel):
-    carried = zipfile.ZipFile(wheel).namelist()
-    assert "phyagentos/operations/scaffold/goal_graphs/first.yaml" in carried
-    assert "phyagentos/py.typed" in carried
+def test_the_wheel_carries_a_kit_the_scaffold_the_type_marker_and_the_page(wheel):
     page = [path for folder in ("static", "templates") for path in (ROOT / "phyagentos" / "view" / folder).iterdir()]
-    assert {path.relative_to(ROOT).as_posix() for path in page} <= set(carried)
+    assert {
+        *(f"phyagentos/share/kits/rollouts/{name}" for name in KIT),
+        "phyagentos/operations/scaffold/goal_graphs/first.yaml",
+        "phyagentos/py.typed",
+        *(path.relative_to(ROOT).as_posix() for path in page),
+    } <= set(zipfile.ZipFile(wheel).namelist())
 
 
 def test_an_empty_folder_and_the_wheel_are_enough_to_begin(site, tmp_path):

@@ -4,17 +4,16 @@ import functools
 import re
 import shlex
 import subprocess
-import tarfile
 from importlib.util import find_spec
 
 import pytest
 
 from phyagentos.cli.app import GROUPS
 from phyagentos.cli.outcome import ExitCode
+from tests.stored_workspace import unpack_stored
 
 from .pages import ROOT, TEXTS, iter_blocks, iter_inline_commands, name_of, read
 
-STORED = ROOT / "tests/cli/stored/tidy_table_0_1_0.tar.xz"  # the run that pages show
 FOLDERS = ("benchmarks", "docs", "examples", "faults", "goal_graphs", "kits", "protocol", "robots", "scenes", "tools")
 PAGES = [path for path in TEXTS if "examples" not in path.parts]  # those are run by tests/examples
 RUN = [path for path in PAGES if any(not block.why_not_run for block in iter_blocks(path))]
@@ -75,11 +74,8 @@ def test_what_a_page_tells_to_type_is_run(path, paos, tmp_path, monkeypatch):
         (tmp_path / name).symlink_to(ROOT / name)
     commands = [command for block in iter_blocks(path) if not block.why_not_run for command in block.commands]
     if any(re.search(r"\bW\b|workspaces/demo", command) for command in commands):
-        with tarfile.open(STORED) as archive:
-            archive.extractall(tmp_path, filter="data")
         (tmp_path / "workspaces").mkdir()
-        (tmp_path / "tidy_table").rename(tmp_path / "workspaces" / "demo")
-        (tmp_path / "W").symlink_to(tmp_path / "workspaces" / "demo")
+        (tmp_path / "W").symlink_to(unpack_stored(tmp_path).rename(tmp_path / "workspaces" / "demo"))
     for command in commands:
         for part in command.split("&&"):
             name, *arguments = shlex.split(part.split(" > ")[0])

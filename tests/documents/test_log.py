@@ -1,17 +1,19 @@
 """LOG.md tells the story in order, once, and does not grow for ever."""
 
 import re
+from contextlib import closing
 
 import pytest
 
 from phyagentos.protocol.documents.log import LogLine, read_log
 from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.protocol.sessions.session import Ended, Execution
+from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
-from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.journal import Entry
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.views.log import LINES_SHOWN, NODES_NAMED, LogTail, render_log
 from phyagentos.testing import ManualClock
+from tests.pens import Pens
 
 FAILURE = Attempt(verdict=Verdict.FAILURE, criteria=(), cause="GRASP_LOST", reason="no budget is left.")
 REPLAN = Attempt(verdict=Verdict.REPLAN, criteria=(), cause="GRASP_LOST", reason="the cube slipped.")
@@ -40,35 +42,27 @@ def make_submit(id, parent=None):
 
 @pytest.fixture
 def pens(tmp_path):
-    clock = ManualClock(1_000_000.0)
-    made = {
-        side: Journal(tmp_path, side=side, by=side.value, clock=clock, durable=False)
-        for side in (Side.AGENT, Side.RUNTIME)
-    }
-    yield made
-    for pen in made.values():
-        pen.close()
+    with closing(Pens(tmp_path, ManualClock(1_000_000.0))) as made:
+        yield made
 
 
 def run_session(pens, id, attempt, *consequences):
-    execution = Execution(ended=Ended.COMPLETED, evidence=f"evidence/{id}")
-    pens[Side.RUNTIME].commit([Entry(id, "claim"), Entry(id, "check"), Entry(id, "start", epoch=1)])
-    pens[Side.RUNTIME].commit([Entry(id, "halt"), Entry(id, "finish", {"execution": execution}, 1)])
-    verdict = {Verdict.REPLAN: "replan", Verdict.SUCCESS: "accept", Verdict.FAILURE: "refuse"}[attempt.verdict]
-    pens[Side.AGENT].commit([Entry(id, "verify"), Entry(id, verdict, {"attempt": attempt}), *consequences])
+    pens.claim(id)
+    pens.finish(id, ended=Ended.COMPLETED)
+    pens.decide(id, attempt)
+    pens.commit(Side.AGENT, *consequences)
 
 
 @pytest.fixture
 def tail(pens):
     nodes = {"red": {"skill": "pick_and_place"}} | {f"n{number}": {} for number in range(NODES_NAMED)}
     change = "pick_and_place again with another grasp (not yaw 270°) at half speed"
-    pens[Side.AGENT].commit(
-        [
-            Entry("goal:tidy-7", "goal_submitted", {"graph": "tidy", "seed": 7, "objective": "Tidy the table"}),
-            Entry("goal:tidy-7", "goal_compiled", {"nodes": nodes}),
-            Entry("node:tidy-7/red", "node_ready"),
-            make_submit("tidy-7.red"),
-        ]
+    pens.commit(
+        Side.AGENT,
+        Entry("goal:tidy-7", "goal_submitted", {"graph": "tidy", "seed": 7, "objective": "Tidy the table"}),
+        Entry("goal:tidy-7", "goal_compiled", {"nodes": nodes}),
+        Entry("node:tidy-7/red", "node_ready"),
+        make_submit("tidy-7.red"),
     )
     child = {"child": "tidy-7.red.r1", "parent": "tidy-7.red", "reason": change}
     run_session(
@@ -79,7 +73,7 @@ def tail(pens):
         make_submit("tidy-7.red.r1", "tidy-7.red"),
     )
     run_session(pens, "tidy-7.red.r1", SUCCESS, Entry("node:tidy-7/red", "node_done", {"reason": SUCCESS.reason}))
-    return follow(pens[Side.AGENT])[1]
+    return follow(pens)[1]
 
 
 def test_the_log_tells_the_story_in_order_and_nothing_twice(tail):
@@ -116,26 +110,26 @@ def tell(record, ledger):
     return next(iter(read_log(tail.render(record.seq)).lines), None)
 
 
-def follow(pen):
+def follow(pens):
     """The ledger and the end of the log after everything that was recorded."""
     ledger, tail = Ledger(), LogTail()
-    for record in pen.read_new():
+    for record in pens.pens[Side.AGENT].read_new():
         ledger.apply(record)
         tail.take(record, ledger)
     return ledger, tail
 
 
-def read_lines(pen):
-    ledger, tail = follow(pen)
+def read_lines(pens):
+    ledger, tail = follow(pens)
     return [line.text for line in read_log(tail.render(ledger.seq)).lines]
 
 
 def test_a_judgement_is_told_as_it_was_whatever_comes_before_the_next_rendering(pens):
-    pens[Side.AGENT].commit([make_submit("s")])
+    pens.commit(Side.AGENT, make_submit("s"))
     run_session(pens, "s", FAILURE)
     review = Attempt(verdict=Verdict.SUCCESS, criteria=(), reason="it is inside.", is_review=True)
-    pens[Side.AGENT].commit([Entry("s", "review", {"attempt": review})])
-    assert read_lines(pens[Side.AGENT])[-2:] == [
+    pens.commit(Side.AGENT, Entry("s", "review", {"attempt": review}))
+    assert read_lines(pens)[-2:] == [
         "verdict failure (GRASP_LOST): no budget is left.",
         "review",
     ]
@@ -146,21 +140,20 @@ def test_a_judgement_is_told_as_it_was_whatever_comes_before_the_next_rendering(
     [(FAILURE.reason, "cannot be done: tidy-7.red failed"), ("red comes first", "cannot be done: red comes first")],
 )
 def test_a_node_that_cannot_be_done_tells_the_reason_unless_the_verdict_did(pens, reason, message):
-    pens[Side.AGENT].commit(
-        [
-            Entry("goal:tidy-7", "goal_submitted", {"graph": "tidy", "seed": 7}),
-            Entry("goal:tidy-7", "goal_compiled", {"nodes": {"red": {}}}),
-            make_submit("tidy-7.red"),
-        ]
+    pens.commit(
+        Side.AGENT,
+        Entry("goal:tidy-7", "goal_submitted", {"graph": "tidy", "seed": 7}),
+        Entry("goal:tidy-7", "goal_compiled", {"nodes": {"red": {}}}),
+        make_submit("tidy-7.red"),
     )
     run_session(pens, "tidy-7.red", FAILURE, Entry("node:tidy-7/red", "node_blocked", {"reason": reason}))
 
-    assert read_lines(pens[Side.AGENT])[-2:] == ["verdict failure (GRASP_LOST): no budget is left.", message]
+    assert read_lines(pens)[-2:] == ["verdict failure (GRASP_LOST): no budget is left.", message]
 
 
 def test_a_long_log_shows_its_end_and_says_how_much_is_older(pens):
-    pens[Side.AGENT].commit([make_submit(f"s{number}") for number in range(LINES_SHOWN + 5)])
-    ledger, tail = follow(pens[Side.AGENT])
+    pens.commit(Side.AGENT, *[make_submit(f"s{number}") for number in range(LINES_SHOWN + 5)])
+    ledger, tail = follow(pens)
     found = read_log(tail.render(ledger.seq))
 
     assert (found.front.older, len(found.lines), found.lines[0].about) == (5, LINES_SHOWN, "s5")
@@ -168,11 +161,10 @@ def test_a_long_log_shows_its_end_and_says_how_much_is_older(pens):
 
 
 def test_a_log_that_began_in_the_middle_says_so(pens):
-    pens[Side.AGENT].commit([make_submit(f"s{number}") for number in range(3)])
-    records = pens[Side.AGENT].read_new()
+    pens.commit(Side.AGENT, *[make_submit(f"s{number}") for number in range(3)])
+    records = pens.pens[Side.AGENT].read_new()
     ledger, tail = Ledger(), LogTail()
-    for record in records:
-        ledger.apply(record)
+    ledger.extend(records)
     tail.take(records[-1], ledger)
 
     assert read_log(tail.render(3)).front.older == 2

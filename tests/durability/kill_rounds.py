@@ -24,12 +24,13 @@ from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.sessions.lifecycle import IllegalTransition, Side
 from phyagentos.store.follower import Follower
+from phyagentos.store.history import fold
 from phyagentos.store.journal import Entry, Fenced, Journal
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.segments import SystemIO
 
 from . import second_reader
-from .workloads import LANE, fold, identify, list_live, make_submit
+from .workloads import LANE, identify, list_live, make_submit
 
 WRITERS = 4
 SEGMENT_BYTES = 12_000
@@ -83,8 +84,7 @@ def write_forever(root: Path, name: str, seed: int, pipe: int, *, durable: bool 
     ledger = journal.open_ledger()  # so it writes checkpoints and archives as well
     count = 0
     while os.getppid() == parent:  # nobody is left behind when the rounds are ended from outside
-        for record in journal.read_new():
-            ledger.apply(record)
+        ledger.extend(journal.read_new())
         if side is Side.AGENT:
             size = rng.choice((1, 1, 2, 5))
             entries = [

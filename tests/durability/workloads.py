@@ -40,13 +40,6 @@ def identify(record) -> tuple[int, str, str, int | None, str]:
     return record.seq, record.id, record.ev, record.epoch, digest[:16]
 
 
-def fold(records) -> Ledger:
-    ledger = Ledger(forgets=False)
-    for record in records:
-        ledger.apply(record)
-    return ledger
-
-
 def list_live(ledger: Ledger) -> list[tuple]:
     return [(status.contract, status.state, status.epoch, status.claimed_by) for status in ledger.live_sessions()]
 
@@ -129,8 +122,7 @@ class Bench:
         if self._ledger is None:
             self._ledger = journal.open_ledger()
         self.clock.advance(UPKEEP_S)
-        for record in journal.read_new():  # makes sure that the ledger is up to date
-            self._ledger.apply(record)
+        self._ledger.extend(journal.read_new())  # makes sure that the ledger is up to date
         self.clock.advance(UPKEEP_S)
         journal.read_new()
 

@@ -1,8 +1,6 @@
 """What is read of recorded sessions as demonstrations, from a workspace that an earlier version recorded."""
 
 import json
-import tarfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,17 +8,15 @@ import pytest
 from phyagentos.errors import DefinitionError
 from phyagentos.export.demonstrations import Choice, read_demonstrations
 from phyagentos.protocol.sessions.evidence import TRAJECTORY
+from tests.stored_workspace import unpack_stored
 
-ARCHIVE = Path(__file__).resolve().parents[1] / "cli" / "stored" / "tidy_table_0_1_0.tar.xz"
 GOAL = "tidy_table-7"
 VERIFIED = {f"{GOAL}.red.r1": "red_cube", f"{GOAL}.green": "green_cube", f"{GOAL}.blue": "blue_cube"}
 
 
 def unpack(root):
     """The stored workspace; its manifests forget the pictures and models that were not stored."""
-    with tarfile.open(ARCHIVE) as archive:
-        archive.extractall(root, filter="data")
-    for path in (root / "tidy_table" / "evidence").glob("*/manifest.json"):
+    for path in (unpack_stored(root) / "evidence").glob("*/manifest.json"):
         manifest = json.loads(path.read_bytes())
         manifest["files"] = {name: each for name, each in manifest["files"].items() if (path.parent / name).is_file()}
         path.write_text(json.dumps(manifest))

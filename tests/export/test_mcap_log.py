@@ -3,10 +3,8 @@
 import base64
 import json
 import sys
-import tarfile
 import zipfile
 from datetime import datetime
-from pathlib import Path
 
 import jsonschema
 import msgspec
@@ -16,20 +14,18 @@ import pytest
 from phyagentos.protocol.sessions.looks import LookEntry, LookRole, StoredFrame, StoredFrames, StoredLook, StoredRequest
 from phyagentos.protocol.sessions.recording import INDEX, RECORDING, RecordedPicture, Recording
 from tests.command_line import assert_refused
+from tests.stored_workspace import unpack_stored
 
 reader = pytest.importorskip("mcap.reader", reason="needs the extra `export`: pip install '.[export]'")
 
-ARCHIVE = Path(__file__).parents[1] / "cli" / "stored" / "tidy_table_0_1_0.tar.xz"
 SESSION = "tidy_table-7.red"
 
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory):
     """A recorded workspace; the first session's bundle has pictures of two cameras besides."""
-    folder = tmp_path_factory.mktemp("stored")
-    with tarfile.open(ARCHIVE) as archive:
-        archive.extractall(folder, filter="data")
-    bundle = folder / "tidy_table" / "evidence" / SESSION
+    folder = unpack_stored(tmp_path_factory.mktemp("stored"))
+    bundle = folder / "evidence" / SESSION
     pictures = tuple(
         RecordedPicture(camera="front", shown_s=shown_s, time_s=time_s, rgb=name)
         for shown_s, time_s, name in ((0.5, 0.44, "a.png"), (0.7, 0.64, "b.png"))
@@ -55,7 +51,7 @@ def stored(tmp_path_factory):
         for file in ("look-1.zip", "look-that-a-clean-up-took.zip")
     ]
     (bundle / "looks.json").write_bytes(msgspec.json.encode(looks))
-    return folder / "tidy_table"
+    return folder
 
 
 @pytest.fixture

@@ -333,7 +333,7 @@ def test_a_person_answers_a_question_and_contests_a_verdict(browser, visits, tmp
     place.goal_file_of("tidy-7").write_text("goal: tidy\n")
     first = desk.submit("a")
     desk.execute(first)
-    desk.judge(first, "accept", Verdict.SUCCESS, Truth.TRUE)
+    desk.judge(first, Verdict.SUCCESS, Truth.TRUE)
     desk.record(goal, "goal_verdict", verdict="success", criteria=[], reason="all is done")
     desk.close()
     with served(place.root, "--allow-actions") as server:

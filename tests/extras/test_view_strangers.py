@@ -70,7 +70,7 @@ def hostile(desk):
     (folder / "evil.html").write_text(f"<!doctype html><script src=evil.js></script>{ATTACK}")
     (folder / "evil.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg'><script>window.hurt=4</script></svg>")
     (folder / "evil.js").write_text("window.hurt = 5")
-    desk.judge(first, "replan", Verdict.REPLAN, Truth.FALSE, cause=ATTACK)
+    desk.judge(first, Verdict.REPLAN, Truth.FALSE, cause=ATTACK)
     desk.submit("a", 1, parent=first)
     place.log.write_text(f"- 07:00:00 {ATTACK}\n")
     (place.logs / "agent.log").write_text(f"{ATTACK}\n")

@@ -61,8 +61,11 @@ def test_a_reset_needs_a_reason_and_something_to_reset(tmp_path):
     assert is_latched(tmp_path)
 
 
-def test_a_latch_that_cannot_be_read_still_stops(tmp_path):
-    (tmp_path / LATCH).write_text("garbage")
+@pytest.mark.parametrize(
+    "data", [b"garbage", b'{"by": "\xff"}', b'{"by":' + b"[" * 5000], ids=["words", "bytes", "deep"]
+)
+def test_a_latch_that_cannot_be_read_still_stops(tmp_path, data):
+    (tmp_path / LATCH).write_bytes(data)
 
     assert is_latched(tmp_path)
     assert "cannot be read" in read_latch(tmp_path).reason

@@ -12,6 +12,7 @@ from phyagentos.testing import ManualClock
 
 from .edit_stand import EditStand
 from .evidence_bundles import Store
+from .readers import flatten, read_with_python
 
 
 def make_session(id="tidy-7.red", **changes):
@@ -85,3 +86,15 @@ def stand(tmp_path, clock, submit):
         stand.commit("agent", submit("a"), submit("b"))
         stand.settle(1)
         yield stand
+
+
+@pytest.fixture
+def agree(tmp_path, read_with_node):
+    """What both readers say about the journal below `tmp_path`, after asserting that it is the same."""
+
+    def compare():
+        expected = read_with_python(tmp_path)
+        assert [flatten(each) for each in read_with_node(tmp_path)] == [expected]
+        return expected
+
+    return compare

@@ -1,35 +1,18 @@
 """What rots in a journal, and what is done about it."""
 
-import hashlib
 from contextlib import closing
 
-from phyagentos.store.checkpoint import start_reading, write_checkpoint
+from phyagentos.store.checkpoint import read_ledger, write_checkpoint
 from phyagentos.store.follower import Follower
 from phyagentos.store.journal import Entry
+from phyagentos.store.maintenance import Maintenance
 from phyagentos.store.records import encode_record
 from phyagentos.store.recovery.repair import repair_partition
 from phyagentos.store.segments import SystemIO
 from phyagentos.testing import ManualClock
 
 from .conftest import make_submit
-from .histories import fold
-
-
-class HashingFollower(Follower):
-    """Hashes every record it accepts, header and payload, as docs/journal.md defines it."""
-
-    def __init__(self, folder):
-        super().__init__(folder)
-        self.records, self._hash = 0, hashlib.sha256()
-
-    @property
-    def records_sha256(self):
-        return self._hash.hexdigest()
-
-    def accept(self, data, records):
-        super().accept(data, records)
-        self._hash.update(data)
-        self.records += len(records)
+from .readers import HashingFollower
 
 
 def mend(folder, *, accept_loss=True, **options):
@@ -89,8 +72,14 @@ def frames_of(folder):
 
 
 def checkpoint(folder):
-    ledger, follower = start_reading(folder)
-    fold(follower.read_new(), ledger)
-    write_checkpoint(folder, ledger, follower.position, SystemIO(), durable=False)
-    follower.close()
+    ledger, position = read_ledger(folder)
+    write_checkpoint(folder, ledger, position, SystemIO(), durable=False)
+    return ledger
+
+
+def tidy(folder, io=None, *, durable=False):
+    """Write a checkpoint and archive, as a journal does now and then."""
+    ledger, position = read_ledger(folder)
+    if position is not None:
+        Maintenance(folder, ManualClock(), io or SystemIO(), durable=durable).tidy(ledger, position)
     return ledger

@@ -1,23 +1,16 @@
 """A workspace whose SESSIONS.md is published and edited, as the runtime plane does it, without bodies."""
 
-from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.edits.edit_intake import EditIntake
-from phyagentos.store.journal import Journal
 from phyagentos.store.renderer import Views
+from tests.pens import Pens
 
 
-class EditStand:
+class EditStand(Pens):
     def __init__(self, root, clock, *, period_s=0.2) -> None:
-        self.workspace = Workspace.create(root, Library(()))
-        self.clock = clock
-        self.agent, self.runtime, self.operator = (
-            Journal(root, side=side, by=by, clock=clock, durable=False)
-            for side, by in ((Side.AGENT, "mission"), (Side.RUNTIME, "watchdog"), (Side.OPERATOR, "operator"))
-        )
+        super().__init__(root, clock)
         self.edits = EditIntake(self.workspace, clock, durable=False)
-        self.views = Views(self.workspace, self.agent.folder, clock, self.edits, period_s=period_s)
+        self.views = Views(self.workspace, self.pens[Side.AGENT].folder, clock, self.edits, period_s=period_s)
 
     @property
     def file(self):
@@ -53,11 +46,7 @@ class EditStand:
             self.clock.advance(0.25)
             self.views.refresh()
 
-    def commit(self, side, *entries):
-        {"agent": self.agent, "runtime": self.runtime, "operator": self.operator}[side].commit(list(entries))
-
     def close(self) -> None:
         self.views.close()
         self.edits.close()
-        for journal in (self.agent, self.runtime, self.operator):
-            journal.close()
+        super().close()

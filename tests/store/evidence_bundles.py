@@ -2,9 +2,6 @@
 
 from pathlib import Path
 
-import msgspec
-
-from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence_manifest import (
     Sealer,
@@ -13,14 +10,13 @@ from phyagentos.protocol.sessions.evidence_manifest import (
     iter_bundles,
 )
 from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.protocol.sessions.session import Ended, Execution
+from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.settings.runtime_contract import EvidenceRetention
-from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.store.journal import Entry, Journal
 from phyagentos.store.retention import apply_retention
 from phyagentos.testing import ManualClock
+from tests.pens import Pens
 
 MODEL = b"model" * 40_000
 DAY_S = 86_400.0
@@ -35,34 +31,19 @@ SMALL = {
     evidence.TERMINAL: b"terminal",
 }
 HEAVY = {evidence.TRACE, evidence.TRAJECTORY, evidence.PICTURE_BEFORE, evidence.PICTURE_AFTER}
-VERDICTS = {Verdict.SUCCESS: "accept", Verdict.FAILURE: "refuse", Verdict.REPLAN: "replan"}
 
 
-class Store:
+class Store(Pens):
     """A workspace with bundles, written as recorder, worker and both planes would."""
 
     def __init__(self, root: Path, submit) -> None:
-        self.workspace = Workspace.create(root, Library(()))
-        self.clock = ManualClock(1_700_000_000.0)
+        super().__init__(root, ManualClock(1_700_000_000.0))
         self.submit = submit
         self.sealer = Sealer(self.workspace.evidence)
-        self.pens = {
-            side: Journal(self.workspace.root, side=side, by=side.value, clock=self.clock, durable=False)
-            for side in Side
-        }
-
-    def close(self):
-        for pen in self.pens.values():
-            pen.close()
-
-    def write(self, side, id, ev, epoch=None, /, **body):
-        self.pens[side].commit([Entry(id, ev, body or None, epoch)])
 
     def begin(self, id):
-        self.pens[Side.AGENT].commit([self.submit(id)])
-        self.write(Side.RUNTIME, id, "claim")
-        self.write(Side.RUNTIME, id, "check", 1)
-        self.write(Side.RUNTIME, id, "start", 1)
+        self.commit(Side.AGENT, self.submit(id))
+        self.claim(id)
         folder = self.workspace.evidence_of(id)
         folder.mkdir()
         own = {
@@ -78,15 +59,11 @@ class Store:
         return folder
 
     def end(self, id, verdict=Verdict.SUCCESS, *, seal=True):
-        execution = Execution(ended=Ended.COMPLETED, evidence=f"evidence/{id}")
-        self.write(Side.RUNTIME, id, "halt", 1)
-        self.write(Side.RUNTIME, id, "finish", 1, execution=msgspec.to_builtins(execution))
+        self.finish(id, ended=Ended.COMPLETED)
         if seal:
             self.sealer.seal(self.workspace.evidence_of(id))
-        self.write(Side.AGENT, id, "verify")
         criterion = Criterion(text="inside(a, b)", kind="accept", truth=Truth.TRUE, measured={"margin_m": 0.05})
-        attempt = Attempt(verdict=verdict, criteria=(criterion,))
-        self.write(Side.AGENT, id, VERDICTS[verdict], attempt=msgspec.to_builtins(attempt))
+        self.decide(id, Attempt(verdict=verdict, criteria=(criterion,)))
 
     def run(self, id, verdict=Verdict.SUCCESS, *, seal=True):
         folder = self.begin(id)

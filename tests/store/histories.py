@@ -93,6 +93,5 @@ class Story:
 
 def fold(records, ledger=None, **options):
     ledger = ledger or Ledger(**options)
-    for record in records:
-        ledger.apply(record)
+    ledger.extend(records)
     return ledger

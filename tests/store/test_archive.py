@@ -6,16 +6,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from phyagentos.store.checkpoint import start_reading
 from phyagentos.store.follower import Follower
 from phyagentos.store.history import Histories
 from phyagentos.store.journal import Entry
-from phyagentos.store.maintenance import Maintenance
 from phyagentos.store.segments import SystemIO, list_all_segments, list_segments
-from phyagentos.testing import ManualClock
 
-from .damage import read_all
-from .histories import STEPS, Story, fold
+from .damage import read_all, tidy
+from .histories import STEPS, Story
 
 HYPOTHESIS = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -47,15 +44,6 @@ class MortalIO(SystemIO):
 
     def replace(self, source, destination):
         self._live(super().replace, source, destination)
-
-
-def tidy(folder, io=None, *, durable=False):
-    ledger, follower = start_reading(folder)
-    fold(follower.read_new(), ledger)
-    if follower.position is not None:
-        Maintenance(folder, ManualClock(), io or SystemIO(), durable=durable).tidy(ledger, follower.position)
-    follower.close()
-    return ledger
 
 
 def read_seqs(folder):

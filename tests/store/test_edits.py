@@ -22,7 +22,8 @@ contract:
 
 
 def events(stand):
-    return [(record.id, record.ev, record.by) for record in stand.runtime.read_new() if record.side == "operator"]
+    records = stand.pens["runtime"].read_new()
+    return [(record.id, record.ev, record.by) for record in records if record.side == "operator"]
 
 
 def section(text, id):
@@ -99,7 +100,7 @@ def test_what_is_deleted_or_copied_asks_for_nothing_and_comes_back(stand):
         ("timeout_s: 60.0", "timout_s: 6", r"Did you mean 'timeout_s'\?"),
         ("priority: 0", "priority: high", r"INVALID_VALUE: found 'high'"),
         ("priority: 0", "priority: true", r"INVALID_VALUE: found True"),
-        ("asked_by: mission", "asked_by: me", r"asked_by: this comes from the journal"),
+        ("asked_by: agent", "asked_by: me", r"asked_by: this comes from the journal"),
         ("  limits:\n", "  limits: {{\n", r"SYNTAX"),
         ("# Sessions\n", "# My sessions\n", r"words and comments are not kept"),
         ("- **State:** pending", "- **State:** stuck?", r"words and comments are not kept"),

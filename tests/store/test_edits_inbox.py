@@ -58,7 +58,7 @@ def test_a_request_that_stands_already_is_done(stand):
 
     assert names(stand, "refused") == []
     assert len(names(stand, "done")) == 5
-    assert [record.ev for record in stand.runtime.read_new() if record.side == "operator"] == ["submit"] * 2 + [
+    assert [record.ev for record in stand.pens["runtime"].read_new() if record.side == "operator"] == ["submit"] * 2 + [
         "cancel"
     ]
 

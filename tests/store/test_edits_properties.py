@@ -34,7 +34,7 @@ class Bench(EditStand):
     def __init__(self, root, submit, objective="o") -> None:
         super().__init__(root, ManualClock())
         self.commit("agent", *(submit(id, objective=objective, parameters={"text": objective}) for id in IDS))
-        self.history = History(self.agent.folder)
+        self.history = History(self.pens["agent"].folder)
 
     def render(self):
         self.history.read_new()

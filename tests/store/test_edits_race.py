@@ -44,7 +44,7 @@ def read_whole(file):
 def list_lost(root, save):
     clock = SystemClock()
     stand = EditStand(root / "w", clock)
-    history, is_over = History(stand.agent.folder), threading.Event()
+    history, is_over = History(stand.pens["agent"].folder), threading.Event()
 
     def publish():
         while not is_over.wait(0.005):

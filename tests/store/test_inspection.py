@@ -1,6 +1,7 @@
 """A check tells every problem of a journal with its place, and changes nothing."""
 
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -93,6 +94,9 @@ def test_a_torn_end_is_told_and_is_no_damage(open_journal):
     assert mend(journal.folder).is_only_torn
 
 
+CANCEL = {"id": "s0", "ev": "cancel", "source": "pending", "to": "cancelled", "epoch": 0}
+
+
 def append(journal, **facts):
     (path,) = segments_of(journal)
     record = Record(**({"by": "x", "side": "runtime", "at": "now"} | facts))
@@ -115,6 +119,8 @@ def append(journal, **facts):
             {"id": "s0", "ev": "claim", "source": "pending", "to": "claimed", "epoch": 1, "side": "me"},
             "not a valid Side",
         ),
+        (CANCEL | {"markdown": "\n```yaml\na: [1\n```\n"}, r"^record 2 \(s0: cancel\): "),
+        (CANCEL | {"markdown": "\n```yaml\nexecution: {ended: never}\n```\n"}, r"^record 2 \(s0: cancel\): "),
     ],
 )
 def test_a_record_that_could_not_have_been_admitted_is_told(open_journal, facts, what):
@@ -125,19 +131,7 @@ def test_a_record_that_could_not_have_been_admitted_is_told(open_journal, facts,
     (finding,) = inspect_partition(journal.folder).findings
 
     assert (finding.code, finding.offset) == ("JOURNAL_DAMAGED", offset)
-    assert what in finding.message
-
-
-@pytest.mark.parametrize("markdown", ["\n```yaml\na: [1\n```\n", "\n```yaml\nexecution: {ended: never}\n```\n"])
-def test_a_body_that_cannot_be_read_is_told(open_journal, markdown):
-    journal = open_journal()
-    journal.commit([make_submit("s0")])
-    offset = append(journal, seq=2, id="s0", ev="cancel", source="pending", to="cancelled", epoch=0, markdown=markdown)
-
-    (finding,) = inspect_partition(journal.folder).findings
-
-    assert (finding.code, finding.offset) == ("JOURNAL_DAMAGED", offset)
-    assert finding.message.startswith("record 2 (s0: cancel): ")
+    assert re.search(what, finding.message)
 
 
 def test_a_checkpoint_that_says_something_else_is_told(open_journal):

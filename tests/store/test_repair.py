@@ -2,7 +2,6 @@
 
 import hashlib
 import shutil
-from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -22,24 +21,20 @@ from phyagentos.testing import ManualClock
 from tests.documents.test_log import tell
 
 from .conftest import make_submit
-from .damage import HashingFollower, checkpoint, fill, flip, frames_of, mend, segment_of, segments_of, spoil, start_of
+from .damage import checkpoint, fill, flip, frames_of, mend, segment_of, segments_of, spoil, start_of
 from .histories import fold
 
 
 @pytest.fixture
-def agree(tmp_path, read_with_node):
-    def compare(folder):
-        with closing(HashingFollower(folder)) as follower:
-            follower.read_new()
-        (told,) = read_with_node(tmp_path)
-        assert (told["seq"], told["sha256"], told["tail"]) == (
-            follower.seq,
-            follower.records_sha256,
-            str(follower.tail),
-        )
-        return follower.seq
+def read_whole(agree):
+    """The number of the last record, of a journal that is whole for both readers."""
 
-    return compare
+    def read():
+        found = agree()
+        assert found["tail"] == "clean"
+        return found["seq"]
+
+    return read
 
 
 def test_without_accepted_loss_nothing_changes(open_journal):
@@ -54,7 +49,7 @@ def test_without_accepted_loss_nothing_changes(open_journal):
     assert {path.name: path.read_bytes() for path in journal.folder.glob("[!.]*")} == before
 
 
-def test_several_damages_are_mended_and_everything_else_stands_unchanged(open_journal, agree):
+def test_several_damages_are_mended_and_everything_else_stands_unchanged(open_journal, read_whole):
     journal = open_journal(segment_bytes=1800)
     fill(journal)
     original, _, _ = frames_of(journal.folder)
@@ -73,7 +68,7 @@ def test_several_damages_are_mended_and_everything_else_stands_unchanged(open_jo
     assert {seq: frame for seq, frame in frames.items() if seq in original and seq not in lost} == {
         seq: frame for seq, frame in original.items() if seq not in lost
     }
-    assert agree(journal.folder) == len(original) + 1
+    assert read_whole() == len(original) + 1
     assert inspect_partition(journal.folder).findings == ()
     assert {Path(path).name for path in repair.aside} >= {f"{path.name}.damaged" for path in damaged}
     for path, data in damaged.items():
@@ -101,7 +96,7 @@ def test_the_log_tells_of_a_repair(open_journal):
     ]
 
 
-def test_a_writer_goes_on_behind_a_repair_and_one_that_ran_meanwhile_stops(open_journal, agree):
+def test_a_writer_goes_on_behind_a_repair_and_one_that_ran_meanwhile_stops(open_journal, read_whole):
     journal, asleep = open_journal(segment_bytes=3000), open_journal(segment_bytes=3000)
     fill(journal)
     spoil(segments_of(journal)[0], 2)
@@ -112,7 +107,7 @@ def test_a_writer_goes_on_behind_a_repair_and_one_that_ran_meanwhile_stops(open_
         with pytest.raises(ExecutionError, match=r"JOURNAL_DAMAGED|WRITE_FAILED: .* moved, replaced or deleted"):
             running.commit([make_submit("late")])
     assert open_journal(segment_bytes=3000).commit([make_submit("next")])[0].seq == 25
-    assert agree(journal.folder) == 25
+    assert read_whole() == 25
 
 
 def test_a_session_without_its_submission_is_shown_nowhere_and_one_without_its_claim_goes_on(open_journal):
@@ -130,7 +125,7 @@ def test_a_session_without_its_submission_is_shown_nowhere_and_one_without_its_c
     assert open_journal(Side.RUNTIME).commit([Entry("b", "halt", epoch=1)])[0].to == "halting"
 
 
-def test_a_destroyed_end_never_gives_a_number_again(open_journal, agree):
+def test_a_destroyed_end_never_gives_a_number_again(open_journal, read_whole):
     journal = open_journal()
     fill(journal, 4)
     (path,) = segments_of(journal)
@@ -138,10 +133,10 @@ def test_a_destroyed_end_never_gives_a_number_again(open_journal, agree):
     repair = mend(journal.folder)
 
     assert (repair.lost, repair.cuts[0]["first_lost"], repair.is_exact) == (3, 5, False)
-    assert agree(journal.folder) == 8
+    assert read_whole() == 8
 
 
-def test_what_a_checkpoint_knows_is_missed_at_the_end(open_journal, agree):
+def test_what_a_checkpoint_knows_is_missed_at_the_end(open_journal, read_whole):
     journal = open_journal()
     fill(journal, 5)
     checkpoint(journal.folder)
@@ -153,7 +148,7 @@ def test_what_a_checkpoint_knows_is_missed_at_the_end(open_journal, agree):
 
     assert (finding.code, finding.message) == ("JOURNAL_DAMAGED", "records 6 to 9 are lost, at least")
     assert (unused.code, unused.is_damage) == ("JOURNAL_LEFTOVER", False)
-    assert agree(journal.folder) == 10
+    assert read_whole() == 10
     assert inspect_partition(journal.folder).findings == ()
 
 
@@ -172,7 +167,7 @@ def test_a_repair_forgets_the_checkpoint(open_journal):
         assert [record.ev for record in histories.find("s3")] == ["submit", "cancel"]
 
 
-def test_missing_segments_are_filled_up(open_journal, agree):
+def test_missing_segments_are_filled_up(open_journal, read_whole):
     journal = open_journal(segment_bytes=2000)
     fill(journal)
     total = max(frames_of(journal.folder)[0])
@@ -182,12 +177,12 @@ def test_missing_segments_are_filled_up(open_journal, agree):
 
     mend(journal.folder)
 
-    assert agree(journal.folder) == total + 1
+    assert read_whole() == total + 1
     assert second.read_bytes().split(b"first_seq: ")[1].startswith(b"1\n")
     assert inspect_partition(journal.folder).findings == ()
 
 
-def test_a_repair_that_is_interrupted_can_be_done_again(open_journal, agree):
+def test_a_repair_that_is_interrupted_can_be_done_again(open_journal, read_whole):
     class DyingIO(SystemIO):
         def __init__(self, renames):
             self.renames = renames
@@ -220,13 +215,13 @@ def test_a_repair_that_is_interrupted_can_be_done_again(open_journal, agree):
         assert [record.seq for record in records if record.ev == "lost"] == [seq]
         assert max(frames) == total + (renames < needed)
     shutil.rmtree(backup)
-    agree(journal.folder)
+    read_whole()
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_any_change_can_be_mended_and_costs_no_record_that_still_stands(tmp_path, agree, data):
+def test_any_change_can_be_mended_and_costs_no_record_that_still_stands(tmp_path, read_whole, data):
     shutil.rmtree(tmp_path / "sessions", ignore_errors=True)
     journal = Journal(tmp_path, side=Side.AGENT, by="a", clock=ManualClock(1e6), durable=False, segment_bytes=2500)
     fill(journal, data.draw(st.integers(1, 10)))
@@ -269,7 +264,7 @@ def test_any_change_can_be_mended_and_costs_no_record_that_still_stands(tmp_path
 
     frames, records, tail = frames_of(journal.folder)
     assert tail == "clean"
-    assert agree(journal.folder) == max(frames, default=0)
+    assert read_whole() == max(frames, default=0)
     assert inspect_partition(journal.folder).is_whole
     assert repair.is_needed == bool(found.findings)
     kept = {seq for seq in original if frames.get(seq) == original[seq]}

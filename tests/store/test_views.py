@@ -6,11 +6,11 @@ import msgspec
 import pytest
 
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.documents.document import iter_blocks
+from phyagentos.protocol.documents.document import iter_blocks, read_document
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.documents.schema import parse_yaml
 from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.protocol.sessions.session import Ended, Execution, SessionStatus
+from phyagentos.protocol.sessions.session import SESSIONS, Ended, Execution
 from phyagentos.protocol.sessions.tasks import GoalStatus, NodeState, NodeStatus, Replan
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -107,15 +107,8 @@ def test_a_session_tells_what_was_asked_who_did_it_what_was_seen_and_why(ledger)
     assert text.startswith("---\nphy: sessions/1\nview: 14\n---\n")
     assert text.count("stateDiagram-v2") == 1
     assert text.endswith("<!-- end of view -->\n")
-
-
-def test_the_blocks_of_sessions_are_the_fold(ledger):
-    blocks = {block.name: block for block in iter_blocks(render_sessions(ledger))}
-
-    assert list(blocks) == ["tidy-7.red.r1", "tidy-7.red"]
-    for id, block in blocks.items():
-        data = parse_yaml(block.yaml, "SESSIONS.md", block.line).data
-        assert msgspec.convert(data, SessionStatus) == ledger.sessions[id]
+    blocks = read_document(text, SESSIONS).blocks
+    assert (blocks, list(blocks)) == (ledger.sessions, ["tidy-7.red.r1", "tidy-7.red"])
 
 
 def test_sessions_shows_all_live_ones_and_the_last_finished(open_journal, submit):

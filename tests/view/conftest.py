@@ -10,31 +10,26 @@ from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.sessions.evidence import encode_json
 from phyagentos.protocol.sessions.lifecycle import Side
-from phyagentos.protocol.sessions.session import Ended, Execution, Scene, Session, SessionId
+from phyagentos.protocol.sessions.session import Ended, Scene, Session, SessionId
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.workspace.array_files import encode_arrays
-from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Entity, Environment, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.store.journal import Entry, Journal
 from phyagentos.view.documents import Documents
+from tests.pens import Pens
 
 GOAL = "goal:tidy-7"
 HOSTILE = "<script>document.title='run'</script>"
 
 
-class Desk:
+class Desk(Pens):
     """Writes what both planes would record."""
 
     def __init__(self, root):
-        self.workspace = Workspace.create(root, Library.open(find_shipped_root()))
-        clock = SystemClock()
-        self.agent = Journal(root, side=Side.AGENT, by="agent", clock=clock)
-        self.runtime = Journal(root, side=Side.RUNTIME, by="watchdog", clock=clock)
+        super().__init__(root, SystemClock(), Library.open(find_shipped_root()))
 
     def record(self, about, event, /, **body):
-        self.agent.read_new()
-        self.agent.commit([Entry(about, event, body)])
+        self.write(Side.AGENT, about, event, **body)
 
     def submit(self, node, attempt=0, parent=None, **changed):
         id = SessionId(f"tidy-7.{node}" + (f".r{attempt}" if attempt else ""))
@@ -48,12 +43,9 @@ class Desk:
         return id
 
     def execute(self, id, *, at_m=0.3, events=()):
-        self.runtime.read_new()
-        epoch = self.runtime.commit([Entry(id, "claim", {})])[-1].epoch
-        self.runtime.commit([Entry(id, event, {}, epoch) for event in ("check", "start", "halt")])
-        execution = Execution(ended=Ended.SKILL_FAILED, evidence=f"evidence/{id}", code="GRASP_LOST", sim_time_s=3.9)
+        self.claim(id)
         self.leave_evidence(id, at_m, events)
-        self.runtime.commit([Entry(id, "finish", {"execution": msgspec.to_builtins(execution)}, epoch)])
+        self.finish(id, ended=Ended.SKILL_FAILED, code="GRASP_LOST", sim_time_s=3.9)
 
     def leave_evidence(self, id, at_m, events):
         folder = self.workspace.evidence_of(id)
@@ -85,17 +77,11 @@ class Desk:
         course = {"time_s": time, "q_commanded": q, "q_measured": q, "qd_measured": q * 0, "gripper_measured_m": time}
         (folder / "trajectory.npz").write_bytes(encode_arrays(course))
 
-    def judge(self, id, trigger, verdict, truth, **more):
+    def judge(self, id, verdict, truth, **more):
         criterion = Criterion(
             text="inside(red_cube, red_tray)", kind="accept", truth=truth, because=f"measured {HOSTILE}"
         )
-        attempt = Attempt(verdict=verdict, criteria=(criterion,), reason="by the evidence", **more)
-        self.record(id, "verify")
-        self.record(id, trigger, attempt=msgspec.to_builtins(attempt))
-
-    def close(self):
-        self.agent.close()
-        self.runtime.close()
+        self.decide(id, Attempt(verdict=verdict, criteria=(criterion,), reason="by the evidence", **more))
 
 
 @pytest.fixture
@@ -129,10 +115,10 @@ def tell(desk):
     first = desk.submit("a")
     refused = {"time_s": 2.0, "kind": "intervention", "code": "JOINT_ACCELERATION", "details": {"message": "too fast"}}
     desk.execute(first, events=[refused])
-    desk.judge(first, "replan", Verdict.REPLAN, Truth.FALSE, cause="GRASP_LOST")
+    desk.judge(first, Verdict.REPLAN, Truth.FALSE, cause="GRASP_LOST")
     second = desk.submit("a", 1, parent=first)
     desk.execute(second, at_m=0.42)
-    desk.judge(second, "accept", Verdict.SUCCESS, Truth.TRUE)
+    desk.judge(second, Verdict.SUCCESS, Truth.TRUE)
     found = Documents(desk.workspace.root)
     found.refresh()
     return found

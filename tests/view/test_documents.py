@@ -16,12 +16,9 @@ from tests.view.test_page import read, see
 def test_a_session_that_failed_is_chosen_before_a_later_one_that_succeeded(desk):
     desk.record(GOAL, "goal_submitted", graph="tidy", seed=7, objective="Tidy.")
     desk.record(GOAL, "goal_compiled", nodes={name: {"objective": name} for name in "ab"}, accept=[], constraints=[])
-    for node, trigger, verdict, truth in (
-        ("a", "refuse", Verdict.FAILURE, Truth.FALSE),
-        ("b", "accept", Verdict.SUCCESS, Truth.TRUE),
-    ):
+    for node, verdict, truth in (("a", Verdict.FAILURE, Truth.FALSE), ("b", Verdict.SUCCESS, Truth.TRUE)):
         desk.execute(session := desk.submit(node))
-        desk.judge(session, trigger, verdict, truth)
+        desk.judge(session, verdict, truth)
     documents = Documents(desk.workspace.root)
     documents.refresh()
     assert documents.find_session().contract.id == "tidy-7.a"

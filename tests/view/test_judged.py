@@ -20,7 +20,6 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.view.distance import read_distance
 from phyagentos.view.judged import find_judged
 from phyagentos.view.quantities import find_deciding, format_measure
-from tests.view.test_page import read, see
 
 pytestmark = pytest.mark.sim
 
@@ -136,11 +135,3 @@ def test_the_number_that_decided_is_the_one_that_the_sentence_says():
     assert format_measure(-0.2276, "side_x_m") == "−228 mm"
     assert [format_measure(each, "stone") for each in (2.0, 0.12345)] == ["2", "0.123"]
     assert find_deciding(Criterion(text="x", kind="accept", truth=Truth.TRUE, measured={"held": True})) == ""
-
-
-def test_damaged_evidence_is_named_where_it_is_shown(documents):
-    for name in ("scene.mjb", "motion.npz"):
-        (documents.workspace.evidence_of(ID) / name).write_bytes(b"damaged")
-    assert 'role="alert"' in read(documents, "distance", session=ID)
-    assert "EVIDENCE_DAMAGED" in see(read(documents, "story", session=ID))
-    assert "Tidy." in see(read(documents, "headline", session=ID))

@@ -16,7 +16,7 @@ from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sol
 from phyagentos.view import overview, places
 from phyagentos.view.access import Access
 from phyagentos.view.suites import CELLS_MAX, Standing, read_grid
-from tests.view.conftest import GOAL, HOSTILE, Desk, tell
+from tests.view.conftest import GOAL, Desk, tell
 from tests.view.test_page import HOST, OWN, SCENES, carry_token, see
 
 pytest.importorskip("fastapi", reason="the extra `dev` brings it: make setup")
@@ -284,7 +284,3 @@ def test_a_folder_without_any_run_is_refused(tmp_path):
     for path in (tmp_path / "none", tmp_path / "missing"):
         with pytest.raises(DefinitionError, match=r"NOT_A_WORKSPACE|no workspace"):
             open_places([path], Event())
-
-
-def test_texts_of_hostile_documents_are_escaped_in_the_list(ask, folder):
-    assert HOSTILE not in ask(folder)("/").text

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, get_known
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.policy_descriptors import MODEL_SCHEME
 from phyagentos.protocol.capabilities.skill_runtimes import SKILLRUNTIME, SkillRuntime, read_skill
@@ -130,10 +130,7 @@ def read_target_registry(path: Path) -> dict[str, TargetProfile]:
 
 def get_registered_target(path: Path, name: str) -> TargetProfile:
     """One profile of TARGETS.md; raises DefinitionError `UNKNOWN_NAME` where it holds none of that name."""
-    targets = read_target_registry(path)
-    if name not in targets:
-        raise DefinitionError.unknown("target", str(path), name, targets)
-    return targets[name]
+    return get_known("target", str(path), name, read_target_registry(path))
 
 
 def _read(path: Path, format: DocumentFormat[_BlockT]) -> dict[str, _BlockT]:
