@@ -12,7 +12,7 @@ from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.phrases import NUMBERS
 from phyagentos.agent.understanding.reading import pluralise
 from phyagentos.agent.understanding.understanding import find_incapable, find_unfit
-from phyagentos.agent.understanding.vocabulary import REGION, ROLE, Thing, Vocabulary, read_lexicon
+from phyagentos.agent.understanding.vocabulary import REGION, ROLE, SceneObject, Vocabulary, read_lexicon
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.library import ArgumentKind, Meaning, PredicateDefinition, get_predicate_library
@@ -125,7 +125,7 @@ def _iter_named(request: str, vocabulary: Vocabulary) -> Iterator[tuple[str, fro
         before = [*before, word] if word in adjectives and word not in singular else []
 
 
-def _is_meant(thing: Thing, noun: str, adjectives: Iterable[str]) -> bool:
+def _is_meant(thing: SceneObject, noun: str, adjectives: Iterable[str]) -> bool:
     return noun in thing.heads and thing.words.issuperset(adjectives)
 
 
