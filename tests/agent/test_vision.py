@@ -253,17 +253,14 @@ def test_the_key_comes_from_the_variable_that_the_settings_name(workspace, serve
     assert model.keys[0] == "Bearer secret"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_settings_that_cannot_be_meant_are_refused(workspace):
+    for text, message in (
         ("verification: {judges: [vision]}\n", "the judge 'vision' needs a block 'vision'"),
         ("verification: {judges: [predicates], criteria: ['metric(ticks) <= 9']}\n", "not among the judges"),
         ("verification: {criteria: ['metric(ticks)']}\n", "INVALID_VALUE"),
         ("verification: {mode: sometimes}\n", "recovery"),
         ("verification: {vision: {url: 'ftp://x', model: m}}\n", "https"),
-    ],
-)
-def test_settings_that_cannot_be_meant_are_refused(workspace, text, message):
-    configure(workspace, text)
-    with pytest.raises(DefinitionError, match=message):
-        build_verifier(workspace, SystemClock())
+    ):
+        configure(workspace, text)
+        with pytest.raises(DefinitionError, match=message):
+            build_verifier(workspace, SystemClock())

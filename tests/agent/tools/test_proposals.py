@@ -3,7 +3,7 @@
 import pytest
 import yaml
 
-from phyagentos.agent.tools.proposals import WAITING_MAX, Proposal, Proposals, encode_proposal
+from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.seen_text import find_unseen
 
@@ -149,8 +149,9 @@ def test_a_mark_without_a_letter_and_a_huge_text_are_refused():
     assert refuse(make, graph=GRAPH | {"objective": "a" * (1 << 18)}) == "TOO_LARGE"
 
 
-def test_a_flood_is_refused(proposals):
-    for seed in range(WAITING_MAX):
+def test_a_flood_is_refused(proposals, monkeypatch):
+    monkeypatch.setattr("phyagentos.agent.tools.proposals.WAITING_MAX", 5)
+    for seed in range(5):
         proposals.put(make(seed=seed))
     assert refuse(proposals.put, make(seed=1000)) == "TOO_LARGE"
     decide(proposals, make(seed=0), "denied")
