@@ -92,11 +92,8 @@ def shorten(problem: PlanningProblem, plan: Plan) -> Plan:
 def _find_unmet(stage: Sequence[Condition], state: Mapping[Fact, bool]) -> list[str]:
     """The conditions of a stage that do not hold, as texts."""
     counts = (sum(state.get(fact, False) is value for fact, value in each.literals) for each in stage)
-    return [_describe_condition(each) for each, count in zip(stage, counts, strict=True) if not _holds(each, count)]
-
-
-def _holds(condition: Condition, count: int) -> bool:
-    return condition.least <= count <= condition.most
+    met = ((each, each.least <= count <= each.most) for each, count in zip(stage, counts, strict=True))
+    return [_describe_condition(each) for each, is_met in met if not is_met]
 
 
 def _describe_condition(condition: Condition) -> str:

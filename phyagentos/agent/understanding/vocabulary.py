@@ -110,7 +110,7 @@ class Vocabulary:
             raise DefinitionError.unknown("scene", "--scene", scene, catalogue.scenes)
         spec = read_scene(catalogue.scenes[scene])
         bodies = {name: body for name, body in spec.bodies.items() if body.listed}
-        things = {name: _read_thing(spec, name, body) for name, body in bodies.items()}
+        things = {name: _read_object(spec, name, body) for name, body in bodies.items()}
         for name, region in spec.regions.items():
             words = frozenset((*name.split("_"), *(region.body or "").split("_"))) - {""}
             things[name] = SceneObject(name=name, kind=REGION, words=words, heads=_find_heads(name), has_interior=True)
@@ -199,7 +199,7 @@ def _find_heads(name: str) -> frozenset[str]:
     return frozenset({" ".join((*before[-1:], last)) if last.isdigit() else last})
 
 
-def _read_thing(spec: SceneSpec, name: str, body: Body) -> SceneObject:
+def _read_object(spec: SceneSpec, name: str, body: Body) -> SceneObject:
     part_of = body.part_of or (_find_frame(spec, name) if body.joint else "")
     of = (*part_of.split("_"), spec.bodies[part_of].kind) if part_of else ()
     words = {*name.lower().split("_"), *body.color.split(), *(body.material or "").split("_"), *of}
