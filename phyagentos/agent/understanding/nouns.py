@@ -132,7 +132,8 @@ class Nouns(Discourse):
         for names in (*said, past, doors):
             if found := tuple(name for name in names if slot.takes(self.get(name))):
                 return found if len(found) == 1 else self.ask(QuestionKind.WHICH, phrase, found)
-        return () if self.questions else self.lack(RequestProblemKind.SENTENCE, phrase)
+        fitting = [each.name for each in self.list_fitting(slot)] if not self.questions else []
+        return self.ask(QuestionKind.WHICH, phrase, fitting) if fitting else ()
 
     def find_corrected(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
         """The latter of two phrases; the former, which it corrects, lends its noun."""

@@ -147,9 +147,9 @@ def test_a_known_word_too_many_changes_the_goal_or_refuses_it(understand, word):
     [
         ("make coffee", RequestProblemKind.WORD),
         ("put the purple cube into the red tray", RequestProblemKind.THING),
-        ("put the wall into the red tray", RequestProblemKind.FIT),
-        ("put the red cube into the wall", RequestProblemKind.FIT),
-        ("open the bottle", RequestProblemKind.FIT),
+        ("put the wall into the red tray", RequestProblemKind.FIXED),
+        ("put the red cube into the wall", RequestProblemKind.SOLID),
+        ("open the bottle", RequestProblemKind.RIGID),
         ("put the red cube beside the blue cube", RequestProblemKind.CAPABILITY),
         ("don't move the red cube but put it in the red tray", RequestProblemKind.CONTRADICTION),
         ("put the red cube on the blue cube and the blue cube on the red cube", RequestProblemKind.CONTRADICTION),
