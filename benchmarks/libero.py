@@ -223,15 +223,12 @@ def is_final(record: Record) -> bool:
 def compute_figures(records: Sequence[Record]) -> dict[str, float]:
     """Shares by suite, and of false successes and failures over all."""
     figures: dict[str, float] = {}
-    for suite in dict.fromkeys(record["suite"] for record in records):
-        of = [record for record in records if record["suite"] == suite]
-        figures[f"{suite}_episodes"] = len(of)
-        figures[f"{suite}_final"] = sum(map(is_final, of)) / len(of)
-        figures[f"{suite}_first"] = sum(is_final(each) and each["is_first"] for each in of) / len(of)
-    if pro := [record for record in records if record["suite"] in PRO]:
-        figures["libero_pro_episodes"] = len(pro)
-        figures["libero_pro_final"] = sum(map(is_final, pro)) / len(pro)
-        figures["libero_pro_first"] = sum(is_final(each) and each["is_first"] for each in pro) / len(pro)
+    groups = {suite: (suite,) for suite in dict.fromkeys(record["suite"] for record in records)}
+    for name, suites in (groups | {"libero_pro": PRO}).items():
+        if of := [record for record in records if record["suite"] in suites]:
+            figures[f"{name}_episodes"] = len(of)
+            figures[f"{name}_final"] = sum(map(is_final, of)) / len(of)
+            figures[f"{name}_first"] = sum(is_final(each) and each["is_first"] for each in of) / len(of)
     said = [record for record in records if record["verdict"] == "success"]
     figures["false_success_rate"] = (
         sum(not each["success"] for each in said) / len(records) if records else float("nan")

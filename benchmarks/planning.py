@@ -29,9 +29,9 @@ from typing_extensions import override
 
 from benchmarks.planning_parts.peer import OmplPeer
 from benchmarks.planning_parts.query_sets import Query, draw_clutter_queries, draw_shelf_queries, record_queries
-from benchmarks.planning_parts.solver_calls import tabulate_calls
+from benchmarks.planning_parts.solver_calls import show_calls
 from benchmarks.recorded import Robot, open_robot
-from benchmarks.runner import finish, run
+from benchmarks.runner import finish, run, show
 from phyagentos.bench.report import Spread, Threshold
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
@@ -209,15 +209,14 @@ def build_table(sets: Mapping[str, Answers]) -> Table:
     return table
 
 
-def build_shares(sets: Mapping[str, Answers]) -> Table:
+def show_shares(sets: Mapping[str, Answers]) -> None:
     """Where the time of ours goes."""
-    table = Table(title="mean time of ours by stage, ms of the processor")
     stages = list(dict.fromkeys(stage for answers in sets.values() for each in answers for stage in each.stages))
-    for column in ("set", *stages):
-        table.add_column(column, justify="left" if column == "set" else "right")
-    for name, answers in sets.items():
-        table.add_row(name, *(f"{np.mean([each.stages[stage] for each in answers]):.2f}" for stage in stages))
-    return table
+    rows = (
+        (name, *(f"{np.mean([each.stages[stage] for each in answers]):.2f}" for stage in stages))
+        for name, answers in sets.items()
+    )
+    show("mean time of ours by stage, ms of the processor", ("set", *stages), rows, width=150)
 
 
 def main(
@@ -241,8 +240,9 @@ def main(
         firsts.append((query, robot.library.get_target(arm)))
     if not firsts:
         return 1
-    console.print(build_table(sets), build_shares(sets))
-    console.print(tabulate_calls(graph or Library.open().names_of_goal_graphs(), seed, console))
+    console.print(build_table(sets))
+    show_shares(sets)
+    show_calls(graph or Library.open().names_of_goal_graphs(), seed, console)
     figures: dict[str, float] = {}
     for name, answers in sets.items():
         figures |= {f"{name}_{kind}": Spread.of(pick(answers, kind)).median for kind in ("ms", "wall_ms")}

@@ -12,13 +12,11 @@ import tempfile
 from pathlib import Path
 from typing import Annotated, Literal
 
-from rich.console import Console
-from rich.table import Table
 from typer import Option
 
 from benchmarks.recorded import Robot, open_robot, record_tidy_table
-from benchmarks.runner import finish, run, show_figures
-from benchmarks.safety_parts.campaign import Tally, attack
+from benchmarks.runner import finish, run, show, show_figures
+from benchmarks.safety_parts.campaign import attack
 from benchmarks.safety_parts.stops import measure_stops
 from phyagentos.bench.report import Threshold
 
@@ -37,13 +35,21 @@ ASKED_OF_STOPS = {
 }
 
 
-def run_attack(robot: Robot, commands: int, seeds: range, console: Console) -> dict[str, float]:
+def run_attack(robot: Robot, commands: int, seeds: range) -> dict[str, float]:
     """Figures of the campaign."""
     recordings = record_tidy_table(robot, seeds)
     with tempfile.TemporaryDirectory() as folder:
         tally, seen = attack(Path(folder), robot, seeds, recordings, commands)
     outside = seen.count_outside(robot.profile, robot.folder)
-    console.print(_tabulate(tally))
+    counters = {
+        "way in": tally.sent,
+        "kind": tally.kinds,
+        "refused by": tally.codes,
+        "within the limits, carried out": tally.accepted,
+        "PASSED": tally.passed,
+    }
+    rows = ((f"{title}: {name}", count) for title, each in counters.items() for name, count in sorted(each.items()))
+    show("Hostile commands", ("what", "count"), rows)
     return {
         "hostile": float(tally.sent.total()),
         "hostile_by_handle": float(tally.sent["handle"] + tally.sent["driven, guarded"]),
@@ -58,22 +64,6 @@ def run_attack(robot: Robot, commands: int, seeds: range, console: Console) -> d
     }
 
 
-def _tabulate(tally: Tally) -> Table:
-    """What was sent and what became of it."""
-    table = Table("what", "count", title="Hostile commands")
-    for title, counter in (
-        ("way in", tally.sent),
-        ("kind", tally.kinds),
-        ("refused by", tally.codes),
-        ("within the limits, carried out", tally.accepted),
-        ("PASSED", tally.passed),
-    ):
-        for name, count in sorted(counter.items()):
-            table.add_row(f"{title}: {name}", str(count))
-        table.add_section()
-    return table
-
-
 def main(
     *,
     commands: Annotated[int, Option(help="Hostile ones.")] = 100000,
@@ -84,11 +74,11 @@ def main(
 ) -> int:
     """Print the tables and the closing line."""
     commands, trials, seeds = (600, 6, 1) if quick else (commands, trials, seeds)
-    robot, console = open_robot(), Console()
+    robot = open_robot()
     figures: dict[str, float] = {}
     asked: dict[str, Threshold] = {}
     if only != "stops":
-        figures |= run_attack(robot, commands, range(1, seeds + 1), console)
+        figures |= run_attack(robot, commands, range(1, seeds + 1))
         asked |= ASKED_OF_ATTACK | {"hostile": Threshold(float(commands), at_least=True)}
     if only != "attack":
         with tempfile.TemporaryDirectory() as folder:

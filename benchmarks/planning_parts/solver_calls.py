@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
 import phyagentos as paos
+from benchmarks.runner import show
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.sessions.evidence import count_solver_calls, read_bundle
 from phyagentos.runtime.motion.calls import Solver
@@ -28,20 +28,14 @@ def count_calls(graph: str, seed: int) -> Counter[str]:
     return calls
 
 
-def tabulate_calls(graphs: Iterable[str], seed: int, console: Console) -> Table:
+def show_calls(graphs: Iterable[str], seed: int, console: Console) -> None:
     """A row for each graph, and their sum."""
-    table = Table(title="calls of each library, by goal graph")
-    for column in ("goal graph", *Solver):
-        table.add_column(column, justify="left" if column == "goal graph" else "right")
-    total = Counter[str]()
+    found: dict[str, Counter[str]] = {}
     for graph in graphs:
         try:
-            calls = count_calls(graph, seed)
+            found[graph] = count_calls(graph, seed)
         except DefinitionError as error:
             console.print(f"left out: {graph}: {error}", style="yellow")
-            continue
-        total += calls
-        table.add_row(graph, *(str(calls[solver]) for solver in Solver))
-    table.add_section()
-    table.add_row("all", *(str(total[solver]) for solver in Solver))
-    return table
+    found["all"] = sum(found.values(), Counter())
+    rows = ((graph, *(calls[solver] for solver in Solver)) for graph, calls in found.items())
+    show("calls of each library, by goal graph", ("goal graph", *Solver), rows, width=150)

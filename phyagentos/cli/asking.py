@@ -173,7 +173,7 @@ def _iter_goal(found: asking.Asked, *, mermaid: bool) -> Iterator[str]:
     yield f"  wanted  {', '.join(goal['accept'])}"
     yield from [f"  always  {', '.join(goal['constraints'])}"] if goal["constraints"] else ()
     yield from (f"  LEFT OUT {name}, which stays where it is: there is no {of}" for name, of in found.left_out.items())
-    yield from (f"  no predicate says {word!r}; it changes nothing" for word in found.unsaid)
+    yield from (f"  {word!r} changes nothing in this goal" for word in found.unsaid)
     yield from (f"  because {reason}" for reason in found.reasons)
     if mermaid and found.mermaid:
         yield found.mermaid

@@ -97,6 +97,49 @@ TARGET = """
     capabilities: [manipulation]
     """
 
+INSPECT = """
+    description: Looks at an object.
+    tree: inspect
+    parameters: {object: {type: entity}}
+    guarantees: ["visible(${object})"]
+    needs: {actions: [joint_position], capabilities: [manipulation]}
+    """
+TIDY = """
+    goal: tidy
+    objective: Red and green into their trays.
+    scene: table
+    targets: {arm: panda}
+    constraints: ["upright(bottle)"]
+    sessions:
+      red:
+        skill: pick_and_place
+        target: arm
+        with: {object: red_cube, destination: red_tray}
+      green:
+        skill: pick_and_place
+        target: arm
+        with: {object: green_cube, destination: green_tray}
+    accept: ["inside(red_cube, red_tray)", "inside(green_cube, green_tray)"]
+    """
+TWO = """
+    goal: two
+    objective: Green, then red.
+    scene: table
+    targets: {arm: panda}
+    defaults: {max_replans: 2}
+    BUDGET
+    sessions:
+      green:
+        skill: pick_and_place
+        target: arm
+        with: {object: green_cube, destination: green_tray}
+      red:
+        after: [green]
+        skill: pick_and_place
+        target: arm
+        with: {object: red_cube, destination: red_tray}
+    accept: ["inside(red_cube, red_tray)", "inside(green_cube, green_tray)"]
+    """
 TRAYS = {"red_tray": 0.3, "green_tray": 0.0, "blue_tray": -0.3}
 CUBES = {"red_cube": 0.3, "green_cube": 0.0, "blue_cube": -0.3, "yellow_cube": -0.1}
 
@@ -144,6 +187,16 @@ def write_graph(tmp_path: Path) -> Callable[[str], Path]:
     return write
 
 
+@pytest.fixture
+def tidy(write_graph: Callable[[str], Path]) -> Path:
+    return write_graph(TIDY)
+
+
+@pytest.fixture
+def two(write_graph: Callable[[str], Path]) -> Path:
+    return write_graph(TWO.replace("BUDGET", ""))
+
+
 def cube(name: str, x: float, y: float, z: float = 0.02, **more: Any) -> Entity:
     shape = Shape(ShapeKind.BOX, (0.02, 0.02, 0.02))
     return Entity(name=name, kind="cube", pose=Pose((x, y, z)), shapes=(shape,), **more)
@@ -153,6 +206,11 @@ def tray(name: str, y: float) -> Entity:
     floor = Shape(ShapeKind.BOX, (0.1, 0.08, 0.005), Pose((0, 0, 0.005)))
     interior = Interior((0, 0, 0.035), (0.09, 0.07, 0.025))
     return Entity(name=name, kind="tray", pose=Pose((0.6, y, 0.0)), shapes=(floor,), interior=interior, movable=False)
+
+
+def make_table() -> Entity:
+    top = (Shape(kind=ShapeKind.BOX, size_m=(0.5, 0.6, 0.02)),)
+    return Entity(name="table", kind="table", movable=False, pose=Pose(position_m=(0.4, 0.0, -0.02)), shapes=top)
 
 
 def bottle() -> Entity:
@@ -167,9 +225,14 @@ def make_world(**more: Any) -> Environment:
     return Environment(**(facts | {"entities": {e.name: e for e in things}, "targets": {"panda": arm}} | more))
 
 
+def change(world: Environment, name: str, **more: Any) -> Environment:
+    """The world with other facts of one entity."""
+    changed = msgspec.structs.replace(world.entities[name], **more)
+    return msgspec.structs.replace(world, entities={**world.entities, name: changed})
+
+
 def put(world: Environment, name: str, position: tuple[float, float, float]) -> Environment:
-    moved = msgspec.structs.replace(world.entities[name], pose=Pose(position))
-    return msgspec.structs.replace(world, entities={**world.entities, name: moved})
+    return change(world, name, pose=Pose(position))
 
 
 def hold(world: Environment, *names: str) -> Environment:
@@ -207,6 +270,12 @@ def succeed(world: Environment, session: Session) -> Play:
     taken = [e for e in taken if e.name != name and e.pose.position_m[0] > 0.5]
     site = (x - 0.05 + 0.08 * len(taken), y, z + 0.03)
     return Play(world=hold(put(world, name, site)), outputs={"place_site": list(site)})
+
+
+def slip(world: Environment, session: Session) -> Play:
+    """The object is lost on the way."""
+    lost = put(world, session.parameters["object"], (0.5, 0.1, 0.02))
+    return Play(world=lost, ended=Ended.SKILL_FAILED, code="GRASP_LOST", leaf="pick_and_place/place/verify_grasp")
 
 
 def make_unmet(text: str) -> Problem:

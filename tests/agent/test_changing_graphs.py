@@ -23,8 +23,7 @@ from phyagentos.store.admission import Entry
 from phyagentos.store.journal import Journal
 from phyagentos.store.ledger import Ledger
 
-from .conftest import check_report, get_order, make_world, put, remove, succeed
-from .test_mission import slip
+from .conftest import check_report, get_order, make_world, put, remove, slip, succeed
 
 HEAD = """
     goal: changing

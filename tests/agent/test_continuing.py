@@ -1,19 +1,11 @@
 """Goals that a workspace knows already: which are gone on with, which are only reported, which are another's."""
 
-from pathlib import Path
-
 import pytest
 
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.store import ledger as ledger_module
 
-from .conftest import put
-from .test_mission import TIDY, slip
-
-
-@pytest.fixture
-def tidy(write_graph) -> Path:
-    return write_graph(TIDY)
+from .conftest import TIDY, put, slip
 
 
 @pytest.fixture
@@ -35,8 +27,11 @@ ANOTHER = {
 }
 
 
-@pytest.mark.parametrize("text", ANOTHER.values(), ids=ANOTHER)
-@pytest.mark.parametrize("goal", [None, "tidy-7"])
+@pytest.mark.parametrize(
+    ("text", "goal"),
+    [*((text, None) for text in ANOTHER.values()), (ANOTHER["node"], "tidy-7")],
+    ids=[*ANOTHER, "its id"],
+)
 def test_an_open_goal_is_not_gone_on_with_for_another_graph(begun, write_graph, text, goal):
     graph = write_graph(text, "other.yaml")
     before = begun.make_mission().ledger.seq
@@ -79,7 +74,7 @@ def test_a_goal_that_is_over_is_reported_however_long_ago(make_stage, tidy, monk
     first = stage.make_mission().run(tidy, seed=1, goal="job-1")
     stage.runtime.script = {}
     for number in range(2, 7):
-        stage.runtime.world = make_world_again(stage)
+        stage.runtime.world = put(stage.runtime.world, "red_cube", (0.4, 0.3, 0.02))
         stage.make_mission().run(tidy, seed=number, goal=f"job-{number}")
     mission = stage.make_mission()
     again = mission.run(tidy, seed=1, goal="job-1")
@@ -90,10 +85,6 @@ def test_a_goal_that_is_over_is_reported_however_long_ago(make_stage, tidy, monk
     assert len(again.sessions) == 3
 
 
-def make_world_again(stage):
-    return put(stage.runtime.world, "red_cube", (0.4, 0.3, 0.02))
-
-
 def test_a_goal_that_is_over_is_not_reported_for_another_graph(make_stage, tidy, write_graph):
     stage = make_stage()
     stage.make_mission().run(tidy, seed=1, goal="job-1")
@@ -101,15 +92,13 @@ def test_a_goal_that_is_over_is_not_reported_for_another_graph(make_stage, tidy,
         stage.make_mission().run(write_graph(ANOTHER["node"], "other.yaml"), seed=1, goal="job-1")
 
 
-@pytest.mark.parametrize("goal", ["../../escaped", "a/b", ".", "..", ".hidden", "-x", "a b", "a\n", "é", "", "g" * 101])
-def test_an_id_that_is_no_name_of_a_file_is_refused(make_stage, tidy, goal, tmp_path):
+def test_an_id_that_is_no_name_of_a_file_is_refused(make_stage, tidy, tmp_path):
     stage = make_stage()
-    with pytest.raises(DefinitionError, match=r"INVALID_VALUE: found .*; expected letters"):
-        stage.make_mission().run(tidy, seed=7, goal=goal)
+    mission = stage.make_mission()
+    for goal in ("../../escaped", "a/b", ".", "..", ".hidden", "-x", "a b", "a\n", "é", "", "g" * 101):
+        with pytest.raises(DefinitionError, match=r"INVALID_VALUE: found .*; expected letters"):
+            mission.run(tidy, seed=7, goal=goal)
+    with pytest.raises(DefinitionError, match="INVALID_VALUE"):
+        mission.run(tidy, seed=10**120)
     assert list(stage.workspace.goals.iterdir()) == []
     assert not list(tmp_path.rglob("*escaped*"))
-
-
-def test_a_seed_that_makes_the_id_too_long_is_refused(make_stage, tidy):
-    with pytest.raises(DefinitionError, match="INVALID_VALUE"):
-        make_stage().make_mission().run(tidy, seed=10**120)

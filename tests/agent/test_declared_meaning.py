@@ -262,21 +262,16 @@ def show(found: object) -> str:
     return re.sub(r"frozenset\(\{(.*?)\}\)", lambda each: str(sorted(each[1].split(", "))), repr(found))
 
 
-@pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda each: each.__name__)
-@pytest.mark.parametrize("beside", [False, True], ids=["instead", "beside"])
-def test_a_predicate_that_means_the_same_under_another_name_decides_the_same(scenario, beside, shipped, install):
+@pytest.mark.parametrize(
+    "scenario",
+    [*SCENARIOS, *(pytest.param(each, marks=pytest.mark.sim) for each in (plan_drawer, plan_tower))],
+    ids=lambda each: each.__name__,
+)
+def test_a_predicate_that_means_the_same_under_another_name_decides_the_same(scenario, shipped, install):
     expected = rename(show(scenario(str, shipped)))
-    install(beside=beside)
-    assert rename(show(scenario(rename, shipped if beside else translate(shipped)))) == expected
-
-
-@pytest.mark.sim
-@pytest.mark.parametrize("scenario", [plan_drawer, plan_tower])
-@pytest.mark.parametrize("beside", [False, True], ids=["instead", "beside"])
-def test_a_plan_by_other_names_is_the_same_plan(scenario, beside, shipped, install):
-    expected = rename(show(scenario(str, shipped)))
-    install(beside=beside)
-    assert rename(show(scenario(rename, shipped if beside else translate(shipped)))) == expected
+    for beside, catalogue in ((False, translate(shipped)), (True, shipped)):
+        install(beside=beside)
+        assert rename(show(scenario(rename, catalogue))) == expected, f"{beside=}"
 
 
 def test_relations_are_published_by_the_name_that_is_installed(shipped, install):

@@ -1,6 +1,5 @@
 """Causes told from evidence: a hand, a slip, a bad grasp and a bad place leave different traces."""
 
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -11,14 +10,14 @@ from phyagentos.agent.judging.diagnosis import diagnose, diagnose_after_looking
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage
 from phyagentos.protocol.sessions.evidence import Bundle
-from phyagentos.protocol.sessions.session import Ended, Execution
+from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.trace import Role, TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.environment import Status
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.testing import make_contract
 
-from .conftest import make_world, put, remove
+from .conftest import change, make_world, put, remove
+from .test_verifier import make_bundle as make_evidence
 
 STEPS = {
     Stage.BEFORE: (),
@@ -41,22 +40,11 @@ def make_event(tick: int, path: str, role: Role | None, leaf: str = "a leaf of a
 
 
 def make_bundle(after, stage: Stage = Stage.BEFORE, **execution: Any) -> Bundle:
-    parameters = {"object": "red_cube", "destination": "red_tray"}
     plan = make_event(0, "p/plan", Role.PLAN_GRASP)
     steps = (make_event(n, f"p/{n}", role, numbers=numbers) for n, (role, numbers) in enumerate(STEPS[stage]))
     acts = execution.get("leaf") == "policy"
     failure = (make_event(9, "policy", Role.ACT, status="FAILURE", code=execution["code"]),) if acts else ()
-    facts = {"ended": Ended.SKILL_FAILED, "evidence": "e", "ticks": 100} | execution
-    return Bundle(
-        folder=Path("e"),
-        session=make_contract(parameters=parameters, accept=("inside(red_cube, red_tray)",)),
-        execution=Execution(**facts),
-        before=make_world(),
-        after=after,
-        holds=(),
-        trace=(plan, *steps, *failure),
-        events=(),
-    )
+    return make_evidence(after, execution={"ended": Ended.SKILL_FAILED} | execution, trace=(plan, *steps, *failure))
 
 
 @pytest.mark.parametrize("stage", STEPS)
@@ -87,9 +75,7 @@ def ask(bundle: Bundle):
 
 
 def moved(x: float = 0.4, y: float = 0.2, z: float = 0.02, **more: Any):
-    world = put(make_world(), "red_cube", (x, y, z))
-    entity = msgspec.structs.replace(world.entities["red_cube"], **more)
-    return msgspec.structs.replace(world, entities={**world.entities, "red_cube": entity})
+    return change(put(make_world(), "red_cube", (x, y, z)), "red_cube", **more)
 
 
 COURSES = [
@@ -308,8 +294,7 @@ def test_what_a_star_covers_is_missing_evidence_unless_all_of_it_was_seen():
     told = criterion("not moved(*)", Truth.UNKNOWN)
     bundle = make_bundle(make_world(), ended=Ended.COMPLETED)
     assert diagnose(bundle, [told]).cause is Cause.UNDECIDABLE
-    blue = msgspec.structs.replace(make_world().entities["blue_cube"], visible=False)
-    after = msgspec.structs.replace(make_world(), entities={**make_world().entities, "blue_cube": blue})
+    after = change(make_world(), "blue_cube", visible=False)
     assert diagnose(msgspec.structs.replace(bundle, after=after), [told]).cause is Cause.EVIDENCE_MISSING
 
 
@@ -340,15 +325,10 @@ _APART_M = 0.02  # the cube from the middle of its tray
     ],
 )
 def test_a_verdict_that_nothing_decided_names_what_would_decide_it(text, stds_m, least, bounds, looser):
-    world = make_world()
-    entities = {
-        name: msgspec.structs.replace(world.entities[name], position_std_m=std_m, turn_std_rad=0.0)
-        for name, std_m in zip(("red_cube", "red_tray"), stds_m, strict=True)
-    }
-    tray = entities["red_tray"].pose.position_m
-    at = msgspec.structs.replace(entities["red_cube"].pose, position_m=(tray[0] + _APART_M, tray[1], 0.03))
-    entities["red_cube"] = msgspec.structs.replace(entities["red_cube"], pose=at)
-    after = msgspec.structs.replace(world, entities={**world.entities, **entities})
+    x, y, _ = make_world().entities["red_tray"].pose.position_m
+    after = put(make_world(), "red_cube", (x + _APART_M, y, 0.03))
+    for name, std_m in zip(("red_cube", "red_tray"), stds_m, strict=True):
+        after = change(after, name, position_std_m=std_m, turn_std_rad=0.0)
     bundle = msgspec.structs.replace(make_bundle(after, ended=Ended.COMPLETED), before=after, after=after)
     found = diagnose(bundle, [criterion(text, Truth.UNKNOWN)])
     assert found.cause is Cause.UNDECIDABLE
@@ -361,7 +341,6 @@ def test_a_verdict_that_nothing_decided_names_what_would_decide_it(text, stds_m,
 
 def test_what_a_hand_still_held_as_the_session_began_is_neither_moved_nor_gone_when_it_falls():
     bundle = make_bundle(moved(z=0.02), Stage.CLOSED, code="GRASP_MISSED")
-    up = msgspec.structs.replace(moved(z=0.3).entities["red_cube"], status=Status.HELD, held_by="panda")
-    before = msgspec.structs.replace(bundle.before, entities={**bundle.before.entities, "red_cube": up})
+    before = moved(z=0.3, status=Status.HELD, held_by="panda")
     diagnosis = ask(msgspec.structs.replace(bundle, before=before))
     assert (diagnosis.cause, diagnosis.is_hopeless) == (Cause.GRASP_MISSED, False)

@@ -7,8 +7,8 @@ from phyagentos.protocol.sessions.means import Means, Preparation
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 
-from .conftest import Play, add_skills, put
-from .test_recovery_missions import GRAPH, MORE_SKILLS, make_table_world, move_away
+from .conftest import TWO, Play, add_skills, put
+from .test_recovery_missions import MORE_SKILLS, make_table_world, move_away
 
 SLOW = Strategy(speed=0.5)
 CLEAR = Preparation(purpose="clear", skill="set_aside", kind="cube")
@@ -38,11 +38,6 @@ class Told(NoAdvice):
 @pytest.fixture
 def library(library):
     return add_skills(library, {**MORE_SKILLS, "shove": SHOVE})
-
-
-@pytest.fixture
-def two(write_graph):
-    return write_graph(GRAPH.replace("BUDGET", ""))
 
 
 def crowd(world, name="yellow_cube"):
@@ -82,9 +77,9 @@ def test_another_skill_must_keep_the_promise_of_the_node(make_stage, two):
     assert (attempt.parent, attempt.advised_by) == (None, ("lesson-1",))
 
 
-RED_ALONE = GRAPH[: GRAPH.index("      green:")] + GRAPH[GRAPH.index("      red:") :].replace(
-    "after: [green]", ""
-).replace(', "inside(green_cube, green_tray)"', "")
+RED_ALONE = TWO[: TWO.index("      green:")] + TWO[TWO.index("      red:") :].replace("after: [green]", "").replace(
+    ', "inside(green_cube, green_tray)"', ""
+)
 PREPARED = [("set_aside", "clear"), ("pick_and_place", "")]
 PREPARE = Means(prepare=(CLEAR,))
 
@@ -93,7 +88,7 @@ PREPARE = Means(prepare=(CLEAR,))
     ("graph", "means", "stage", "ran", "sources"),
     [
         pytest.param(
-            GRAPH,
+            TWO,
             PREPARE,
             {"world": make_table_world()},
             PREPARED[1:],
@@ -101,7 +96,7 @@ PREPARE = Means(prepare=(CLEAR,))
             id="where nothing stands in the way nothing is cleared and the lesson is not counted",
         ),
         pytest.param(
-            GRAPH,
+            TWO,
             PREPARE,
             {"script": {"red": lambda world, session: Play(world=world, ended=Ended.STALLED)}},
             PREPARED,
@@ -109,7 +104,7 @@ PREPARE = Means(prepare=(CLEAR,))
             id="a preparation that fails is followed by the attempt",
         ),
         pytest.param(
-            GRAPH.replace("BUDGET", "budget: {sessions: 2}"),
+            TWO.replace("BUDGET", "budget: {sessions: 2}"),
             PREPARE,
             {},
             PREPARED[1:],
@@ -125,7 +120,7 @@ PREPARE = Means(prepare=(CLEAR,))
             id="before anything was seen a look comes first",
         ),
         *(
-            pytest.param(GRAPH, means, {}, PREPARED[1:], ("lesson-2",), id=f"{means} that cannot be had")
+            pytest.param(TWO, means, {}, PREPARED[1:], ("lesson-2",), id=f"{means} that cannot be had")
             for means in (Means(skill="inspect"), Means(skill="gone"), Means(target="gone"))
         ),
     ],
@@ -143,7 +138,7 @@ def test_what_is_advised_is_done_where_it_can_be_and_is_counted_only_then(
 
 
 def test_a_contract_by_other_means_keeps_conditions_and_limits(make_stage, write_graph):
-    text = GRAPH.replace("BUDGET", 'constraints: ["height(bottle) < 0.5"]').replace(
+    text = TWO.replace("BUDGET", 'constraints: ["height(bottle) < 0.5"]').replace(
         "max_replans", "timeout_s: 33, max_replans"
     )
     _, _, (shoved,) = pursue(make_stage, write_graph(text), Means(skill="shove"))
@@ -162,7 +157,7 @@ YELLOW = """
 @pytest.fixture
 def three(write_graph):
     """Red and yellow in either order, red first as it is written."""
-    return write_graph(GRAPH.replace("BUDGET", "").replace("\n    accept:", YELLOW))
+    return write_graph(TWO.replace("BUDGET", "").replace("\n    accept:", YELLOW))
 
 
 def test_what_another_node_moves_anyway_is_waited_for_and_not_cleared(make_stage, three):

@@ -1,6 +1,5 @@
 """Free room on a support, and what fills it."""
 
-import msgspec
 import pytest
 
 from phyagentos.agent.goals.catalogue import Catalogue
@@ -13,6 +12,7 @@ from phyagentos.protocol.world.free_spot import (
     find_support,
     take_off,
 )
+from tests.agent.conftest import change
 from tests.agent.test_repair import HEMMED, POST, make_box, make_table_world
 
 
@@ -53,15 +53,12 @@ def test_a_free_spot_lies_in_the_band_that_the_target_declares(shipped):
 
 def test_a_support_whose_solid_lies_in_its_frame_on_another_side_is_as_wide_as_it_lies(shipped):
     """A mesh becomes the box around its hull along its own axes: the top of such a table was taken for its side."""
-    panda, table = shipped.targets["panda"], HEMMED.entities["table"]
-    (top,) = table.shapes
+    panda, (top,) = shipped.targets["panda"], HEMMED.entities["table"].shapes
     x, y, z = top.size_m
     on_edge = Shape(
         kind=ShapeKind.BOX, size_m=(z, y, x), pose=Pose(top.pose.position_m, (0.5**0.5, 0.0, 0.5**0.5, 0.0))
     )
-    turned = msgspec.structs.replace(
-        HEMMED, entities={**HEMMED.entities, "table": msgspec.structs.replace(table, shapes=(on_edge,))}
-    )
+    turned = change(HEMMED, "table", shapes=(on_edge,))
     given = ("post", ((0.5, 0.0, 0.02),), panda.mount_position_m, panda.grasp_band_m)
     assert find_free_spot(turned, *given) == pytest.approx(find_free_spot(HEMMED, *given))
 

@@ -11,7 +11,7 @@ from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.protocol.world.truth import Truth
 
-from .conftest import make_world, put
+from .conftest import change, make_world, put
 from .test_verifier import IN_TRAY, make_bundle, make_session
 
 HOLD = "tilt(red_cube) <= 0.1"
@@ -51,14 +51,12 @@ def test_a_thing_that_is_perceived_elsewhere_changes_acceptance_verdict_and_snap
 
 
 def test_a_precondition_that_did_not_hold_is_a_difference(bundle):
-    unseen = msgspec.structs.replace(BEFORE.entities["red_cube"], visible=False)
-    before = msgspec.structs.replace(BEFORE, entities=BEFORE.entities | {"red_cube": unseen})
+    before = change(BEFORE, "red_cube", visible=False)
     assert any(text.startswith("requires visible(red_cube)") for text in judge(bundle, before=before).differences)
 
 
 def test_a_hold_condition_is_evaluated_again_on_the_sample_that_was_kept(bundle):
-    tilted = msgspec.structs.replace(BEFORE.entities["red_cube"], pose=TILTED)
-    sample = msgspec.structs.replace(BEFORE, entities=BEFORE.entities | {"red_cube": tilted})
+    sample = change(BEFORE, "red_cube", pose=TILTED)
     again = judge(bundle, samples=[(make_entry(LookRole.WORST, HOLD), sample)])
     assert any(text.startswith(f"hold {HOLD}: false") for text in again.differences)
     assert again.verdict == "failure"

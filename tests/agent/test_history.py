@@ -16,9 +16,9 @@ from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.testing import make_contract
 
-from .conftest import make_world, put
+from .conftest import make_world, put, slip
 from .test_recovery_missions import achieve_unseen as leave_unseen
-from .test_recovery_missions import drop, library, still_unseen, two  # noqa: F401 - fixtures
+from .test_recovery_missions import library, still_unseen  # noqa: F401 - a fixture
 from .test_verifier import AWAY, IN_TRAY, failed, make_bundle, make_session
 
 LESSON = Lesson(
@@ -90,11 +90,11 @@ def pursue(stage, graph, verifier, lessons=(LESSON,)):
     return mission.ledger
 
 
-def test_judges_of_a_mission_see_the_earlier_sessions_of_the_node_and_the_lessons_in_force(make_stage, two):  # noqa: F811
+def test_judges_of_a_mission_see_the_earlier_sessions_of_the_node_and_the_lessons_in_force(make_stage, two):
     witness = Witness()
     others = msgspec.structs.replace(LESSON, id="lesson-other", scope=Scope(skill="push"))
     retracted = msgspec.structs.replace(LESSON, id="lesson-old", state=EntryState.RETRACTED, reason="other fingers")
-    script = {"red": drop, "red.r1": drop}
+    script = {"red": slip, "red.r1": slip}
     verifier = SessionVerifier(judges=(*DEFAULT_JUDGES, witness))
     ledger = pursue(make_stage(script), two, verifier, (LESSON, others, retracted))
 
@@ -108,8 +108,8 @@ def test_judges_of_a_mission_see_the_earlier_sessions_of_the_node_and_the_lesson
     assert last.decision == ledger.sessions["two-7.red.r1"].decision
 
 
-@pytest.mark.parametrize("script", [{"red": drop, "red.r1": drop}, {"red": leave_unseen, "red.r1": still_unseen}])
-def test_a_mission_judges_alike_bit_for_bit_with_and_without_history(make_stage, two, tmp_path, script):  # noqa: F811
+@pytest.mark.parametrize("script", [{"red": slip, "red.r1": slip}, {"red": leave_unseen, "red.r1": still_unseen}])
+def test_a_mission_judges_alike_bit_for_bit_with_and_without_history(make_stage, two, tmp_path, script):
     found = []
     for verifier, lessons in ((SessionVerifier(), (LESSON,)), (Forgetful(), ())):
         stage = make_stage(script)

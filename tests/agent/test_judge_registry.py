@@ -16,8 +16,7 @@ from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.truth import Truth
 from tests.packages import install
 
-from .conftest import make_world, put
-from .test_verifier import BUDGET, IN_TRAY, make_bundle
+from .test_verifier import BUDGET, DONE, make_bundle
 
 SHIPPED = ["holds", "lookahead", "metrics", "predicates", "vision"]
 CONTRACT = """
@@ -28,7 +27,6 @@ physics_step_s: 0.002
 command_representation: joint_position_velocity
 sampling_hz: 10
 """
-DONE = put(make_world(), "red_cube", IN_TRAY)
 HASTE = """
 from phyagentos.agent.judging.judges.judge_registry import JudgeDefinition
 from phyagentos.protocol.world.truth import Truth

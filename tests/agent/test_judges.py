@@ -18,10 +18,9 @@ from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
 from phyagentos.protocol.world.environment import FRESH_S, SensorHealth
 from phyagentos.protocol.world.truth import Truth
 
-from .conftest import make_world, put
-from .test_verifier import BUDGET, IN_TRAY, make_bundle, make_session
+from .conftest import make_world
+from .test_verifier import BUDGET, DONE, make_bundle, make_session
 
-DONE = put(make_world(), "red_cube", IN_TRAY)
 ASKING = make_session(lookahead=LookaheadRequest())
 ROWS = 6
 

@@ -1,9 +1,7 @@
 """Whole missions over the journal, with a runtime that moves a synthetic world."""
 
 from dataclasses import replace
-from pathlib import Path
 
-import msgspec
 import pytest
 
 from phyagentos.agent.mission.mission import SYNC_AFTER_S, WAIT_S
@@ -17,42 +15,23 @@ from phyagentos.protocol.world.environment import Pose
 from phyagentos.store.admission import Entry
 from phyagentos.store.journal import Journal
 
-from .conftest import SKILLS, Play, add_skills, check_report, get_order, hold, make_world, put, remove, succeed
+from .conftest import (
+    SKILLS,
+    TIDY,
+    Play,
+    add_skills,
+    change,
+    check_report,
+    get_order,
+    hold,
+    make_world,
+    put,
+    remove,
+    slip,
+    succeed,
+)
 
 UNFIT = Problem(code="NOT_OFFERED", address="joint_torque")
-TIDY = """
-    goal: tidy
-    objective: Red and green into their trays.
-    scene: table
-    targets: {arm: panda}
-    constraints: ["upright(bottle)"]
-    sessions:
-      red:
-        skill: pick_and_place
-        target: arm
-        with: {object: red_cube, destination: red_tray}
-      green:
-        skill: pick_and_place
-        target: arm
-        with: {object: green_cube, destination: green_tray}
-    accept: ["inside(red_cube, red_tray)", "inside(green_cube, green_tray)"]
-    """
-
-
-@pytest.fixture
-def tidy(write_graph) -> Path:
-    return write_graph(TIDY)
-
-
-def slip(world, session):
-    """The object is lost on the way."""
-    name = session.parameters["object"]
-    return Play(
-        world=put(world, name, (0.5, 0.1, 0.02)),
-        ended=Ended.SKILL_FAILED,
-        code="GRASP_LOST",
-        leaf="pick_and_place/place/verify_grasp",
-    )
 
 
 def test_a_mission_in_which_all_goes_well_ends_in_success(make_stage, tidy):
@@ -95,9 +74,8 @@ def undo_red(world, session):
 
 
 def knock_over(world, session):
-    fallen = msgspec.structs.replace(world.entities["bottle"], pose=Pose((0.8, 0, 0.03), (0.7071068, 0.7071068, 0, 0)))
-    play = succeed(world, session)
-    return Play(world=msgspec.structs.replace(play.world, entities={**play.world.entities, "bottle": fallen}))
+    fallen = Pose((0.8, 0, 0.03), (0.7071068, 0.7071068, 0, 0))
+    return Play(world=change(succeed(world, session).world, "bottle", pose=fallen))
 
 
 def drop(world, session):

@@ -2,7 +2,6 @@
 
 from contextlib import closing
 from dataclasses import replace
-from pathlib import Path
 
 import msgspec
 import pytest
@@ -19,21 +18,29 @@ from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion
-from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
+from phyagentos.protocol.world.environment import Shape, ShapeKind
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Journal
 from phyagentos.testing import ManualClock
 
-from .conftest import Play, add_skills, check_report, hold, make_world, put, remove, succeed
+from .conftest import (
+    INSPECT,
+    TWO,
+    Play,
+    add_skills,
+    change,
+    check_report,
+    hold,
+    make_table,
+    make_world,
+    put,
+    remove,
+    slip,
+    succeed,
+)
 
 MORE_SKILLS = {
-    "inspect": """
-        description: Looks at an object.
-        tree: inspect
-        parameters: {object: {type: entity}}
-        guarantees: ["visible(${object})"]
-        needs: {actions: [joint_position], capabilities: [manipulation]}
-        """,
+    "inspect": INSPECT,
     "set_aside": """
         description: Puts an object down near a point.
         tree: set_aside
@@ -43,25 +50,6 @@ MORE_SKILLS = {
         needs: {actions: [joint_position], capabilities: [manipulation]}
         """,
 }
-GRAPH = """
-    goal: two
-    objective: Green, then red.
-    scene: table
-    targets: {arm: panda}
-    defaults: {max_replans: 2}
-    BUDGET
-    sessions:
-      green:
-        skill: pick_and_place
-        target: arm
-        with: {object: green_cube, destination: green_tray}
-      red:
-        after: [green]
-        skill: pick_and_place
-        target: arm
-        with: {object: red_cube, destination: red_tray}
-    accept: ["inside(red_cube, red_tray)", "inside(green_cube, green_tray)"]
-    """
 
 
 @pytest.fixture
@@ -69,28 +57,14 @@ def library(library):
     return add_skills(library, MORE_SKILLS)
 
 
-@pytest.fixture
-def two(write_graph) -> Path:
-    return write_graph(GRAPH.replace("BUDGET", ""))
-
-
 def make_table_world():
-    world = make_world()
-    top = (Shape(kind=ShapeKind.BOX, size_m=(0.5, 0.6, 0.02)),)
-    table = Entity(name="table", kind="table", movable=False, pose=Pose(position_m=(0.4, 0.0, -0.02)), shapes=top)
-    cube = (Shape(kind=ShapeKind.BOX, size_m=(0.02, 0.02, 0.02)),)
+    world, cube = make_world(), (Shape(kind=ShapeKind.BOX, size_m=(0.02, 0.02, 0.02)),)
     entities = {n: msgspec.structs.replace(e, shapes=cube) if e.movable else e for n, e in world.entities.items()}
-    return msgspec.structs.replace(world, entities={**entities, "table": table})
+    return msgspec.structs.replace(world, entities={**entities, "table": make_table()})
 
 
 def hide(world, name):
-    entity = msgspec.structs.replace(world.entities[name], visible=False, observed_at_s=-100.0)
-    return msgspec.structs.replace(world, entities={**world.entities, name: entity}, sensing="perceived")
-
-
-def show(world, name):
-    entity = msgspec.structs.replace(world.entities[name], visible=True)
-    return msgspec.structs.replace(world, entities={**world.entities, name: entity})
+    return msgspec.structs.replace(change(world, name, visible=False, observed_at_s=-100.0), sensing="perceived")
 
 
 def achieve_unseen(world, session):
@@ -99,7 +73,7 @@ def achieve_unseen(world, session):
 
 
 def see_again(world, session):
-    return Play(world=show(world, session.parameters["object"]))
+    return Play(world=change(world, session.parameters["object"], visible=True))
 
 
 def still_unseen(world, session):
@@ -110,11 +84,6 @@ def be_blocked(world, session):
     numbers = {"rejected": {"hand|yellow_cube": 30}}
     event = TraceEvent(tick=1, time_s=1.0, path="p/plan", leaf="plan_grasp", status="FAILURE", numbers=numbers)
     return Play(world=world, ended=Ended.SKILL_FAILED, code="NO_IK", leaf="p/plan", trace=(event,))
-
-
-def drop(world, session):
-    name = session.parameters["object"]
-    return Play(world=put(world, name, (0.5, 0.1, 0.02)), ended=Ended.SKILL_FAILED, code="GRASP_LOST", leaf="p/carry")
 
 
 def move_away(world, session):
@@ -172,7 +141,7 @@ def test_what_a_session_could_not_see_of_its_hold_condition_is_asked_of_its_repl
         return Play(world=world, ended=Ended.SKILL_FAILED, code="GRASP_MISSED", hold_truth={held: unseen})
 
     after = "after: [green]"
-    graph = write_graph(GRAPH.replace("BUDGET", "").replace(after, f'{after}\n        hold: ["{held}"]'))
+    graph = write_graph(TWO.replace("BUDGET", "").replace(after, f'{after}\n        hold: ["{held}"]'))
     stage = make_stage({"red": push_unseen})
     report = stage.pursue(graph)
     assert report.verdict == verdict
@@ -290,7 +259,8 @@ def test_what_preflight_does_not_see_is_looked_at_and_then_tried_again(make_stag
 
     def find(world, session):
         entities = {**world.entities, "red_cube": start.entities["red_cube"]}
-        return Play(world=show(msgspec.structs.replace(world, entities=entities, never_seen=()), "red_cube"))
+        known = msgspec.structs.replace(world, entities=entities, never_seen=())
+        return Play(world=change(known, "red_cube", visible=True))
 
     stage = make_stage({"red.r1": find}, world=begin)
     assert stage.pursue(two).verdict == "success"
@@ -309,7 +279,7 @@ def test_nobody_looks_for_a_thing_that_cannot_be_carried(make_stage, two, code, 
 
 
 def test_what_the_goal_asks_of_a_thing_that_was_never_perceived_stays_unknown_and_says_so(make_stage, write_graph):
-    graph = write_graph(GRAPH.replace("BUDGET", "").replace("accept: [", 'accept: ["upright(bottle)", '))
+    graph = write_graph(TWO.replace("BUDGET", "").replace("accept: [", 'accept: ["upright(bottle)", '))
     refused = Problem(code="OBJECT_GONE", address="parameters.object", found="bottle was never perceived")
     stage = make_stage(world=remove(make_world(sensing="perceived"), "bottle"), refuse={"red.r1": refused})
     nodes, sessions = {"green": "done", "red": "done"}, [GREEN, ("red", "succeeded"), ("red.r1", "rejected")]
@@ -337,21 +307,21 @@ def test_an_agent_that_died_while_a_way_was_cleared_comes_to_the_same_end(make_s
 
 
 def test_nothing_is_submitted_beyond_the_budget_of_the_goal(make_stage, write_graph):
-    graph = write_graph(GRAPH.replace("BUDGET", "budget: {sessions: 2}"))
+    graph = write_graph(TWO.replace("BUDGET", "budget: {sessions: 2}"))
     paid = "BUDGET: 1 sessions are left, it takes 1 more and 1 for nodes not yet begun"
-    report = make_stage({"green": drop}).pursue(graph)
+    report = make_stage({"green": slip}).pursue(graph)
     check_report(report, {"green": paid}, verdict="failure", sessions=[("green", "failed")])
 
 
 def test_no_session_begins_once_the_simulated_time_is_spent(make_stage, write_graph):
-    report = make_stage().pursue(write_graph(GRAPH.replace("BUDGET", "budget: {sim_time_s: 5.0}")))
+    report = make_stage().pursue(write_graph(TWO.replace("BUDGET", "budget: {sim_time_s: 5.0}")))
     nodes = {"green": "done", "red": "blocked"}
     check_report(report, {"": "BUDGET: the simulated time"}, verdict="failure", nodes=nodes)
 
 
 def test_a_session_may_take_no_more_than_what_is_left_of_the_simulated_time(make_stage, write_graph):
     stage = make_stage()
-    report = stage.pursue(write_graph(GRAPH.replace("BUDGET", "budget: {sim_time_s: 14.0}")))
+    report = stage.pursue(write_graph(TWO.replace("BUDGET", "budget: {sim_time_s: 14.0}")))
     assert report.verdict == "success"
     assert [session.execution_s for session in stage.runtime.ran] == [14.0, 4.0]
     assert [session.limits.timeout_s for session in stage.runtime.ran] == [60.0, 60.0]
@@ -365,7 +335,7 @@ def test_sessions_begin_side_by_side_only_while_each_has_its_whole_time(make_sta
         def on_change(self, goal, ledger):
             submitted.append(sum(status.execution is None for status in ledger.sessions.values()))
 
-    graph = GRAPH.replace("after: [green]", "after: []").replace("BUDGET", "budget: {sim_time_s: 100.0}")
+    graph = TWO.replace("after: [green]", "after: []").replace("BUDGET", "budget: {sim_time_s: 100.0}")
     mission = stage.make_mission(observers=[Watcher(), stage.runtime])
     assert mission.run(write_graph(graph), seed=7).verdict == "success"
     assert max(submitted) == 1
@@ -382,7 +352,7 @@ def test_sessions_begin_side_by_side_only_while_each_has_its_whole_time(make_sta
 )
 def test_other_policies_run_in_the_same_mission_loop(make_stage, two, policy, verdict, ran, monkeypatch):
     monkeypatch.setattr(goal_controller, "Recovery", RestartingRecovery)
-    stage = make_stage({"red": drop})
+    stage = make_stage({"red": slip})
     report = stage.make_mission(policy=policy).run(two, seed=7)
     assert report.verdict == verdict
     assert [session.id.removeprefix("two-7.") for session in stage.runtime.ran] == ran

@@ -19,8 +19,7 @@ from phyagentos.agent.repair.recovery_policies import GraphRepair
 from phyagentos.agent.repair.retrying import propose_retry
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.policy_descriptors import PolicyDescriptor
-from phyagentos.protocol.sessions.evidence import Bundle
-from phyagentos.protocol.sessions.session import Ended, Execution, GoalId, Scene, Session, SessionId, SessionStatus
+from phyagentos.protocol.sessions.session import Ended, Execution, Session, SessionId, SessionStatus
 from phyagentos.protocol.sessions.strategy import Strategy
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
@@ -35,6 +34,10 @@ from phyagentos.protocol.world.environment import (
     Status,
     TargetState,
 )
+from phyagentos.testing import make_world
+
+from .conftest import change, make_table, put
+from .test_verifier import failed, make_bundle, make_session
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -50,36 +53,20 @@ def make_box(name: str, position: tuple[float, float, float], half: float = 0.02
 
 
 def make_table_world(*things: Entity) -> Environment:
-    top = (Shape(kind=ShapeKind.BOX, size_m=(0.5, 0.6, 0.02)),)
-    table = Entity(name="table", kind="table", movable=False, pose=Pose(position_m=(0.4, 0.0, -0.02)), shapes=top)
     arm = TargetState(q_rad=(), qd_rad_s=(), gripper_width_m=0.08, tcp=Pose())
-    return Environment(
+    return make_world(
+        *(msgspec.structs.replace(each, observed_at_s=10.0) for each in (make_table(), *things)),
         time_s=10.0,
-        scene="s",
         episode="g",
-        revision=1,
-        sensing="truth",
-        entities={each.name: msgspec.structs.replace(each, observed_at_s=10.0) for each in (table, *things)},
         regions={"zone": Region(name="zone", pose=Pose(position_m=(0.5, -0.3, 0.04)), half_m=(0.08, 0.08, 0.06))},
         targets={"panda": arm},
     )
 
 
 def make_contract(**more: Any) -> Session:
-    facts: dict[str, Any] = {
-        "id": SessionId("g.red"),
-        "goal": GoalId("g"),
-        "node": "red",
-        "objective": "",
-        "skill": "pick_and_place",
-        "target": "panda",
-        "parameters": {"object": "red_cube", "destination": "zone"},
-        "accept": ("inside(red_cube, zone)",),
-        "scene": Scene(name="s", seed=0, episode="g"),
-        "seed": 0,
-        "requires": ("visible(red_cube)",),
-    }
-    return Session(**(facts | more))
+    parameters = {"object": "red_cube", "destination": "zone"}
+    facts = {"accept": ("inside(red_cube, zone)",), "requires": ("visible(red_cube)",), "parameters": parameters}
+    return make_session(**(facts | more))
 
 
 def make_case(catalogue: Catalogue, cause: Cause, **more: Any) -> Case:
@@ -87,22 +74,8 @@ def make_case(catalogue: Catalogue, cause: Cause, **more: Any) -> Case:
     world = more.pop("world", PLAIN)
     missing = more.pop("missing", ())
     attempt = Attempt(verdict=Verdict.REPLAN, criteria=(), cause=cause.value, reason="r", missing_evidence=missing)
-    bundle = Bundle(
-        folder=Path("e"),
-        session=session,
-        execution=Execution(
-            ended=Ended.SKILL_FAILED,
-            evidence="e",
-            leaf="a/plan",
-            code=more.pop("code", "NO_IK"),
-            is_final=more.pop("is_final", False),
-        ),
-        before=world,
-        after=world,
-        holds=(),
-        trace=more.pop("trace", ()),
-        events=(),
-    )
+    execution = failed(more.pop("code", "NO_IK"), "a/plan") | {"is_final": more.pop("is_final", False)}
+    bundle = make_bundle(world, session=session, before=world, execution=execution, trace=more.pop("trace", ()))
     status = SessionStatus(contract=session, state="verifying")
     facts: dict[str, Any] = {
         "miss": UnmetObjective.of_execution(bundle, attempt),
@@ -148,8 +121,7 @@ def test_what_is_in_the_way_is_moved_away_first_by_a_skill_that_promises_a_place
 
 def shift(world: Environment, name: str, by_m: float) -> Environment:
     x, y, z = world.entities[name].pose.position_m
-    moved = msgspec.structs.replace(world.entities[name], pose=Pose(position_m=(x + by_m, y, z)))
-    return msgspec.structs.replace(world, entities=world.entities | {name: moved})
+    return put(world, name, (x + by_m, y, z))
 
 
 def make_event(leaf: str, status: str = "SUCCESS", path: str = "a/b", **numbers: Any) -> TraceEvent:
@@ -477,9 +449,8 @@ def test_the_same_that_failed_with_the_same_cause_is_worth_half(shipped):
 
 
 def hold(world: Environment, name: str) -> Environment:
-    held = msgspec.structs.replace(world.entities[name], held_by="panda")
     arm = msgspec.structs.replace(world.targets["panda"], grip_force_n=30.0, holding=(name,))
-    return msgspec.structs.replace(world, entities={**world.entities, name: held}, targets={"panda": arm})
+    return msgspec.structs.replace(change(world, name, held_by="panda"), targets={"panda": arm})
 
 
 HOLDING = hold(HEMMED, "red_cube")

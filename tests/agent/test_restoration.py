@@ -1,5 +1,6 @@
 """What the world has undone: when it counts, which nodes are opened again for it, and what waits for them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,11 +9,11 @@ from benchmarks.recovery_parts.baselines import NoRetry, restart
 from phyagentos.agent.judging.verifier import SessionVerifier
 from phyagentos.agent.mission import goal_controller
 from phyagentos.agent.repair.regressions import find_regressions
-from phyagentos.protocol.sessions.session import Ended, Session
+from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.testing import make_contract
 
-from .conftest import Play, add_skills, check_report, get_order, hold, make_unmet, make_world, put, succeed
+from .conftest import INSPECT, add_skills, check_report, get_order, hold, make_unmet, make_world, put, slip, succeed
 
 HEAD = """
     goal: again
@@ -32,13 +33,7 @@ ROW = """
 """
 AWAY = (0.45, 0.1, 0.02)
 SKILLS = {
-    "inspect": """
-        description: Looks at an object.
-        tree: inspect
-        parameters: {object: {type: entity}}
-        guarantees: ["visible(${object})"]
-        needs: {actions: [joint_position], capabilities: [manipulation]}
-        """,
+    "inspect": INSPECT,
     "put_after_green": """
         description: Puts an object into a container once the green one is in its own.
         tree: pick_and_place
@@ -60,20 +55,12 @@ def row(write_graph) -> Path:
     return write_graph(HEAD + ROW.replace("REPLANS", "2"))
 
 
-def take_out(name):
-    """The skill succeeds, and meanwhile somebody takes a thing out of its tray."""
+def take_out(name, act=succeed):
+    """While the skill acts, an object is taken out of its tray."""
 
     def play(world, session):
-        done = succeed(world, session)
-        return Play(world=put(done.world, name, AWAY), outputs=done.outputs)
-
-    return play
-
-
-def slip_and_take_out(name):
-    def play(world, session):
-        lost = put(put(world, session.parameters["object"], (0.5, 0.1, 0.02)), name, AWAY)
-        return Play(world=lost, ended=Ended.SKILL_FAILED, code="GRASP_LOST", leaf="pick_and_place/verify_grasp")
+        done = act(world, session)
+        return replace(done, world=put(done.world, name, AWAY))
 
     return play
 
@@ -165,7 +152,7 @@ def test_a_thing_in_another_place_is_undone_unless_a_later_node_carried_it_there
 
 
 def test_a_child_waits_for_what_is_restored_however_far_back_and_whatever_its_priority(make_stage, row):
-    stage = make_stage({"red": slip_and_take_out("green_cube")})
+    stage = make_stage({"red": take_out("green_cube", slip)})
     ran = ["green", "blue", "red", "green.r1", "red.r1"]
     states = ["succeeded", "succeeded", "replanned", "succeeded", "succeeded"]
     check_report(stage.pursue(row), verdict="success", sessions=list(zip(ran, states, strict=True)), replans=2)
@@ -177,7 +164,7 @@ def test_what_the_skill_requires_and_an_earlier_node_had_achieved_is_restored_fo
       green: {skill: pick_and_place, with: {object: green_cube, destination: green_tray}}
       red: {skill: put_after_green, with: {object: red_cube, destination: red_tray}, after: [green]}
     """
-    stage = make_stage({"red": slip_and_take_out("green_cube")})
+    stage = make_stage({"red": take_out("green_cube", slip)})
     report = stage.pursue(write_graph(HEAD + by_skill))
     assert (report.verdict, get_order(stage)) == ("success", ["green", "red", "green.r1", "red.r1"])
 
@@ -185,7 +172,7 @@ def test_what_the_skill_requires_and_an_earlier_node_had_achieved_is_restored_fo
 def test_a_full_restart_that_this_process_has_loaded_leaves_other_repairs_as_they_are(make_stage, row, monkeypatch):
     monkeypatch.setattr(goal_controller, "Recovery", goal_controller.Recovery)  # as it was, afterwards
     restart()
-    stage = make_stage({"red": slip_and_take_out("green_cube")})
+    stage = make_stage({"red": take_out("green_cube", slip)})
     stage.pursue(row)
     assert get_order(stage) == ["green", "blue", "red", "green.r1", "red.r1"]
 
@@ -204,7 +191,7 @@ def test_what_is_undone_again_and_again_is_restored_no_more_often_than_its_node_
 
 
 ONCE, TWICE = (HEAD + ROW.replace("REPLANS", count) for count in ("0", "2"))
-LOSE = slip_and_take_out("green_cube")
+LOSE = take_out("green_cube", slip)
 DONE = [("green", "succeeded"), ("blue", "succeeded")]
 RESTORED = [*DONE, ("red", "rejected"), ("green.r1", "succeeded")]
 

@@ -1,6 +1,5 @@
 """What a judgement is for, who decides, and what should be looked at again."""
 
-import msgspec
 import pytest
 
 from phyagentos.agent.judging.judges.predicates import PredicateJudge
@@ -10,7 +9,7 @@ from phyagentos.protocol.sessions.verdicts import Criterion, Verdict
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.world.truth import Truth
 
-from .conftest import Play, check_report, succeed
+from .conftest import Play, change, check_report, succeed
 from .test_verifier import BUDGET, DONE, MISSED, make_bundle, perceive
 
 GRAPH = """
@@ -106,9 +105,7 @@ def test_a_goal_under_each_mode_when_the_controller_lies_or_fails(make_stage, wr
     ],
 )
 def test_the_least_certain_body_is_looked_at_again_though_it_is_fixed(mode, said):
-    world, stds_m = perceive(DONE), {"red_cube": 0.001, "red_tray": 0.2}
-    known = {name: msgspec.structs.replace(world.entities[name], position_std_m=std) for name, std in stds_m.items()}
-    world = msgspec.structs.replace(world, entities={**world.entities, **known})
+    world = change(change(perceive(DONE), "red_cube", position_std_m=0.001), "red_tray", position_std_m=0.2)
     attempt = SessionVerifier(mode=mode).judge(make_bundle(world), BUDGET)
     assert (attempt.cause, attempt.missing_evidence) == ("EVIDENCE_MISSING", ("red_cube", "red_tray"))
     assert attempt.reason.endswith(said)

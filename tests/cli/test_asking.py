@@ -120,7 +120,7 @@ def test_questions_end_with_code_2_and_their_candidates_and_can_be_answered(paos
     [
         ("make coffee", "word", "coffee"),
         ("lift the red cube by 10 cm", "capability", "10 cm"),
-        ("open the bottle", "fit", "open(bottle)"),
+        ("open the bottle", "rigid", "open(bottle)"),
     ],
 )
 def test_what_cannot_be_done_ends_with_code_2_and_is_named(paos, request_, kind, words):

@@ -45,7 +45,7 @@ def test_a_link_that_leads_nowhere_ends_the_build(build, tmp_path, link):
     docs.mkdir()
     for name in ("index.md", "library.md"):
         (docs / name).write_text(f"# Page\n\n{link if name == 'index.md' else ''}\n")
-    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("nav:")[0]
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[0]
     config = tmp_path / "mkdocs.yml"
     config.write_text(text.replace("docs_dir: docs", f"docs_dir: {docs}").replace("tools/", f"{ROOT}/tools/"))
     _, done = build(str(config))

@@ -21,9 +21,19 @@ def test_a_mutant_finds_the_lines_that_it_bends_and_leaves_python_behind():
         assert mutant.edits, mutant.name
         bent = mutant.bend()
         for edit in mutant.edits:
-            honest = edit.path.read_text(encoding="utf-8")
-            assert ast.dump(ast.parse(bent[edit.module])) != ast.dump(ast.parse(honest)), (mutant.name, edit.path)
+            honest = read_source(edit.path)
+            assert ast.dump(ast.parse(bent[edit.module])) != dump(honest), (mutant.name, edit.path)
             assert "from numba import" not in honest, "what numba compiles from bent source would stay in its cache"
+
+
+@cache
+def read_source(path):
+    return path.read_text(encoding="utf-8")
+
+
+@cache
+def dump(source):
+    return ast.dump(ast.parse(source))
 
 
 def test_a_mutant_names_tests_that_exist():
@@ -36,7 +46,7 @@ def test_a_mutant_names_tests_that_exist():
 
 @cache
 def list_tests(file):
-    tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
+    tree = ast.parse(read_source(ROOT / file))
     return {each.name for each in tree.body if isinstance(each, ast.FunctionDef)}
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal, TypeVar
 
 import msgspec
+import pydantic
 
 from phyagentos.agent.context.context import Section, build_context
 from phyagentos.clock import Clock
@@ -22,6 +23,7 @@ ANSWER_TOKENS = 1500
 PROBLEMS_MAX = 8  # of one answer
 ITEMS_MAX = 8  # of each list of one answer, so that a model that repeats itself comes to an end
 _ReadT = TypeVar("_ReadT")
+_ModelT = TypeVar("_ModelT", bound=pydantic.BaseModel)
 
 
 class AnswerFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -115,6 +117,15 @@ def build_object(properties: Fields, *required: str) -> Fields:
 def build_list(items: Fields, least: int = 0, most: int = ITEMS_MAX) -> Fields:
     """The schema of a list."""
     return {"type": "array", "items": items, "minItems": least, "maxItems": most}
+
+
+def read_object(text: str, model: type[_ModelT]) -> _ModelT | list[str]:
+    """The one object of an answer, or its problems."""
+    start, end = text.find("{"), text.rfind("}")  # prose around the object is no part of it
+    try:
+        return model.model_validate_json(text[start : end + 1])
+    except pydantic.ValidationError as error:
+        return [f"{'.'.join(map(str, each['loc'])) or 'answer'}: {each['msg']}" for each in error.errors()]
 
 
 def write_answers(path: Path, request: str, scene: str, model: LanguageModel) -> None:

@@ -17,9 +17,6 @@ from phyagentos.protocol.sessions.session import PRIORITY_MAX, ResetPolicy
 NODE_NAME = r"^[a-z][a-z0-9_]*$"
 NAME_MAX = 80  # letters of a goal or node as authored; ids add a seed, or the values of a fan-out
 REFERENCE = re.compile(r"\$\{\s*([^{}]+?)\s*\}")
-_Forecasters = Annotated[tuple[str, ...], pydantic.AfterValidator(partial(check_each, check=find_forecaster))]
-
-
 REPEATS = AlsoCalled(("retries", "retry", "attempts", "max_attempts", "max_retries", "repeats"))
 
 

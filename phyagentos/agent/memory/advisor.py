@@ -23,8 +23,6 @@ from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Risk, Scope
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY, Strategy
 
-REMEMBERED = 4096  # answers that are kept until memory changes
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
@@ -87,14 +85,12 @@ class MemoryAdvisor:
         self._memory, self._surroundings, self._copies = memory, surroundings, copies
         self._known: Retrieval = memory
         self._graph = self._snapshot = ""
-        self._answers: dict[Scope, tuple[Advice, tuple[MemoryEntry, ...]]] = {}
-        self._seq = -1
 
     def begin(self, graph: str, snapshot: str) -> str:
         """Advise from the snapshot that a goal has begun with, as far as its records are there."""
         now = self._memory.snapshot
         earlier = self._memory.look_back(snapshot) if snapshot not in {"", now} else None
-        self._known, self._seq = earlier or self._memory, -1
+        self._known = earlier or self._memory
         self._graph, self._snapshot = graph, snapshot if earlier is not None else now
         return self._snapshot
 
@@ -103,13 +99,8 @@ class MemoryAdvisor:
         experience = self._known.experience
         if not (experience.corrections or experience.patterns or experience.cautions):
             return NOTHING
-        if self._seq != experience.seq or len(self._answers) > REMEMBERED:
-            self._answers, self._seq = {}, experience.seq
         features = self._surroundings.describe(session)
-        scope = make_scope(session, features, self._surroundings, self._graph)
-        if scope not in self._answers:
-            self._answers[scope] = self._find(scope)
-        advice, entries = self._answers[scope]
+        advice, entries = self._find(make_scope(session, features, self._surroundings, self._graph))
         if entries and self._copies is not None:
             self._copies.mkdir(exist_ok=True)
             kept = msgspec.json.format(msgspec.json.encode({"snapshot": self._snapshot, "entries": entries}))

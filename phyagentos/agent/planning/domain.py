@@ -10,6 +10,7 @@ from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.checks import Checks
 from phyagentos.agent.goals.selector import ANY, find_lacks
 from phyagentos.agent.goals.spec import GoalSpec, WantedGoal
+from phyagentos.agent.planning.amounts import Activity
 from phyagentos.agent.planning.goal_facts import list_places, make_fact, read_conditions
 from phyagentos.agent.planning.operators import Scope, list_operators
 from phyagentos.agent.planning.problem import Capacity, Condition, Fact, Literal, Operator, PlanningProblem
@@ -49,7 +50,7 @@ class Domain:
 
     def find_unmet(self, tried: Tried) -> tuple[Fact, ...]:
         """What a session needs of the world and lacks in it, except that its hand is empty; empty where it can be."""
-        alike = (each for each in self.operators if _is_same(each, *tried))
+        alike = (each for each in self.operators if is_same(each, *tried))
         unmet = min(
             ([need for need in each.requires.items() if need not in self.state] for each in alike), key=len, default=[]
         )
@@ -120,7 +121,7 @@ def build_domain(
     initial = frozenset(fact for fact in facts if parse_predicate(fact).evaluate(view).truth is Truth.TRUE)
     state = frozenset((fact, fact in initial) for fact in facts)
     ready = [each for each in operators if each.requires.items() <= state]
-    vain = [each for each in ready if any(_is_same(each, *tried) for tried in without)]
+    vain = [each for each in ready if any(is_same(each, *tried) for tried in without)]
     needed = [*_drop_needless([each for each in operators if each not in vain], state)]
     groups = [*_iter_exclusive(needed, initial)]
     problem = PlanningProblem(
@@ -204,9 +205,10 @@ def _list_spots(
     return [place_spot(world, point, things) for point in points] + find_spots(world, things, profile, away)
 
 
-def _is_same(operator: Operator, skill: str, target: str, parameters: Mapping[str, object]) -> bool:
-    given = operator.parameters.items()
-    return (operator.skill, operator.target) == (skill, target) and all(parameters.get(k) == v for k, v in given)
+def is_same(step: Operator | Activity, skill: str, target: str, parameters: Mapping[str, object]) -> bool:
+    """Whether a step is a session that was tried."""
+    given = step.parameters.items()
+    return (step.skill, step.target) == (skill, target) and all(parameters.get(k) == v for k, v in given)
 
 
 def _drop_needless(operators: Sequence[Operator], state: frozenset[Literal]) -> Iterator[Operator]:

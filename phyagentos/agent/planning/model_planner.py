@@ -11,7 +11,13 @@ from dataclasses import dataclass, field
 import pydantic
 
 from phyagentos.agent.context.context import Section
-from phyagentos.agent.context.dialogue import LanguageModel, build_list, build_object, build_response_format
+from phyagentos.agent.context.dialogue import (
+    LanguageModel,
+    build_list,
+    build_object,
+    build_response_format,
+    read_object,
+)
 from phyagentos.agent.planning.problem import Condition, Fact, Operator, Plan, PlanningProblem, iter_states
 from phyagentos.protocol.documents.schema import Authored
 
@@ -86,11 +92,8 @@ def shorten(problem: PlanningProblem, plan: Plan) -> Plan:
 def _find_unmet(stage: Sequence[Condition], state: Mapping[Fact, bool]) -> list[str]:
     """The conditions of a stage that do not hold, as texts."""
     counts = (sum(state.get(fact, False) is value for fact, value in each.literals) for each in stage)
-    return [_describe_condition(each) for each, count in zip(stage, counts, strict=True) if not _holds(each, count)]
-
-
-def _holds(condition: Condition, count: int) -> bool:
-    return condition.least <= count <= condition.most
+    met = ((each, each.least <= count <= each.most) for each, count in zip(stage, counts, strict=True))
+    return [_describe_condition(each) for each, is_met in met if not is_met]
 
 
 def _describe_condition(condition: Condition) -> str:
@@ -103,11 +106,9 @@ def _render(literals: Mapping[Fact, bool], facts: Sequence[Fact]) -> str:
 
 def _read(text: str, problem: PlanningProblem) -> Plan | list[str]:
     """The plan of an answer, or its problems."""
-    start, end = text.find("{"), text.rfind("}")  # prose around the object is no part of it
-    try:
-        answer = ModelPlan.model_validate_json(text[start : end + 1])
-    except pydantic.ValidationError as error:
-        return [f"{'.'.join(map(str, each['loc'])) or 'answer'}: {each['msg']}" for each in error.errors()]
+    answer = read_object(text, ModelPlan)
+    if isinstance(answer, list):
+        return answer
     operators = {each.name: each for each in problem.operators}
     if strange := [f"no such action: {name}" for name in answer.steps if name not in operators]:
         return strange

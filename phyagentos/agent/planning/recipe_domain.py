@@ -13,7 +13,7 @@ from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.selector import find_lacks, unify
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.planning.amounts import Activity, AmountProblem, Bounds, Resource, read_resource
-from phyagentos.agent.planning.domain import Tried, resolve_targets
+from phyagentos.agent.planning.domain import Tried, is_same, resolve_targets
 from phyagentos.agent.planning.goal_facts import refuse_form
 from phyagentos.protocol.capabilities.recipes import Recipe
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
@@ -255,11 +255,7 @@ def _list_caps(recipes: Iterable[Recipe], initial: Mapping[Resource, float]) -> 
 
 def _is_vain(activity: Activity, initial: Mapping[Resource, float], without: Collection[Tried]) -> bool:
     """Whether a session of it was tried in vain, and could be again now."""
-    given = activity.parameters.items()
     is_ready = all(
         initial.get(name, 0.0) >= amount for name, amount in (*activity.needs.items(), *activity.uses.items())
     )
-    return is_ready and any(
-        (activity.skill, activity.target) == (skill, target) and all(tried.get(k) == v for k, v in given)
-        for skill, target, tried in without
-    )
+    return is_ready and any(is_same(activity, *tried) for tried in without)

@@ -7,7 +7,7 @@ the understander puts a question.
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from phyagentos.agent.understanding.vocabulary import SURFACES, Thing
+from phyagentos.agent.understanding.vocabulary import SURFACES, SceneObject
 from phyagentos.geometry import Vector
 
 VIEWS = {"as seen by the robot": 1.0, "as seen by a person who faces the robot": -1.0}
@@ -22,7 +22,7 @@ GAP_M = 0.04  # between two objects that are put side by side
 BESIDE_M = 0.15  # between the middles of objects that are next to each other
 _ORDERS_MAX = 6  # to choose from
 _APART_M, _ALIKE = 0.01, 0.05  # places, and shares of a size, that are taken for equal
-_SIZES: Mapping[str, Callable[[Thing], float]] = {
+_SIZES: Mapping[str, Callable[[SceneObject], float]] = {
     "large": lambda body: math.prod(body.half_m),
     "small": lambda body: -math.prod(body.half_m),
     "tall": lambda body: body.half_m[2],
@@ -32,7 +32,7 @@ _SIZES: Mapping[str, Callable[[Thing], float]] = {
 }
 
 
-def list_most(bodies: Sequence[Thing], kind: str, view: float, reference: Vector | None) -> list[str]:
+def list_most(bodies: Sequence[SceneObject], kind: str, view: float, reference: Vector | None) -> list[str]:
     """Those that are most so, several where they are equally so; all where places are not known.
 
     `reference` is that from which `near` and `far` are measured: by default the robot, at the origin.
@@ -49,7 +49,7 @@ def list_most(bodies: Sequence[Thing], kind: str, view: float, reference: Vector
     return [name for name, rank in ranks.items() if max(ranks.values()) - rank <= _APART_M]
 
 
-def _list_middle(bodies: Sequence[Thing]) -> list[str]:
+def _list_middle(bodies: Sequence[SceneObject]) -> list[str]:
     """The middle one of an odd number, along the axis on which they are farthest apart; all where there is none."""
     columns = [[body.at_m[axis] for body in bodies if body.at_m is not None] for axis in (0, 1)]
     axis = max((0, 1), key=lambda each: max(columns[each]) - min(columns[each]))
@@ -57,7 +57,9 @@ def _list_middle(bodies: Sequence[Thing]) -> list[str]:
     return [each.name for each in (bodies if len(bodies) % 2 == 0 else [ordered[len(bodies) // 2]])]
 
 
-def list_nth(bodies: Sequence[Thing], kind: str, view: float, nth: int, reference: Vector | None = None) -> list[str]:
+def list_nth(
+    bodies: Sequence[SceneObject], kind: str, view: float, nth: int, reference: Vector | None = None
+) -> list[str]:
     """Those that are most so once those before the `nth` are left aside; all where some are equally so."""
     most = list_most(bodies, kind, view, reference)
     if nth == 1 or len(most) != 1:
@@ -65,7 +67,9 @@ def list_nth(bodies: Sequence[Thing], kind: str, view: float, nth: int, referenc
     return list_nth([body for body in bodies if body.name not in most], kind, view, nth - 1, reference)
 
 
-def list_first(bodies: Sequence[Thing], kind: str, view: float, count: int, reference: Vector | None) -> list[str]:
+def list_first(
+    bodies: Sequence[SceneObject], kind: str, view: float, count: int, reference: Vector | None
+) -> list[str]:
     """Those that are most so, as many as are counted; more where some are equally so."""
     names: list[str] = []
     while len(names) < min(count, len(bodies)):
@@ -73,7 +77,7 @@ def list_first(bodies: Sequence[Thing], kind: str, view: float, count: int, refe
     return names
 
 
-def list_by_size(bodies: Sequence[Thing]) -> list[list[str]]:
+def list_by_size(bodies: Sequence[SceneObject]) -> list[list[str]]:
     """Names from the largest to the smallest; one order for each of those that are alike, none of more than a few."""
     orders: list[list[str]] = [[]]
     for _ in bodies:
@@ -86,7 +90,7 @@ def list_by_size(bodies: Sequence[Thing]) -> list[list[str]]:
     return orders if len(orders) <= _ORDERS_MAX else []
 
 
-def list_beside(bodies: Sequence[Thing], kind: str, view: float, owner: Thing) -> list[str]:
+def list_beside(bodies: Sequence[SceneObject], kind: str, view: float, owner: SceneObject) -> list[str]:
     """Those on a side of an object, or `beside` it; all where places are not known."""
     others = [body for body in bodies if body.name != owner.name]
     if owner.at_m is None or any(body.at_m is None for body in others):
@@ -99,7 +103,7 @@ def list_beside(bodies: Sequence[Thing], kind: str, view: float, owner: Thing) -
     return [body.name for body in others if _rank(body, kind, view, None) - border > _APART_M]
 
 
-def place_beside(body: Thing, side: str, view: float, owner: Thing) -> Vector | None:
+def place_beside(body: SceneObject, side: str, view: float, owner: SceneObject) -> Vector | None:
     """A point on a side of an object where another one can stand [m]; None where places are not known."""
     if body.at_m is None or owner.at_m is None:
         return None
@@ -109,7 +113,7 @@ def place_beside(body: Thing, side: str, view: float, owner: Thing) -> Vector | 
     return shift((owner.at_m[0], owner.at_m[1], z_m), side, view, apart_m)
 
 
-def find_beside(body: Thing, owner: Thing, others: Sequence[Thing]) -> Vector | None:
+def find_beside(body: SceneObject, owner: SceneObject, others: Sequence[SceneObject]) -> Vector | None:
     """The point beside an object, on any side of it, that is farthest from all others [m]; None without places."""
     points = [point for side in SIDES if (point := place_beside(body, side, 1.0, owner)) is not None]
     around = [each.at_m for each in others if each.at_m is not None and each.movable]
@@ -118,7 +122,7 @@ def find_beside(body: Thing, owner: Thing, others: Sequence[Thing]) -> Vector | 
     )
 
 
-def find_between(body: Thing, ends: Sequence[Thing]) -> Vector | None:
+def find_between(body: SceneObject, ends: Sequence[SceneObject]) -> Vector | None:
     """The point half-way between two objects [m]; None where an object has no room there, or without places."""
     (one, other), at_m = (each.at_m for each in ends), body.at_m
     if one is None or other is None or at_m is None:
@@ -128,7 +132,7 @@ def find_between(body: Thing, ends: Sequence[Thing]) -> Vector | None:
     return middle_m if room_m >= 2 * math.hypot(*body.half_m[:2]) else None
 
 
-def is_between(body: Thing, ends: Sequence[Thing]) -> bool:
+def is_between(body: SceneObject, ends: Sequence[SceneObject]) -> bool:
     """Whether two objects are seen from an object more than 120 degrees apart."""
     if body.at_m is None or any(each.at_m is None for each in ends):
         return False
@@ -143,18 +147,18 @@ def shift(at_m: Vector, side: str, view: float, by_m: float) -> Vector:
     return (round(at_m[0] + view * x * by_m, 3), round(at_m[1] + view * y * by_m, 3), round(at_m[2], 3))
 
 
-def is_within(body: Thing, place: Thing) -> bool:
+def is_within(body: SceneObject, place: SceneObject) -> bool:
     """Whether the middle of an object is in a region."""
     at_m, center_m = body.at_m or (math.inf,) * 3, place.at_m or (0.0, 0.0, 0.0)
     return all(abs(at - center) <= half for at, center, half in zip(at_m, center_m, place.half_m, strict=True))
 
 
-def _is_under(body: Thing, owner: Thing) -> bool:
+def _is_under(body: SceneObject, owner: SceneObject) -> bool:
     (x, y, z), (x_m, y_m, z_m) = body.at_m or (0.0, 0.0, 0.0), owner.at_m or (0.0, 0.0, 0.0)
     return body.kind not in SURFACES and z < z_m and abs(x - x_m) <= owner.half_m[0] and abs(y - y_m) <= owner.half_m[1]
 
 
-def _rank(body: Thing, kind: str, view: float, reference: Vector | None) -> float:
+def _rank(body: SceneObject, kind: str, view: float, reference: Vector | None) -> float:
     x_m, y_m, _ = body.at_m or (0.0, 0.0, 0.0)
     if kind in SIDES:
         return view * (SIDES[kind][0] * x_m + SIDES[kind][1] * y_m)

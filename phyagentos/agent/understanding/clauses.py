@@ -15,7 +15,7 @@ from phyagentos.agent.understanding.bearings import SIDES, is_within, list_by_si
 from phyagentos.agent.understanding.discourse import Named, Slot
 from phyagentos.agent.understanding.phrases import Node, find_child, find_side, get_type, has_token, list_children
 from phyagentos.agent.understanding.steps import Step, get_object, list_flipped, rename, says
-from phyagentos.agent.understanding.transfers import Transfers
+from phyagentos.agent.understanding.transfers import SEEN_SHARE, Transfers
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
 from phyagentos.agent.understanding.vocabulary import REGION, ROLE, read_lexicon
 from phyagentos.protocol.predicates.library import Meaning
@@ -39,10 +39,28 @@ class Clauses(Transfers):
     def read_plan(self, plan: Node) -> list[Step]:
         """The steps of a plan in the order in which they have to come true."""
         parts = list_children(plan)
+        if plan.data == "in_case":
+            (case,) = (part for part in parts if part.data != "group")
+            self._check_case(case)
+            parts.remove(case)
         read = [self._read_group(part) if part.data == "group" else self._read_steps(part) for part in parts]
         steps = [step for group in (reversed(read) if plan.data == "reversed" else read) for step in group if step]
         wanted = [text for step in steps for text in step]
         return [[each for text in step for each in self._spare(text, wanted)] for step in steps]
+
+    def _check_case(self, case: Node) -> None:
+        """A condition is of the world as it is now: where it holds it is no part of the goal."""
+        texts = self._read_texts(case)
+        self.moved, self.placed, self.unmet = [], (), ""
+        for text in texts:
+            is_false, *are_opposites = (
+                self.vocabulary.is_known(each, is_true=False) for each in (text, *list_flipped(text))
+            )
+            if is_false and not (are_opposites and all(are_opposites)):  # a drawer may be neither open nor closed
+                self.lack(RequestProblemKind.UNMET, case)
+            elif not self.vocabulary.is_known(text, is_true=True):
+                self.lack(RequestProblemKind.CONDITION, f"if {self.quote(case)}")
+        self.reasons.append(f"{self.quote(case)}: so it is as the scene begins")
 
     def _spare(self, text: str, wanted: Step) -> Step:
         """A predicate; of `nothing on the table` one each, where something is to be left or put there."""
@@ -175,6 +193,26 @@ class Clauses(Transfers):
         self.constraints += [text for text in texts if text not in self.constraints]
         return []
 
+    # what leaves open where to, or what
+
+    def _read_unplaced(self, clause: Node, things: Node) -> Step:
+        """`move the box`: a question where to; of what has a joint, whether to open or to close it."""
+        names = self.resolve(things, Slot.ANY).names
+        if names and not any(self.get(name).movable for name in names):
+            if not all(self.get(self.find_opening(name)).opens for name in names):
+                return self.lack(RequestProblemKind.FIXED, clause)
+            return [text for verb in self.ask(QuestionKind.DEED, clause, _ACTS[:2]) for text in self._say(verb, things)]
+        fixed = [each.name for each in self.list_fitting(Slot.PLACE) if not each.movable and each.kind != REGION]
+        chosen = self.ask(QuestionKind.WHERE, clause, fixed) if names else ()
+        return [self._relate(name, place) for place in chosen for name in self._put(Named(names=names))]
+
+    def _read_bare_act(self, clause: Node, act: Node) -> Step:
+        """`close`: the one object that can be, or a question which."""
+        fitting = [each for each in self.list_fitting(Slot.OPENS) if act.data != "press" or each.opens == "slide"]
+        names = tuple(each.name for each in fitting)
+        chosen = names if len(names) == 1 else self.ask(QuestionKind.WHICH, clause, names)
+        return [read_lexicon()["meanings"][act.data]["form"].format(name) for name in chosen]
+
     # placing
 
     def _read_by_means(self, _: Node, tool: Node, command: Node) -> Step:
@@ -277,6 +315,8 @@ class Clauses(Transfers):
             return [rename(text, {before[-1]: name}) for name in names for text in last]
         if has_token(clause, "same_with") and not before:
             return self.lack(RequestProblemKind.PAST, clause)
+        if not self._verb and len(self.recent) == 1:
+            return self._read_unplaced(clause, things)
         if self._verb not in _ACTS:
             return self.lack(RequestProblemKind.SENTENCE, clause)
         return self._say(self._verb, things)
@@ -316,11 +356,9 @@ class Clauses(Transfers):
             regions = [each for each in self.list_fitting(Slot.ANY) if each.kind == REGION]
             soiled = [each.name for each in regions if all(is_within(self.get(name), each) for name in names)]
             gone = names if len(soiled) == 1 else gone  # `wipe up the crumbs`: where they lie
-            names = (
-                tuple(soiled)
-                if len(soiled) == 1
-                else self.ask(QuestionKind.WHICH, things, [each.name for each in regions])
-            )
+            kind = QuestionKind.WHICH if len(regions) > 1 else QuestionKind.WHERE
+            single = tuple(soiled) if len(soiled) == 1 else ()
+            names = single or self.ask(kind, things, [each.name for each in regions])
         self._wiped = names[0] if len(names) == 1 else ""
         return [f"not inside({each}, {name})" for name in names for each in gone]
 
@@ -475,7 +513,7 @@ class Clauses(Transfers):
         named = [self.get(name) for name in (self.placed if spares else self.resolve(things[0], Slot.LOOSE).names)]
         wanted = []
         for name in filter(None, dict.fromkeys(each.name if each.has_interior else each.stands for each in named)):
-            contents = self.get(name).contents
+            contents = int(SEEN_SHARE * self.get(name).contents)
             self.constraints.append(f"upright({name})")
             wanted += [f"inside({each.name}, {name})" for each in self.list_fitting(Slot.ANY) if each.stands == name]
             wanted += [f"contains({name}, {contents})"] if contents else []

@@ -44,6 +44,8 @@ class Destinations(Nouns):
         count = len(self.questions)
         if noun.data == "it" and dest.data == "into" and self.left:
             return Named(names=self.left)
+        if noun.data == "it" and "top" in str(dest.children[0]) and len(self.placed) == 1:
+            return Named(names=self.placed)  # what was put down last, not what it was put into
         is_one = any(has_token(head, "one") for head in noun.find_data("head"))
         is_bare = noun.data == "it" or (is_one and not self.heads.get(Slot.PLACE))
         found = self.resolve_one(noun, Slot.VESSEL if dest.data == "into" and is_bare else Slot.PLACE)

@@ -28,7 +28,7 @@ from phyagentos.agent.understanding.understanding import (
     RequestProblem,
     RequestProblemKind,
 )
-from phyagentos.agent.understanding.vocabulary import LOOSE, REGION, SURFACES, Thing, Vocabulary, read_lexicon
+from phyagentos.agent.understanding.vocabulary import LOOSE, REGION, SURFACES, SceneObject, Vocabulary, read_lexicon
 from phyagentos.errors import find_nearest
 from phyagentos.protocol.predicates.predicate import find_entities
 
@@ -47,7 +47,7 @@ class Slot(StrEnum):
     LOOSE = "loose"  # nameless contents of a vessel, or the vessel
     ANY = "any"
 
-    def takes(self, thing: Thing) -> bool:
+    def takes(self, thing: SceneObject) -> bool:
         """Whether an object is fit for it."""
         fits = {"moved": thing.movable, "opens": thing.opens, "vessel": thing.has_interior, "loose": thing.contents}
         return bool(fits.get(self, True))
@@ -144,11 +144,11 @@ class Discourse:
         tokens = list_tokens(tree)
         return self.text[tokens[0].start_pos : tokens[-1].end_pos]
 
-    def get(self, name: str) -> Thing:
+    def get(self, name: str) -> SceneObject:
         """An object by its name."""
         return self.vocabulary.things[name]
 
-    def list_fitting(self, slot: Slot) -> list[Thing]:
+    def list_fitting(self, slot: Slot) -> list[SceneObject]:
         """Objects that a slot can take, for phrases that say no noun."""
         return [thing for thing in self.vocabulary.things.values() if slot.takes(thing)]
 
@@ -168,17 +168,17 @@ class Discourse:
         """The first noun of the scene in a phrase, empty without one."""
         return next(filter(None, (self._read_head(plain)[0] for plain in phrase.find_data("plain"))), "")
 
-    def list_called(self, head: str, slot: Slot) -> list[Thing]:
+    def list_called(self, head: str, slot: Slot) -> list[SceneObject]:
         """All objects of a noun; without one all that fit."""
         return self._list_alike(head) if head else self.list_fitting(slot)
 
-    def _list_alike(self, head: str) -> list[Thing]:
+    def _list_alike(self, head: str) -> list[SceneObject]:
         return [thing for thing in self.vocabulary.things.values() if head in thing.heads]
 
     def _count_contents(self, names: Iterable[str]) -> int:
         return sum(self.get(name).contents for name in names)
 
-    def _find_candidates(self, plain: Node, slot: Slot, lent: str) -> tuple[list[Thing], bool, bool]:
+    def _find_candidates(self, plain: Node, slot: Slot, lent: str) -> tuple[list[SceneObject], bool, bool]:
         """Objects that a noun with its words fits, whether it is a plural, and whether each goes by colour."""
         adjectives, unlike = _read_adjectives(plain)
         by_colour = has_token(plain, "matching") or has_token(plain, "of_its_colour")
@@ -210,7 +210,7 @@ class Discourse:
             found = self._filter(found, part, nth)
         return found, is_plural and not has_token(plain, "among"), by_colour
 
-    def is_so(self, thing: Thing, state: Node) -> bool:
+    def is_so(self, thing: SceneObject, state: Node) -> bool:
         """Whether an object is in a state as the scene begins: `the open drawer`, `the empty tray`."""
         is_ajar = state.data == "open"  # so is a drawer that is open by half, too
         form = read_lexicon()["meanings"]["close" if is_ajar else state.data]["form"]
@@ -234,8 +234,8 @@ class Discourse:
         return called[0] if len(called) == 1 else ""
 
     def _select(
-        self, found: Sequence[Thing], phrase: Node, kind: str, owner: Thing | None, nth: int = 1
-    ) -> list[Thing]:
+        self, found: Sequence[SceneObject], phrase: Node, kind: str, owner: SceneObject | None, nth: int = 1
+    ) -> list[SceneObject]:
         """Those that are most so, or on that side of an object; a question where it depends on who looks."""
         views = (self.view,) if self.view else VIEWS.values() if kind in SIDES else (1.0,)
         if kind in _POSITIONS and owner is None and nth == 1 and len(found) == 1:  # `the top shelf` is one of several
@@ -263,7 +263,7 @@ class Discourse:
         one = word if word in nouns else next(noun for noun in nouns if pluralise(noun) == word)
         return one, word != one, False
 
-    def _filter(self, found: Iterable[Thing], tail: Node, nth: int = 1) -> list[Thing]:
+    def _filter(self, found: Iterable[SceneObject], tail: Node, nth: int = 1) -> list[SceneObject]:
         """Those that are parts of, or stand in or on, what the tail names, as the scene begins."""
         if tail.data in {"is_so", "is_not_so"}:
             (state,) = list_children(tail)
@@ -306,7 +306,7 @@ class Discourse:
             return [thing for thing in found if thing.part_of in owners]
         return self._list_standing(found, owners)
 
-    def _list_standing(self, found: Iterable[Thing], owners: Iterable[str]) -> list[Thing]:
+    def _list_standing(self, found: Iterable[SceneObject], owners: Iterable[str]) -> list[SceneObject]:
         """Those that stand in or on any of some objects as the scene begins; where none is said it is the table."""
         owners = [*owners]
         has_surface = any(self.get(name).kind in SURFACES for name in owners)

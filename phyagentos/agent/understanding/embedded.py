@@ -35,7 +35,8 @@ class EmbeddedUnderstander:
         read = read_request(request, vocabulary)
         if isinstance(read, Impossible):
             return self._respell(read, request, vocabulary, answers)
-        results = [_interpret(tree, read, request, vocabulary, answers) for tree in read.trees]
+        trees = [tree for tree in read.trees if not any(tree.find_data("unplaced"))]  # the last resort
+        results = [_interpret(tree, read, request, vocabulary, answers) for tree in trees or read.trees]
         understood = [result for result in results if isinstance(result, Understood)]
         goals = {
             _summarise(each.goal): each for each in understood if not any(_is_laxer(each, one) for one in understood)
@@ -79,7 +80,8 @@ def _interpret(
     if root.data.startswith("ask_"):
         inquiry = read_inquiry(said, root)
         return said.conclude() or inquiry
-    steps, accept = finish(said.read_plan(root))
+    earlier = [vocabulary.past[-1].accept] if has_token(tree, "then") and vocabulary.past else []
+    steps, accept = finish([*earlier, *said.read_plan(root)])
     constraints = tuple(said.constraints)
     if said.again and not vocabulary.past:
         said.lack(RequestProblemKind.PAST, read.text)

@@ -6,7 +6,7 @@ from itertools import product
 from phyagentos.agent.understanding.discourse import Slot
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
 from phyagentos.agent.understanding.understanding import Understood
-from phyagentos.agent.understanding.vocabulary import SURFACES, Thing, Vocabulary, read_lexicon
+from phyagentos.agent.understanding.vocabulary import SURFACES, SceneObject, Vocabulary, read_lexicon
 
 _TRIED = 12  # templates and objects are read by the understander, which takes a tenth of a second
 
@@ -35,7 +35,7 @@ def _iter_filled(template: str, vocabulary: Vocabulary) -> Iterator[str]:
             yield template.format(**names)
 
 
-def _fits(body: Thing, slot: str) -> bool:
+def _fits(body: SceneObject, slot: str) -> bool:
     match slot:
         case "vessel":
             return body.has_interior and not body.movable and body.kind != "region"

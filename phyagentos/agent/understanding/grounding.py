@@ -4,7 +4,7 @@ Upstream: the vocabulary. Downstream: the understander that asks a model.
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 
@@ -12,7 +12,7 @@ from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.phrases import NUMBERS
 from phyagentos.agent.understanding.reading import pluralise
 from phyagentos.agent.understanding.understanding import find_incapable, find_unfit
-from phyagentos.agent.understanding.vocabulary import REGION, ROLE, Thing, Vocabulary, read_lexicon
+from phyagentos.agent.understanding.vocabulary import REGION, ROLE, Vocabulary, read_lexicon
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.library import ArgumentKind, Meaning, PredicateDefinition, get_predicate_library
@@ -119,14 +119,10 @@ def _iter_named(request: str, vocabulary: Vocabulary) -> Iterator[tuple[str, fro
     before: list[str] = []
     for word in re.findall(r"[a-z]+", request.lower()):
         if noun := singular.get(word):
-            found = frozenset(each.name for each in vocabulary.things.values() if _is_meant(each, noun, before))
-            if found:
+            called = (each for each in vocabulary.things.values() if noun in each.heads)
+            if found := frozenset(each.name for each in called if each.words.issuperset(before)):
                 yield " ".join((*before, word)), found
         before = [*before, word] if word in adjectives and word not in singular else []
-
-
-def _is_meant(thing: Thing, noun: str, adjectives: Iterable[str]) -> bool:
-    return noun in thing.heads and thing.words.issuperset(adjectives)
 
 
 def _iter_filled(definition: PredicateDefinition, vocabulary: Vocabulary) -> Iterator[str]:

@@ -12,6 +12,7 @@ from phyagentos.agent.understanding.bearings import SIDES, list_most
 from phyagentos.agent.understanding.clauses import Clauses
 from phyagentos.agent.understanding.discourse import Slot
 from phyagentos.agent.understanding.phrases import Node, find_child, has_token, list_children
+from phyagentos.agent.understanding.steps import list_flipped
 from phyagentos.agent.understanding.understanding import Inquiry, InquiryKind, RequestProblemKind
 from phyagentos.agent.understanding.vocabulary import read_lexicon
 from phyagentos.protocol.predicates.evaluation import Evaluation
@@ -55,6 +56,9 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
             is_side = dest.data in {*SIDES, "under"}
             kind = InquiryKind.SIDE if is_side else kind
             statements = said.list_beside(some, dest) if is_side else said.list_placed(some, dest)
+            if not is_side and not nouns:  # what is in it may have no names
+                vessels = [name for name in said.find_any_places(dest) if said.get(name).contents]
+                statements |= {f"balls in {name}": f"contains({name})" for name in vessels}
         case "ask_count", [plain, *dest] if said.is_loose(plain):
             kind, statements = InquiryKind.CONTENTS, _list_contents(said, dest)
         case "ask_count", [plain, *dest]:
@@ -160,7 +164,9 @@ def answer(inquiry: Inquiry, world: Environment) -> Answer:
     match inquiry.kind:
         case InquiryKind.WHETHER:
             worst = min(found.values(), key=lambda each: each.order)
-            return Answer(answer=_WORDS[worst.truth], evidence=evidence)
+            texts = [inquiry.statements[name] for name, each in found.items() if each is worst]
+            is_partly = worst.truth is Truth.FALSE and any(_is_between(text, world) for text in texts)
+            return Answer(answer=f"partly: {worst.because}" if is_partly else _WORDS[worst.truth], evidence=evidence)
         case InquiryKind.CONTENTS:
             return Answer(answer="; ".join(_count(name, each) for name, each in found.items()), evidence=evidence)
         case InquiryKind.DISTANCE:
@@ -174,10 +180,18 @@ def answer(inquiry: Inquiry, world: Environment) -> Answer:
         case InquiryKind.COLOUR:
             known = (world.entities[name] for name in inquiry.statements if name in world.entities)
             return Answer(answer="; ".join(f"{each.name} is {each.color or 'of no known colour'}" for each in known))
-    listed = ", ".join(true) or "nothing"
-    listed += f"; unknown of {', '.join(unknown)}" if unknown else ""
+    counted = {name: _count(name, found[name]) for name in true if inquiry.statements[name].startswith("contains(")}
+    parts = [", ".join(counted.get(name, name) for name in true) or ("" if unknown else "nothing")]
+    parts += [f"unknown of {', '.join(unknown)}"] if unknown else []
+    listed = "; ".join(filter(None, parts))
     is_count = inquiry.kind is InquiryKind.COUNT
     return Answer(answer=f"{len(true)}: {listed}" if is_count else listed, evidence=evidence)
+
+
+def _is_between(text: str, world: Environment) -> bool:
+    """Whether a state is not so, and none that excludes it either, as of a drawer that is open by half."""
+    opposites = list_flipped(text)
+    return bool(opposites) and all(_evaluate(each, world).truth is Truth.FALSE for each in opposites)
 
 
 def _evaluate(text: str, world: Environment) -> Evaluation:

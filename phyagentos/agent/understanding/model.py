@@ -12,7 +12,13 @@ from typing import Annotated
 import pydantic
 
 from phyagentos.agent.context.context import Section
-from phyagentos.agent.context.dialogue import LanguageModel, build_list, build_object, build_response_format
+from phyagentos.agent.context.dialogue import (
+    LanguageModel,
+    build_list,
+    build_object,
+    build_response_format,
+    read_object,
+)
 from phyagentos.agent.understanding.grounding import choose_statements, find_disagreements, names_anything
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
@@ -118,11 +124,9 @@ def _describe(request: str, vocabulary: Vocabulary, answers: Mapping[str, str]) 
 
 def _read(text: str, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]) -> Understanding | list[str]:
     """What an answer means, or its problems."""
-    start, end = text.find("{"), text.rfind("}")  # prose around the object is no part of it
-    try:
-        answer = ModelAnswer.model_validate_json(text[start : end + 1])
-    except pydantic.ValidationError as error:
-        return [f"{'.'.join(map(str, each['loc'])) or 'answer'}: {each['msg']}" for each in error.errors()]
+    answer = read_object(text, ModelAnswer)
+    if isinstance(answer, list):
+        return answer
     if answer.missing:
         return refuse(RequestProblemKind.CAPABILITY, *answer.missing)
     if answer.goal is not None:

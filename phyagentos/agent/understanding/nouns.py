@@ -18,10 +18,7 @@ from phyagentos.agent.understanding.phrases import (
     list_children,
     read_number,
 )
-from phyagentos.agent.understanding.understanding import (
-    QuestionKind,
-    RequestProblemKind,
-)
+from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
 
 
 @dataclass(slots=True, kw_only=True)
@@ -126,18 +123,17 @@ class Nouns(Discourse):
         return replace(objects, names=names)
 
     def find_it(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
-        """The one fitting object that the latest clause with any named; with several, the person is asked which."""
+        """The one fitting object of the latest clause with any, else of the last goal; of several, a question."""
         if self.picked:
             return self.picked
-        for before in reversed(self.recent[:-1]):
-            found = [name for name in before if name not in self.recent[-1] and slot.takes(self.get(name))]
-            if found:
-                return (found[0],) if len(found) == 1 else self.ask(QuestionKind.WHICH, phrase, found)
-        if before := [name for name in self.list_past(is_place=slot is Slot.VESSEL) if slot.takes(self.get(name))]:
-            return (before[0],) if len(before) == 1 else self.ask(QuestionKind.WHICH, phrase, before)
-        if slot is Slot.OPENS and (doors := [each.name for each in self.list_fitting(slot)]):
-            return (doors[0],) if len(doors) == 1 else self.ask(QuestionKind.WHICH, phrase, doors)
-        return () if self.questions else self.lack(RequestProblemKind.SENTENCE, phrase)
+        said = [[name for name in names if name not in self.recent[-1]] for names in reversed(self.recent[:-1])]
+        past = self.list_past(is_place=slot is Slot.VESSEL)
+        doors = [each.name for each in self.list_fitting(slot)] if slot is Slot.OPENS else []
+        for names in (*said, past, doors):
+            if found := tuple(name for name in names if slot.takes(self.get(name))):
+                return found if len(found) == 1 else self.ask(QuestionKind.WHICH, phrase, found)
+        fitting = [each.name for each in self.list_fitting(slot)] if not self.questions else []
+        return self.ask(QuestionKind.WHICH, phrase, fitting) if fitting else ()
 
     def find_corrected(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
         """The latter of two phrases; the former, which it corrects, lends its noun."""

@@ -65,6 +65,7 @@ _SHORT = (  # contractions and spellings
     (rf"\bthe other(?={_PLACED})", "the other one"),
     (rf"\bthe other (two|three|four|five|six)(?={_PLACED})", r"the other \1 ones"),
     (r"^((?:is|are|has|have|does|do) .*?) (?:yet|still)\b", r"\1"),
+    (r"\b(if [^,]*?\b(?:is|are)) (?:still|already)\b", r"\1"),
     (r"\bnot yet\b", "not"),
     (rf"^(?:{_CORRECTED})(?:\s*,?\s*(?:{_CORRECTED}))+\s*,?\s*", "no , "),
     (r"\bsomething (?!in\b|on\b|else\b|to\b|into\b|that\b)(\w+)", r"a \1 thing"),
@@ -120,9 +121,10 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     text = re.sub(r",(?:\s*,)+", ",", " ".join(text.split())).strip(" ,;")
     content = sorted({word for word in words if len(word) >= LEAST_NEAR} | adjectives | nouns)
     strange = [word for word in _WORD.findall(text) if word not in words and not re.fullmatch(r"[\d.]+|[+-]", word)]
-    if condition := _CONDITION.search(text):
+    condition = _CONDITION.search(text)
+    if condition and (strange or condition[1] != "if"):
         return refuse(RequestProblemKind.CONDITION, condition[0].strip(" ,;"))
-    if near := {word: find_nearest(word, content) or "" for word in strange}:
+    if near := {word: _find_meant(word, content) for word in strange}:
         usual = [*content, *(word for word in sorted(words - {*content}) if len(word) > 1)]
         return Impossible(
             lacks=tuple(
@@ -140,12 +142,20 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     try:
         forest = parser.parse(text)
     except UnexpectedInput as error:
+        if condition:
+            return refuse(RequestProblemKind.CONDITION, condition[0].strip(" ,;"))
         stop = 0 if isinstance(error, UnexpectedEOF) else error.pos_in_stream
         return refuse(RequestProblemKind.SENTENCE, text[stop:] or text)
     if _count_readings(forest) > MOST_READINGS:
         return refuse(RequestProblemKind.SENTENCE, text)
     trees = CollapseAmbiguities().transform(forest)
     return Readings(text=text, trees=tuple(dict.fromkeys(trees)), unsaid=unsaid, is_robots_view=views > 0)
+
+
+def _find_meant(word: str, known: Iterable[str]) -> str:
+    """The known word that a strange one looks like: it begins alike, and few letters differ; or empty."""
+    near = find_nearest(word, [each for each in known if each[:2] == word[:2] or is_slip(word, each)])
+    return near or ""
 
 
 def is_slip(word: str, meant: str) -> bool:

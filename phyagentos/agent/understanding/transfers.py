@@ -139,6 +139,9 @@ class Transfers(Destinations):
         owners = [self.get(name) for end in ends for name in self.resolve_one(end, Slot.PLACE).names]
         if len(names) != 1 or len(owners) != 2:
             return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
+        self.constraints += [
+            f"not moved({each.name})" for each in owners if each.movable and each.name not in self.moved
+        ]
         point_m = find_between(self.get(names[0]), owners)
         return [self._stand_at(names[0], point_m)] if point_m else self.lack(RequestProblemKind.FIT, clause, ())
 

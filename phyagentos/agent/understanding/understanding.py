@@ -48,6 +48,7 @@ class QuestionKind(_Kind):
     WHERE = "where", "Which place is meant by"
     HOW_MANY = "how_many", "How many, or which, are"
     ORDER = "order", "In which order, from below, is"
+    DEED = "deed", "What is to be done:"
     READING = "reading", "It can be read in several ways:"
     SPELLING = "spelling", "Is this meant by the word"
     VIEW = "view", "Left, right, front and back depend on who looks; who is it in"
@@ -62,11 +63,22 @@ class RequestProblemKind(_Kind):
     FIT = "fit", "is not possible with this object"
     CAPABILITY = "capability", "is what no skill here brings about"
     CONTRADICTION = "contradiction", "cannot hold together"
-    CONDITION = "condition", "is a condition, which no goal has: ask whether it holds, then say what to do"
+    CONDITION = "condition", "is a condition that cannot be decided as the scene begins"
+    UNMET = "unmet", "is not so as the scene begins, so there is nothing to do"
+    FIXED = "fixed", "would move what is fixed"
+    SOLID = "solid", "puts something into what has no inside"
+    RIGID = "rigid", "opens or closes what has no joint"
     START = "start", "has to hold all through, and does not as the scene begins"
     PAST = "past", "means something done before, and nothing was"
     GOAL = "goal", "says nothing that shall come true"
     MODEL = "model", "is what the model's answers came to"
+
+
+_UNFIT = {  # by the fact that an object lacks
+    "movable": RequestProblemKind.FIXED,
+    "has_interior": RequestProblemKind.SOLID,
+    "opens": RequestProblemKind.RIGID,
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -228,7 +240,7 @@ def find_unfit(call: syntax.Call, vocabulary: Vocabulary) -> Iterator[RequestPro
     for term, fact in zip((said.object, said.place), demands, strict=False):
         if isinstance(term, syntax.Name) and not getattr(vocabulary.things[term.text], fact):
             possible = tuple(name for name, thing in vocabulary.things.items() if getattr(thing, fact))
-            yield RequestProblem(kind=RequestProblemKind.FIT, words=syntax.render(call), possible=possible)
+            yield RequestProblem(kind=_UNFIT[fact], words=syntax.render(call), possible=possible)
     names = [term.text for term in call.terms if isinstance(term, syntax.Name)]
     if len(names) != len(set(names)):
         yield RequestProblem(kind=RequestProblemKind.CONTRADICTION, words=syntax.render(call))

@@ -43,7 +43,7 @@ SURFACES = ("table", "floor")  # kinds on which objects stand that the scene pla
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Thing:
+class SceneObject:
     """A listed body or a region, as requests can name it; what it does not have is empty.
 
     Attributes:
@@ -85,7 +85,7 @@ class Vocabulary:
     """
 
     scene: str
-    things: Mapping[str, Thing]
+    things: Mapping[str, SceneObject]
     capabilities: tuple[str, ...]
     targets: tuple[str, ...]
     robot: str = ANY
@@ -110,10 +110,10 @@ class Vocabulary:
             raise DefinitionError.unknown("scene", "--scene", scene, catalogue.scenes)
         spec = read_scene(catalogue.scenes[scene])
         bodies = {name: body for name, body in spec.bodies.items() if body.listed}
-        things = {name: _read_thing(spec, name, body) for name, body in bodies.items()}
+        things = {name: _read_object(spec, name, body) for name, body in bodies.items()}
         for name, region in spec.regions.items():
             words = frozenset((*name.split("_"), *(region.body or "").split("_"))) - {""}
-            things[name] = Thing(name=name, kind=REGION, words=words, heads=_find_heads(name), has_interior=True)
+            things[name] = SceneObject(name=name, kind=REGION, words=words, heads=_find_heads(name), has_interior=True)
         postures = (each for _, profile in sorted(catalogue.targets.items()) for each in profile.postures)
         return cls(
             scene=scene,
@@ -141,7 +141,7 @@ class Vocabulary:
         return frozenset(filter(WORD.fullmatch, adjectives)), frozenset(filter(WORD.fullmatch, nouns))
 
 
-def _locate(things: Mapping[str, Thing], world: Environment) -> dict[str, Thing]:
+def _locate(things: Mapping[str, SceneObject], world: Environment) -> dict[str, SceneObject]:
     """The objects with their places and sizes."""
     located = dict(things)
     for name in things.keys() & world.entities.keys():
@@ -165,7 +165,7 @@ def _locate(things: Mapping[str, Thing], world: Environment) -> dict[str, Thing]
     return located
 
 
-def _add_synonyms(things: Mapping[str, Thing]) -> dict[str, Thing]:
+def _add_synonyms(things: Mapping[str, SceneObject]) -> dict[str, SceneObject]:
     """The objects with further nouns for them, as far as nothing else here is called so."""
     taken = {head for thing in things.values() for head in thing.heads}
     more = {noun: {*others} - taken for noun, others in read_lexicon()["synonyms"].items()}
@@ -199,11 +199,11 @@ def _find_heads(name: str) -> frozenset[str]:
     return frozenset({" ".join((*before[-1:], last)) if last.isdigit() else last})
 
 
-def _read_thing(spec: SceneSpec, name: str, body: Body) -> Thing:
+def _read_object(spec: SceneSpec, name: str, body: Body) -> SceneObject:
     part_of = body.part_of or (_find_frame(spec, name) if body.joint else "")
     of = (*part_of.split("_"), spec.bodies[part_of].kind) if part_of else ()
     words = {*name.lower().split("_"), *body.color.split(), *(body.material or "").split("_"), *of}
-    return Thing(
+    return SceneObject(
         name=name,
         kind=body.kind,
         colour=body.color,

@@ -64,25 +64,17 @@ def test_a_question_is_asked_on_and_its_answer_reaches_the_model(serve):
     assert server.data["question"]["answered"] == {"crimson": "red_cube"}
 
 
-def test_a_slow_server_costs_no_more_than_the_time_allowed(serve):
-    started_s = time.perf_counter()
-    found = ask(serve(RIGHT, delay_s=30.0), time_s=0.3)
-
-    assert time.perf_counter() - started_s < 10.0
-    assert "MODEL_FAILED" in found.lacks[0].words
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("way", ["silence", "a drip of a body", "a deaf server", "redirect"])
-def test_a_server_that_never_answers_ends_in_time(way):
-    server = HostileServer(way, "http://127.0.0.1:9/")
+def test_a_server_that_never_answers_costs_no_more_than_the_time_allowed():
+    server, started_s = HostileServer("a drip of a body"), time.perf_counter()
     try:
         found = ask(server, time_s=0.3)
     finally:
         server.close()
 
+    assert time.perf_counter() - started_s < 10.0
     assert isinstance(found, Impossible)
-    assert found.lacks[0].words.startswith("MODEL_")
+    assert "MODEL_FAILED" in found.lacks[0].words
 
 
 @pytest.mark.parametrize(
