@@ -28,11 +28,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from chaos_planes import Planes, allow_writes, fill, prepare, refuse_writes, small_disk
 from rich.console import Console
 from rich.table import Table
 from typer import Option
 
+from benchmarks.chaos_planes import Planes, allow_writes, fill, prepare, refuse_writes, small_disk
 from benchmarks.runner import finish, run
 from phyagentos.bench.report import Threshold
 from phyagentos.bench.scorers.simulator_state import is_in_tray

@@ -12,13 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from store_parts.cost import count_waits, measure_cpu
-from store_parts.sessions import open_pair, scratch, store_many
-from store_parts.start import measure_start
-from store_parts.transitions import measure_transitions
 from typer import Option
 
 from benchmarks.runner import finish, run, show, show_figures
+from benchmarks.store_parts.cost import count_waits, measure_cpu
+from benchmarks.store_parts.sessions import open_pair, scratch, store_many
+from benchmarks.store_parts.start import measure_start
+from benchmarks.store_parts.transitions import measure_transitions
 from phyagentos.bench.report import Threshold
 
 ASKED = {

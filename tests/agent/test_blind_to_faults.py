@@ -6,8 +6,7 @@ import pytest
 
 from phyagentos.protocol.sessions.evidence import FAULTS, write_json
 
-from .conftest import ScriptedRuntime
-from .test_mission import slip
+from .conftest import ScriptedRuntime, slip
 
 GRAPH = """
     goal: tidy

@@ -8,8 +8,9 @@ from phyagentos.errors import Problem
 from phyagentos.protocol.sessions.tasks import iter_edges
 from tests.goal_graphs import assert_same_graph
 
-from .test_mission import CHAIN, TIDY, slip, undo_red
-from .test_restoration import HEAD, ROW, slip_and_take_out
+from .conftest import TIDY, slip
+from .test_mission import CHAIN, undo_red
+from .test_restoration import HEAD, ROW, take_out
 
 
 @pytest.fixture
@@ -50,7 +51,7 @@ def test_it_follows_a_node_that_the_world_undid(make_stage, write_graph, compare
 
 
 def test_a_begun_node_waits_for_what_is_done_again_two_nodes_before_it(make_stage, write_graph, compare):
-    stage = make_stage({"red": slip_and_take_out("green_cube")})
+    stage = make_stage({"red": take_out("green_cube", slip)})
     assert stage.pursue(write_graph(HEAD + ROW.replace("REPLANS", "2"))).verdict == "success"
     assert "node_waits" in compare
     edges = iter_edges(stage.make_mission().ledger.goals["again-7"])

@@ -4,23 +4,18 @@ import contextlib
 import json
 import os
 import signal
-import sys
 from pathlib import Path
 
 import pytest
 import yaml
 
+from benchmarks import chaos
+from benchmarks.chaos_planes import Planes, allow_writes, fill, find_processes, refuse_writes, small_disk
 from phyagentos.clock import SystemClock
 from phyagentos.operations.evidence import check_evidence
 from phyagentos.protocol.sessions.evidence_manifest import iter_bundles, list_unsealed
 from phyagentos.protocol.sessions.heartbeats import find_heartbeat
 from tests.following import wait_until
-
-BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
-sys.path.insert(0, str(BENCHMARKS))
-
-import chaos  # noqa: E402 - lies with the benchmark
-from chaos_planes import Planes, allow_writes, fill, find_processes, refuse_writes, small_disk  # noqa: E402
 
 TIDY_TABLE = Path(__file__).resolve().parents[2] / "goal_graphs" / "tidy_table.yaml"
 LIMIT_S = 200.0

@@ -105,8 +105,8 @@ MUTANTS = (
         edits=(
             Edit(
                 "phyagentos.agent.memory.advisor",
-                "self._known, self._seq = earlier or self._memory, -1",
-                "self._known, self._seq = self._memory, -1",
+                "self._known = earlier or self._memory",
+                "self._known = self._memory",
             ),
         ),
         tests=(
