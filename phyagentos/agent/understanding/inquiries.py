@@ -180,7 +180,7 @@ def answer(inquiry: Inquiry, world: Environment) -> Answer:
         case InquiryKind.COLOUR:
             known = (world.entities[name] for name in inquiry.statements if name in world.entities)
             return Answer(answer="; ".join(f"{each.name} is {each.color or 'of no known colour'}" for each in known))
-    counted = {name: _count(name, found[name]) for name in true if inquiry.statements[name].startswith("contains(")}
+    counted = {name: _count(name, each) for name, each in found.items() if "least" in each.measured}
     parts = [", ".join(counted.get(name, name) for name in true) or ("" if unknown else "nothing")]
     parts += [f"unknown of {', '.join(unknown)}"] if unknown else []
     listed = "; ".join(filter(None, parts))
