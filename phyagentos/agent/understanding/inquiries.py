@@ -12,10 +12,11 @@ from phyagentos.agent.understanding.bearings import SIDES, list_most
 from phyagentos.agent.understanding.clauses import Clauses
 from phyagentos.agent.understanding.discourse import Slot
 from phyagentos.agent.understanding.phrases import Node, find_child, has_token, list_children
-from phyagentos.agent.understanding.steps import list_flipped
+from phyagentos.agent.understanding.steps import list_flipped, says
 from phyagentos.agent.understanding.understanding import Inquiry, InquiryKind, RequestProblemKind
 from phyagentos.agent.understanding.vocabulary import read_lexicon
 from phyagentos.protocol.predicates.evaluation import Evaluation
+from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.predicates.relations import find_places
 from phyagentos.protocol.predicates.view import View
@@ -180,12 +181,16 @@ def answer(inquiry: Inquiry, world: Environment) -> Answer:
         case InquiryKind.COLOUR:
             known = (world.entities[name] for name in inquiry.statements if name in world.entities)
             return Answer(answer="; ".join(f"{each.name} is {each.color or 'of no known colour'}" for each in known))
-    counted = {name: _count(name, each) for name, each in found.items() if "least" in each.measured}
+    counted = {name: _count(name, found[name]) for name in true if _says_count(inquiry.statements[name])}
     parts = [", ".join(counted.get(name, name) for name in true) or ("" if unknown else "nothing")]
     parts += [f"unknown of {', '.join(unknown)}"] if unknown else []
     listed = "; ".join(filter(None, parts))
     is_count = inquiry.kind is InquiryKind.COUNT
     return Answer(answer=f"{len(true)}: {listed}" if is_count else listed, evidence=evidence)
+
+
+def _says_count(text: str) -> bool:
+    return bool(text) and says(text, Meaning.CONTAINS)
 
 
 def _is_between(text: str, world: Environment) -> bool:
