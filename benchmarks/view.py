@@ -19,9 +19,9 @@ from pathlib import Path
 from statistics import median
 
 from rich.console import Console
-from view_parts.thousand import measure_refreshes
 
 from benchmarks.runner import finish, run, show
+from benchmarks.view_parts.thousand import measure_refreshes
 from phyagentos.bench.report import Threshold
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
