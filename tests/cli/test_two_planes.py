@@ -195,6 +195,7 @@ def test_a_cancel_while_the_watchdog_is_stopped_reaches_the_target_by_the_end_of
     contract.write_text(contract.read_text().replace("lease_s: 15.0", "lease_s: 2.0"))
     watch, _ = begin("watch", *place, "--no-pictures", "--trust-python"), begin("agent", COUNT, *place)
     wait_until(lambda: find_states(root).get("count-0.a") == "running", "a running session")
+    wait_until(lambda: read_heartbeats(workspace.heartbeats)["counter"].tick, "its worker to execute it")
     watch.send_signal(signal.SIGSTOP)
     begin("cancel", "count-0", *place).communicate(timeout=LIMIT_S)
     wait_until(lambda: read_heartbeats(workspace.heartbeats)["counter"].phase == "idle", "rest")

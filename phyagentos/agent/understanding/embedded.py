@@ -61,6 +61,13 @@ class EmbeddedUnderstander:
         spelt = {near: re.sub(rf"(?i)(?<![\w-]){re.escape(word)}(?![\w-])", near, request) for near in possible}
         found = {near: self.understand(text, vocabulary, answers) for near, text in spelt.items() if text != request}
         found = {near: each for near, each in found.items() if not isinstance(each, Impossible)}
+        shorter = re.sub(rf"(?i)\b(the|an?|my|this|that) {re.escape(word)} (?=\w)", r"\1 ", request)
+        if not found and len(refused.lacks) == 1 and shorter != request:  # `the coke can`: which can is that?
+            without = self.understand(shorter, vocabulary, answers)
+            is_open = isinstance(without, Ambiguous) and {each.kind for each in without.questions} == {
+                QuestionKind.WHICH
+            }
+            return without if is_open else refused
         if not found or (answer := answers.get(word)) in found:
             return found[str(answer)] if found else refused
         likely, first = next(iter(found.items()))
@@ -80,9 +87,11 @@ def _interpret(
     if root.data.startswith("ask_"):
         inquiry = read_inquiry(said, root)
         return said.conclude() or inquiry
-    earlier = [vocabulary.past[-1].accept] if has_token(tree, "then") and vocabulary.past else []
+    before = vocabulary.past[-1:] if has_token(tree, "then") else ()  # `and then close it` goes on from the last goal
+    earlier = [step for past in before for step in (*past.steps, past.accept)]
     steps, accept = finish([*earlier, *said.read_plan(root)])
-    constraints = tuple(said.constraints)
+    constraints = (*(text for past in before for text in past.constraints), *said.constraints)
+    said.reasons += [f"after: {past.objective}" for past in before]
     if said.again and not vocabulary.past:
         said.lack(RequestProblemKind.PAST, read.text)
     elif said.again:

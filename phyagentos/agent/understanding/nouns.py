@@ -255,7 +255,8 @@ class Nouns(Discourse):
             is_all = kind == "all" and not number
             return Named(names=found, number=self._count_contents(found) if is_all else number)
         found = tuple(name for name in found if name in self.among) or found
-        if not found and len(self.questions) == asked:
+        is_pending = asked > 0 and any(has_token(each, "other") for each in quantities)  # than what is not yet chosen
+        if not found and len(self.questions) == asked and not is_pending:
             self.lack(RequestProblemKind.THING, words, self.vocabulary.things)
         named = Named(names=found, words=words, by_colour=by_colour)
         if kind == "their" and slot is Slot.PLACE and len(found) > 1 and not by_colour:

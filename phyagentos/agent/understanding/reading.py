@@ -80,6 +80,15 @@ _SHORT = (  # contractions and spellings
     ),
     (r"\bput (.+?) where (.+?) (?:is|was),? and \2 where \1 (?:is|was)\b", r"swap \1 and \2"),
     (r"\binstead of\b", "rather than"),
+    (
+        r"^((?:please |could you |can you )*)(?:sort|tidy|arrange|organi[sz]e)(?: up| out)?"
+        r"(?: them| these| those| everything)?(?: as follows| like this| this way)?\s*:\s*",
+        r"\1put ",
+    ),
+    (
+        r"\bclear (everything|all|every|both)\b(?![^,;]*\b(?:off|from|out)\b)(?=[^,;]* (?:onto|into|on|in|to) )",
+        r"put \1",
+    ),
     (r"_", " "),
     (r"(?<!\d)[.!:?]+|[.!:?]+(?!\d)", " ; "),
     (r"([,;()&])", r" \1 "),

@@ -31,7 +31,7 @@ def finish(steps: Sequence[Step]) -> tuple[tuple[tuple[str, ...], ...], tuple[st
         past = lasting
         gone = {text for text in lasting if says(text, *_BROUGHT) and get_object(text) in put[n] and text not in kept}
         gone |= {text for text in lasting if _passes(text) or not kept.keys().isdisjoint(list_flipped(text))}
-        gone |= {f"not {text}" for text in kept}
+        gone |= {f"not {text}" for text in kept} | {text.removeprefix("not ") for text in kept if "not " in text}
         lasting = {text: None for text in lasting if text not in gone} | kept
         if not kept.keys() <= past.keys():
             cleaned.append(tuple(kept))

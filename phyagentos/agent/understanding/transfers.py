@@ -246,9 +246,8 @@ class Transfers(Destinations):
     def _read_take_out(self, clause: Node, things: Node) -> Step:
         """Out of the vessels that the objects are in."""
         names = self._put(self.resolve(things, Slot.MOVED))
-        past = {
-            get_object(text): find_entities(text)[-1] for text in self._list_past_texts() if says(text, Meaning.INSIDE)
-        }
+        said = (*self._list_past_texts(), *self._said)
+        past = {get_object(text): find_entities(text)[-1] for text in said if says(text, Meaning.INSIDE)}
         owners = {name: self.get(name).stands or past.get(name, "") for name in names}
         if not names or not all(owner and self.get(owner).has_interior for owner in owners.values()):
             return () if self.questions else self.lack(RequestProblemKind.FIT, clause)

@@ -1,6 +1,7 @@
 """The watchdog's side of the journal: one ledger for all its parts, and the records that it adds."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 
 import msgspec
 
@@ -11,6 +12,17 @@ from phyagentos.store.journal import Entry, Journal, Record
 from phyagentos.store.ledger import Ledger
 
 TRIES = 5  # at a record that another writer makes out of date
+
+
+class _Try(AbstractContextManager[None]):
+    """Notes whether another writer was faster, and lets only the last try fail of that."""
+
+    def __init__(self, *, is_last: bool) -> None:
+        self._is_last, self.is_overtaken = is_last, False
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> bool:
+        self.is_overtaken = kind is not None and issubclass(kind, IllegalTransition | Fenced)
+        return self.is_overtaken and not self._is_last
 
 
 class SupervisorJournal:
@@ -62,20 +74,17 @@ class SupervisorJournal:
         except IllegalTransition:
             self.follow()
 
-    def retry(self, act: Callable[[], None]) -> None:
-        """Act, and act again as long as another writer changes the session before it is recorded.
+    def iter_tries(self) -> Iterator[AbstractContextManager[None]]:
+        """Tries of an act, one after another as long as another writer changes the session before it is recorded.
 
         Raises:
             IllegalTransition, Fenced: At the last try.
         """
-        for _ in range(1, TRIES):
-            try:
-                act()
-            except (IllegalTransition, Fenced):
-                self.follow()
-            else:
+        for number in range(1, TRIES + 1):
+            yield (attempt := _Try(is_last=number == TRIES))
+            if not attempt.is_overtaken:
                 return
-        act()
+            self.follow()
 
     def get_state(self, session: SessionId) -> SessionState:
         """State of a session."""

@@ -12,7 +12,6 @@ running, and the world is observed anew.
 """
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -173,35 +172,39 @@ class TargetSupervisor:
 
     def on_message(self, answer: FromWorker | None) -> None:
         """React to an answer of the worker; None when the worker ended."""
-        self._journal.retry(partial(self._react, answer, self.session, is_checking=self.phase is Phase.CHECKING))
+        session, is_checking = self.session, self.phase is Phase.CHECKING
+        for attempt in self._journal.iter_tries():
+            with attempt:
+                if answer is None:
+                    self._lose("the worker process ended")
+                elif isinstance(answer, Ready):
+                    self._on_ready()
+                elif session is None or answer.session != session.id:
+                    return
+                elif isinstance(answer, Finished):
+                    self._on_finished(session, answer)
+                elif is_checking:
+                    self._on_checked(session, answer)
 
     def tick(self) -> None:
         """Take the measure that a limit of time requires; else renew the lease of the running session."""
         session, age_s = self.session, self._clock.now_s() - self._since_s
         state = self._journal.get_state(session.id) if session is not None else None
         if session is not None and state is SessionState.PENDING and age_s > CHECK_SHOWS_S:
-            self._journal.retry(partial(self._show_check, session))
+            for attempt in self._journal.iter_tries():
+                with attempt:
+                    self._show_check(session)
         due = find_due(self._describe(state, age_s))
         if due is not None:
-            self._journal.retry(partial(self._take_measure, due))
+            for attempt in self._journal.iter_tries():
+                with attempt:
+                    self._take_measure(due)
         elif self.phase is Phase.RUNNING and self._clock.now_s() >= self._renew_at_s:
             self.worker.send(Renew(until_s=self._grant_lease()))
 
     def dismiss(self) -> None:
         """End the processes; an idle worker is given time to seal its bundles."""
         self.worker.stop(at_once=self.phase is not Phase.IDLE)
-
-    def _react(self, answer: FromWorker | None, session: Session | None, *, is_checking: bool) -> None:
-        if answer is None:
-            self._lose("the worker process ended")
-        elif isinstance(answer, Ready):
-            self._on_ready()
-        elif session is None or answer.session != session.id:
-            return
-        elif isinstance(answer, Finished):
-            self._on_finished(session, answer)
-        elif is_checking:
-            self._on_checked(session, answer)
 
     def _grant_lease(self) -> float:
         """End of a new lease, by the monotonic clock of both processes [s]: no jump of a wall clock moves it."""
