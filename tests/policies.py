@@ -17,8 +17,8 @@ SENSED_TOO = "provides: [joint_state, gripper_width, tool_pose]\n    signals:\n 
 
 def describe(endpoint="tcp://127.0.0.1:0", **changes):
     """A policy that is shown the joints."""
-    told = {"policy": "echo/1", "endpoint": endpoint, "observations": {"joint_state": STREAM}, "inference_s": 0.1}
-    return PolicyDescriptor.model_validate(told | changes)
+    described = {"policy": "echo/1", "endpoint": endpoint, "observations": {"joint_state": STREAM}, "inference_s": 0.1}
+    return PolicyDescriptor.model_validate(described | changes)
 
 
 def serve(serve_so, policy, descriptor):

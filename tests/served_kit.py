@@ -58,8 +58,8 @@ class Served:
 def lead_elsewhere(workspace, target, endpoint, key, more=""):
     """The target of a workspace is the one that is served at an endpoint; the file of its key."""
     registry = workspace.target_registry
-    told = f"target: {target}\ndriver: remote\nendpoint: {endpoint}\n{more}"
-    registry.write_text(registry.read_text().replace(f"target: {target}\n", told))
+    entry = f"target: {target}\ndriver: remote\nendpoint: {endpoint}\n{more}"
+    registry.write_text(registry.read_text().replace(f"target: {target}\n", entry))
     secret = workspace.root / TOKENS / target
     secret.parent.mkdir(parents=True)
     secret.touch(mode=0o600)

@@ -57,9 +57,7 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
             is_side = dest.data in {*SIDES, "under"}
             kind = InquiryKind.SIDE if is_side else kind
             statements = said.list_beside(some, dest) if is_side else said.list_placed(some, dest)
-            if not is_side and not nouns:  # what is in it may have no names
-                vessels = [name for name in said.find_any_places(dest) if said.get(name).contents]
-                statements |= {f"balls in {name}": f"contains({name})" for name in vessels}
+            statements |= {} if is_side or nouns else _list_nameless(said, dest)
         case "ask_count", [plain, *dest] if said.is_loose(plain):
             kind, statements = InquiryKind.CONTENTS, _list_contents(said, dest)
         case "ask_count", [plain, *dest]:
@@ -122,6 +120,12 @@ def _list_contents(said: Clauses, dest: Iterable[Node]) -> dict[str, str]:
     """Of each vessel of a destination, or of all that hold any, the statement that something is in it."""
     places = [name for each in dest for name in said.find_any_places(each)]
     return {name: f"contains({name})" for name in places or [each.name for each in said.list_fitting(Slot.LOOSE)]}
+
+
+def _list_nameless(said: Clauses, dest: Node) -> dict[str, str]:
+    """Of each vessel of a destination that the scene fills with balls, the statement that some are in it."""
+    vessels = (name for name in said.find_any_places(dest) if said.get(name).contents)
+    return {f"balls in {name}": f"contains({name})" for name in vessels}
 
 
 def _say_state(said: Clauses, names: Iterable[str], state: Node) -> dict[str, str]:
