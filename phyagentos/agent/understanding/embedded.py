@@ -87,11 +87,11 @@ def _interpret(
     if root.data.startswith("ask_"):
         inquiry = read_inquiry(said, root)
         return said.conclude() or inquiry
-    before = vocabulary.past[-1:] if has_token(tree, "then") else ()  # `and then close it` goes on from the last goal
-    earlier = [step for past in before for step in (*past.steps, past.accept)]
+    latest = vocabulary.past[-1:] if has_token(tree, "then") else ()  # `and then close it` goes on from the last goal
+    earlier = [step for past in latest for step in (*past.steps, past.accept)]
     steps, accept = finish([*earlier, *said.read_plan(root)])
-    constraints = (*(text for past in before for text in past.constraints), *said.constraints)
-    said.reasons += [f"after: {past.objective}" for past in before]
+    constraints = (*(text for past in latest for text in past.constraints), *said.constraints)
+    said.reasons += [f"after: {past.objective}" for past in latest]
     if said.again and not vocabulary.past:
         said.lack(RequestProblemKind.PAST, read.text)
     elif said.again:

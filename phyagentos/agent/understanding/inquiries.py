@@ -53,11 +53,8 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
             kind, names = _resolve(said, things, Slot.ANY)
             statements = said.list_placed(names, Node("into", [owner]))
         case "ask_which", [*nouns, dest]:
-            some = said.list_alike(nouns[0]) if nouns else [each.name for each in said.list_fitting(Slot.MOVED)]
-            is_side = dest.data in {*SIDES, "under"}
-            kind = InquiryKind.SIDE if is_side else kind
-            statements = said.list_beside(some, dest) if is_side else said.list_placed(some, dest)
-            statements |= {} if is_side or nouns else _list_nameless(said, dest)
+            kind = InquiryKind.SIDE if dest.data in {*SIDES, "under"} else kind
+            statements = _say_which(said, nouns, dest)
         case "ask_count", [plain, *dest] if said.is_loose(plain):
             kind, statements = InquiryKind.CONTENTS, _list_contents(said, dest)
         case "ask_count", [plain, *dest]:
@@ -122,10 +119,13 @@ def _list_contents(said: Clauses, dest: Iterable[Node]) -> dict[str, str]:
     return {name: f"contains({name})" for name in places or [each.name for each in said.list_fitting(Slot.LOOSE)]}
 
 
-def _list_nameless(said: Clauses, dest: Node) -> dict[str, str]:
-    """Of each vessel of a destination that the scene fills with balls, the statement that some are in it."""
-    vessels = (name for name in said.find_any_places(dest) if said.get(name).contents)
-    return {f"balls in {name}": f"contains({name})" for name in vessels}
+def _say_which(said: Clauses, nouns: Sequence[Node], dest: Node) -> dict[str, str]:
+    """Of each object of a noun, or of all, that it is at a place; `what is in the cup` may be balls without names."""
+    some = said.list_alike(nouns[0]) if nouns else [each.name for each in said.list_fitting(Slot.MOVED)]
+    if dest.data in {*SIDES, "under"}:
+        return said.list_beside(some, dest)
+    vessels = [] if nouns else [name for name in said.find_any_places(dest) if said.get(name).contents]
+    return said.list_placed(some, dest) | {f"balls in {name}": f"contains({name})" for name in vessels}
 
 
 def _say_state(said: Clauses, names: Iterable[str], state: Node) -> dict[str, str]:
