@@ -94,7 +94,11 @@ class Clauses(Transfers):
         What is picked up and then named again is not held in the end; what is `left` is none of `the cubes`.
         """
         steps: list[Step] = []
-        for clause in list_children(group):
+        topic, *others = list_children(group)
+        is_topic = topic.data == "elided" and others and not self._verb and not self.list_past()
+        if is_topic:  # `the red cube, put it into the tray`
+            self.resolve(list_children(topic)[0], Slot.ANY)
+        for clause in others if is_topic else [topic, *others]:
             read = self._read_steps(clause)
             self._ask_scope(group, clause, read)
             self._check_meanwhile(group, clause, read)
