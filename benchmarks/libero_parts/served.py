@@ -12,6 +12,7 @@ from typing import Any
 from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.drivers.remote import RemoteDriver
+from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.handshake import greet, make_key, mint
 from phyagentos.runtime.targets.websocket import connect_websocket
 
@@ -39,7 +40,7 @@ class Server:
         greet(channel, mint(self.key))
         driver = RemoteDriver(profile, channel, self.key)
         try:
-            result = driver.invoke_tool("describe_scene", {"scene": scene, "looks": looks})
+            result = driver.carry_out(wire.InvokeTool("describe_scene", {"scene": scene, "looks": looks}))
         finally:
             driver.close()
         found: dict[str, Any] = json.loads(result.artefacts["scene.json"].data)
