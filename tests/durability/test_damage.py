@@ -21,7 +21,7 @@ def patient(memory):
 
 def test_every_damage_is_located_or_looks_like_a_torn_write(patient, scale, figures):
     rng = random.Random(3)
-    for number in range(scale(500, 100_000)):
+    for number in range(scale(2_000, 100_000)):
         patient.suffer(damages.draw(patient.paths, rng), opens_journal=number % 10 == 0)
     figures(**patient.counts)
     assert patient.accepted == []

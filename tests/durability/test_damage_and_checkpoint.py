@@ -52,7 +52,7 @@ def patient(memory):
 
 def test_a_start_from_a_checkpoint_believes_no_damage(patient, scale, figures):
     rng, told = random.Random(22), Counter(dict.fromkeys(("damages", "refused", "harmless", "cut", "accepted"), 0))
-    for _ in range(scale(150, 20_000)):
+    for _ in range(scale(400, 20_000)):
         damage = damages.draw([*patient.paths, patient.checkpoint], rng)
         damage.path.write_bytes(damage.data)
         try:

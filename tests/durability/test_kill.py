@@ -8,7 +8,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_random_writers_are_killed_and_nothing_acknowledged_is_lost(memory, scale, figures):
-    kills = scale(60, 20_000)
+    kills = scale(200, 20_000)
     answer = run_module("kill_rounds", "--scratch", memory, "--kills", kills)
     counts = answer["counts"]
     figures(**counts)

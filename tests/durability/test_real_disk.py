@@ -10,7 +10,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize("mount", OPTIONS)
 def test_the_power_of_a_real_file_system_goes_and_nothing_acknowledged_is_lost(memory, scale, figures, mount):
-    cuts = scale(6, 2_500)
+    cuts = scale(12, 2_500)
     answer = run_module("power_rounds", "--scratch", memory, "--cuts", cuts, "--mount", mount)
     counts = answer["counts"]
     figures(**counts)

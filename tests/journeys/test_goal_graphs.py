@@ -24,7 +24,7 @@ pytestmark = pytest.mark.journey
 
 @pytest.fixture
 def judge_from_frames(plane, monkeypatch):
-    """The first session of each skill of a goal, perceived and judged again without a world."""
+    """Every session of a goal, perceived and judged again without a world."""
 
     def refuse(*_, **__):
         raise AssertionError("a world was started")
@@ -36,12 +36,9 @@ def judge_from_frames(plane, monkeypatch):
         sessions = read_ledger(plane.workspace.root).sessions.values()
         done = [status for status in sessions if status.contract.goal == goal and status.execution]
         assert done
-        bundles = {status.contract.id: evidence.read(status) for status in done}
-        for bundle in bundles.values():
+        for status in done:
+            bundle = evidence.read(status)
             assert find_look_problems(bundle.folder, (bundle.before, bundle.after)) == []
-        first_of_each = {status.contract.skill: status for status in reversed(done)}
-        for status in first_of_each.values():
-            bundle = bundles[status.contract.id]
             yield judge_again(bundle, perceive_again(plane.workspace, status), verifier, status.decision)
 
     return judge

@@ -219,7 +219,7 @@ def test_a_repair_that_is_interrupted_can_be_done_again(open_journal, read_whole
 
 
 @pytest.mark.slow
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_change_can_be_mended_and_costs_no_record_that_still_stands(tmp_path, read_whole, data):
     shutil.rmtree(tmp_path / "sessions", ignore_errors=True)

@@ -52,6 +52,8 @@ class Clauses(Transfers):
         """A condition is of the world as it is now: where it holds it is no part of the goal."""
         texts = self._read_texts(case)
         self.moved, self.placed, self.unmet = [], (), ""
+        if not texts:  # nothing that could be looked at
+            self.lack(RequestProblemKind.CONDITION, f"if {self.quote(case)}")
         for text in texts:
             is_false, *are_opposites = (
                 self.vocabulary.is_known(each, is_true=False) for each in (text, *list_flipped(text))

@@ -132,8 +132,12 @@ class Nouns(Discourse):
         for names in (*said, past, doors):
             if found := tuple(name for name in names if slot.takes(self.get(name))):
                 return found if len(found) == 1 else self.ask(QuestionKind.WHICH, phrase, found)
-        fitting = [each.name for each in self.list_fitting(slot)] if not self.questions else []
-        return self.ask(QuestionKind.WHICH, phrase, fitting) if fitting else ()
+        if self.questions:
+            return ()
+        fitting = [each.name for each in self.list_fitting(slot)]
+        if not fitting:
+            return self.lack(RequestProblemKind.SENTENCE, phrase)
+        return self.ask(QuestionKind.WHICH, phrase, fitting)
 
     def find_corrected(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
         """The latter of two phrases; the former, which it corrects, lends its noun."""
