@@ -113,16 +113,17 @@ def measure(folder: Path) -> Iterator[tuple[Case, Understanding, Grade]]:
     """Each request of a folder with the answer and its grade."""
     library = open_library()
     catalogue, understander = Catalogue.read(library), EmbeddedUnderstander()
-    worlds: dict[str, Environment] = {}
+    scenes: dict[str, tuple[Environment, Vocabulary]] = {}
     for case in read_cases(folder):
-        if case.scene not in worlds:
-            worlds[case.scene] = draw_start(library, case.scene, ["panda"], 0)
-        vocabulary = Vocabulary.read(catalogue, case.scene, world=worlds[case.scene])
+        if case.scene not in scenes:
+            start = draw_start(library, case.scene, ["panda"], 0)
+            scenes[case.scene] = start, Vocabulary.read(catalogue, case.scene, world=start)
+        world, vocabulary = scenes[case.scene]
         for earlier in case.expected.get("before", ()):
             met = understander.understand(earlier, vocabulary, {})
             vocabulary = replace(vocabulary, past=(*vocabulary.past, met.goal) if isinstance(met, Understood) else ())
         answer = understander.understand(case.say, vocabulary, {})
-        yield case, answer, grade(answer, case.expected, worlds[case.scene])
+        yield case, answer, grade(answer, case.expected, world)
 
 
 def main(
