@@ -237,6 +237,10 @@ def _build_parser(
         ambiguity="explicit",
         maybe_placeholders=False,
     )
+    earley = parser.parser.parser  # it predicts all that a rule may begin with, anew for each item: twice the time
+    earley.predictions = {
+        origin: [rule for rule in rules if rule.origin == origin] for origin, rules in earley.predictions.items()
+    }
     known = {word for terminal in parser.terminals for word in re.findall(r"[a-z][a-z'-]*", terminal.pattern.value)}
     phrases = (phrase for each in terminals.values() for phrase in each)
     spoken = {word for phrase in phrases for word in _WORD.findall(phrase)}
