@@ -11,7 +11,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from scipy.stats import binomtest, wilcoxon
 
 from phyagentos.bench.records import AXES, BY_NAME, EpisodeRecord, Order, select
 from phyagentos.bench.report import Rate, Spread, Threshold
@@ -227,6 +226,8 @@ def compare(a: Sequence[EpisodeRecord], b: Sequence[EpisodeRecord], of: Figure =
         raise DefinitionError.of("INVALID_VALUE", "paos bench compare", "no episode of both", expected)
     gained = tuple(key for key in pairs if theirs[key] > ours[key])
     lost = tuple(key for key in pairs if ours[key] > theirs[key])
+    from scipy.stats import binomtest, wilcoxon  # half a second to load, for comparisons alone
+
     p = 1.0
     if (differing := len(gained) + len(lost)) and of is Figure.SESSIONS:
         p = float(wilcoxon([ours[key] - theirs[key] for key in pairs]).pvalue)
