@@ -24,6 +24,7 @@ from target_server.websocket import LOOK_S, Connection, Door
 from target_server.wire import KEY_BYTES, MESSAGE_MAX_BYTES, VERSION, Refusal
 
 GREETING_S = 2.0
+IDLE_S = 0.1  # without a client, between looks at whether this is the end
 
 
 def serve_body(
@@ -60,7 +61,7 @@ def serve_body(
     ended = ended or threading.Event()
     try:
         while not ended.is_set():
-            if (client := door.wait(LOOK_S)) is not None:
+            if (client := door.wait(IDLE_S)) is not None:
                 _serve_client(served, client, key, ended)
     finally:
         door.close()
