@@ -74,6 +74,17 @@ def test_a_worker_that_dies_or_loses_its_target_is_replaced_and_its_session_obse
     assert (observed.reason, True in worker.kills) == (reason, ended is Ended.TARGET_LOST)
 
 
+class Left(ScriptedWorker):
+    was_left = True
+
+
+def test_a_worker_that_python_of_a_person_ends_is_a_defect_that_another_attempt_would_meet_too(stand):  # noqa: F811
+    worker = stand.pursue(Left(on_run=lambda _: "die"))
+
+    assert worker.orders[-1].defect == "panda"
+    assert "Python of a person ended it, at panda" in worker.orders[-1].reason
+
+
 def test_a_target_that_is_lost_again_and_again_ends_the_run_and_not_the_session_alone(stand):  # noqa: F811
     stand.watch(worker := ScriptedWorker(on_run=lose_target, on_reconcile=lose_target), rest_s=0.001)
     stand.submit(make_session())

@@ -53,6 +53,12 @@ class HeartbeatMonitor:
         self._has_begun = False
         self.restart()
 
+    @property
+    def leaf(self) -> str:
+        """Path of the leaf that was active at the latest heartbeat."""
+        beat = find_heartbeat(self._folder, self._target)
+        return beat.leaf if beat is not None else ""
+
     def restart(self) -> None:
         """Count from now: a new claim, or a new worker."""
         self._looked_at_s = self._heard_at_s = self._clock.now_s()
