@@ -97,7 +97,10 @@ def import_trees(file: Path, to: Path, *, runs_python: bool = False) -> Imported
     return ImportedTrees(files=tuple(new))
 
 
-_ELSEWHERE = "A tree of another file: import that file first."
+_BEYOND = {  # kind of name: what to do where none of the possible ones is meant
+    "leaf": "Write what none of them does in the behaviours.py of a skill.",
+    "tree": "A tree of another file: import that file first.",
+}
 
 
 def _arrange(problems: list[Problem]) -> list[Problem]:
@@ -111,7 +114,7 @@ def _arrange(problems: list[Problem]) -> list[Problem]:
             msgspec.structs.replace(
                 each,
                 expected=f"a {each.kind} as above" if is_known else each.expected,
-                hint=f"{each.hint} {_ELSEWHERE}" if each.kind == "tree" else each.hint,
+                hint=each.hint if is_known else f"{each.hint} {_BEYOND.get(each.kind, '')}".strip(),
             )
         )
     return arranged

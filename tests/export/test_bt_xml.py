@@ -277,7 +277,7 @@ def test_a_foreign_tree_is_refused_with_line_and_column_what_is_possible_and_the
         (
             "5:7: UNKNOWN_NAME (leaf): found 'OpenGripper'",
             "expected attach, call, close_gripper,",
-            "Did you mean 'open_gripper'?",
+            "Did you mean 'open_gripper'? Write what none of them does in the behaviours.py of a skill.",
         ),
         ("6:7: UNKNOWN_NAME (leaf): found 'MoveTo'", "Did you mean 'move_to'?"),
         ("6:7: INVALID_VALUE: found other='{Goal}'", "keys are small letters", "Write other='{goal}'."),

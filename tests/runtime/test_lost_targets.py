@@ -81,8 +81,9 @@ class Left(ScriptedWorker):
 def test_a_worker_that_python_of_a_person_ends_is_a_defect_that_another_attempt_would_meet_too(stand):  # noqa: F811
     worker = stand.pursue(Left(on_run=lambda _: "die"))
 
-    assert worker.orders[-1].defect == "panda"
-    assert "Python of a person ended it, at panda" in worker.orders[-1].reason
+    lost = worker.orders[-1]
+    assert lost.defect == f"the first tick of {lost.session.skill}"
+    assert f"Python of a person ended it, in {lost.defect}" in lost.reason
 
 
 def test_a_target_that_is_lost_again_and_again_ends_the_run_and_not_the_session_alone(stand):  # noqa: F811

@@ -53,11 +53,10 @@ class HeartbeatMonitor:
         self._has_begun = False
         self.restart()
 
-    @property
-    def leaf(self) -> str:
-        """Path of the leaf that was active at the latest heartbeat."""
+    def find_leaf(self, session: str) -> str:
+        """Path of the leaf that was active at the latest heartbeat of a session; empty before its first."""
         beat = find_heartbeat(self._folder, self._target)
-        return beat.leaf if beat is not None else ""
+        return beat.leaf if beat is not None and beat.session == session else ""
 
     def restart(self) -> None:
         """Count from now: a new claim, or a new worker."""

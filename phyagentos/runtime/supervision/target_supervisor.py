@@ -313,9 +313,10 @@ class TargetSupervisor:
         if ended is Ended.RUNNER_LOST and (words := read_end(log)):
             reason += f"; logs/{log.name} ends with {words!r}"
         self.worker.kill()  # before it is recorded: a worker that is only slow must not go on afterwards
-        was_left = session is not None and ended is Ended.RUNNER_LOST and self.worker.was_left
-        defect = self.monitor.leaf or self.target if was_left else ""
-        reason += f"; Python of a person ended it, at {defect}" if defect else ""
+        defect = ""
+        if session is not None and ended is Ended.RUNNER_LOST and self.worker.was_left:
+            defect = self.monitor.find_leaf(session.id) or f"the first tick of {session.skill}"
+            reason += f"; Python of a person ended it, in {defect}"
         if session is not None and (state := self._journal.get_state(session.id)) not in FINAL_STATES:
             if state is not SessionState.OUTCOME_UNKNOWN:
                 lost = make_entry(session.id, "lose", self.epoch, reason=reason)
