@@ -315,7 +315,8 @@ class TargetSupervisor:
         self.worker.kill()  # before it is recorded: a worker that is only slow must not go on afterwards
         defect = ""
         if session is not None and ended is Ended.RUNNER_LOST and self.worker.was_left:
-            defect = self.monitor.find_leaf(session.id) or f"the first tick of {session.skill}"
+            begun = "check" if self.phase is Phase.CHECKING else "first tick"
+            defect = self.monitor.find_leaf(session.id) or f"the {begun} of {session.skill}"
             reason += f"; Python of a person ended it, in {defect}"
         if session is not None and (state := self._journal.get_state(session.id)) not in FINAL_STATES:
             if state is not SessionState.OUTCOME_UNKNOWN:
