@@ -8,6 +8,7 @@ import difflib
 import errno
 import inspect
 import shutil
+import signal
 import traceback
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -137,8 +138,9 @@ def is_defect(error: BaseException) -> bool:
 
 
 def list_foreign_errors() -> tuple[type[BaseException], ...]:
-    """What to catch of a person's code: all but an interrupt from the keyboard, which is that of its user."""
-    return tuple(kind for kind in BaseException.__subclasses__() if kind is not KeyboardInterrupt)
+    """What to catch of a person's code: all but an interrupt from the keyboard, where this process hears of one."""
+    hears = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    return tuple(kind for kind in BaseException.__subclasses__() if not (hears and kind is KeyboardInterrupt))
 
 
 def find_place(error: BaseException, *own: object) -> str:

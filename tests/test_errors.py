@@ -2,12 +2,13 @@
 
 import errno
 import shutil
+import signal
 from pathlib import Path
 
 import pytest
 
 from phyagentos import errors
-from phyagentos.errors import find_full_disk
+from phyagentos.errors import find_full_disk, list_foreign_errors
 
 FULL = OSError(errno.ENOSPC, "No space left on device")
 
@@ -35,3 +36,12 @@ def test_where_the_system_names_none_it_is_the_path_on_the_full_disk_that_the_ca
     with pytest.raises(OSError, match="No space left") as raised:
         write(Path("/else"), Path("/full/journal"))
     assert find_full_disk(raised.value) == "/full/journal"
+
+
+@pytest.mark.parametrize(("heard", "is_foreign"), [(signal.default_int_handler, False), (signal.SIG_IGN, True)])
+def test_an_interrupt_is_an_error_of_a_persons_code_where_no_keyboard_reaches(heard, is_foreign):
+    before = signal.signal(signal.SIGINT, heard)
+    try:
+        assert (KeyboardInterrupt in list_foreign_errors()) is is_foreign
+    finally:
+        signal.signal(signal.SIGINT, before)

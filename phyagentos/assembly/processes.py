@@ -2,8 +2,10 @@
 
 import argparse
 import gc
+import os
 import sys
 import threading
+import traceback
 from collections.abc import Mapping, Sequence
 from functools import partial
 from multiprocessing.connection import Connection
@@ -205,12 +207,14 @@ def main(argv: Sequence[str] | None = None) -> None:
             )
     except (DefinitionError, ExecutionError) as error:
         sys.stderr.write(f"{error}\n")  # now: the frames above hold connections, at whose end the supervisor kills
-        sys.exit(1)
+        sys.exit(os.EX_SOFTWARE)
     except OSError as error:
-        if not (place := find_full_disk(error)):
-            raise
-        sys.stderr.write(f"{place}: no room is left on its disk\n")
-        sys.exit(1)
+        place = find_full_disk(error)
+        sys.stderr.write(f"{place}: no room is left on its disk\n" if place else traceback.format_exc())
+        sys.exit(os.EX_SOFTWARE)
+    except Exception:
+        traceback.print_exc()
+        sys.exit(os.EX_SOFTWARE)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """The worker process of one target, put together: what defines it, its access to the body, its runner and examiner."""
 
+import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -80,6 +81,7 @@ class WorkerSite:
 def run_worker(root: Path, target: str, socket: str, control: int, *, pictures: bool, rehearsal: Sequence[str]) -> None:
     """The worker process of one target: serve the watchdog until it is gone; `rehearsal` starts a rehearsal process."""
     end_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the watchdog ends it: an interrupt is of a person's code
     workspace, clock = Workspace.open(root), SystemClock()
     orders = Link(Connection(control), spin_s=0.0)
     token = orders.recv_bytes()

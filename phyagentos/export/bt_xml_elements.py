@@ -5,7 +5,6 @@ from typing import NoReturn
 from xml.parsers import expat
 
 from phyagentos.errors import DefinitionError
-from phyagentos.export.bt_xml import APART
 from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, TOO_DEEP
 
 ELEMENTS_MAX = 20_000  # of a file that is imported
@@ -55,9 +54,7 @@ def parse_elements(text: str, source: str) -> Element:
             refuse(f"more than {ELEMENTS_MAX} elements")
         if len(opened) > DEPTH_MAX:
             refuse(TOO_DEEP)
-        id = attributes.pop("ID", "")
-        id = id if tag in EXPLICIT else id.removesuffix(APART).replace("-", "/")  # of a tree
-        opened.append(Element(tag, id, attributes, get_mark()))
+        opened.append(Element(tag, attributes.pop("ID", ""), attributes, get_mark()))
         opened[-2].children.append(opened[-1])
 
     parser.StartElementHandler = begin

@@ -19,9 +19,6 @@ EXPLAINED = {  # tag: what is written instead
     "GoalUpdater": "There is no equal; a new goal is a new session.",
     "IfThenElse": "Nearest: a Fallback of a Sequence (condition, then) and the other branch.",
     "KeepRunningUntilFailure": 'Nearest: <Repeat num_cycles="N">, which ends.',
-    "LoopDouble": "Write <for_each>, whose list is a port.",
-    "LoopInt": "Write <for_each>, whose list is a port.",
-    "LoopString": "Write <for_each>, whose list is a port.",
     "ManualSelector": "Write <Fallback>.",
     "NonblockingSequence": 'Nearest: <parallel policy="all">.',
     "ParallelAll": 'Nearest: <parallel policy="all">, which ends at the first failure.',
@@ -43,14 +40,31 @@ EXPLAINED = {  # tag: what is written instead
     "SubTreePlus": "Write <SubTree>, with each port wired.",
     "UnsetBlackboard": "There is no equal; a key has a value until the tree ends.",
     "WhileDoElse": "Nearest: a ReactiveFallback of a ReactiveSequence (condition, do) and the other branch.",
-} | {f"Switch{n}": "Write a Fallback of Sequences (condition, case), the default last." for n in range(2, 7)}
+}
+FAMILIES = {  # begin of a tag
+    "BlackboardCheck": "Write a Sequence of a <condition> and the child.",
+    "ForEach": "Write <for_each>, whose list is a port.",
+    "Loop": "Write <for_each>, whose list is a port.",
+    "Switch": "Write a Fallback of Sequences (condition, case), the default last.",
+}
+_DECORATORS = {"Delay", "ForceFailure", "ForceSuccess"}  # whose equals hold several
 _PARALLEL = {"success_count", "failure_count", "success_threshold", "failure_threshold"}
 
 
 def find_equal(element: Element) -> tuple[Element, str]:
     """The element as nodes of this project, the same one where it is one; and what keeps it from being written so."""
     make = _EQUALS.get(element.tag)
-    return make(element) if make is not None else (element, "")
+    if make is None:
+        return element, ""
+    if element.tag in _DECORATORS and len(element.children) != 1:
+        return make(element)[0], f"<{element.tag}> with {len(element.children)} nodes in it; expected one"
+    return make(element)
+
+
+def explain(tag: str) -> str:
+    """What is written instead of a node that holds others and has no equal."""
+    families = (hint for begin, hint in FAMILIES.items() if tag.startswith(begin))
+    return EXPLAINED.get(tag) or next(families, "")
 
 
 def _time(own: str, tag: str) -> Callable[[Element], tuple[Element, str]]:
@@ -61,7 +75,7 @@ def _time(own: str, tag: str) -> Callable[[Element], tuple[Element, str]]:
         seconds = str(float(text) / MS_PER_S) if text.isdigit() else "1"
         rest = {key: value for key, value in element.attributes.items() if key != own}
         name, more = {"name": rest.pop("name")} if "name" in rest else {}, {"seconds": seconds}
-        problem = "" if text.isdigit() else f"{own}={text!r}; expected a number of milliseconds"
+        problem = "" if text.isdigit() else f"<{element.tag} {own}={text!r}>; expected a number of milliseconds"
         if tag != "Sequence":
             return replace(element, tag=tag, attributes=name | more | rest), problem
         wait = replace(element, tag=_SUCCEEDS, attributes=more, children=[])
@@ -94,7 +108,7 @@ def _make_parallel(element: Element) -> tuple[Element, str]:
     problem = ""
     if not policy or counts.get("failure", "1") != "1":
         shown = " ".join(f'{key}="{text}"' for key, text in given.items())
-        problem = f"{shown}; expected all or 1 to succeed, and failure with the first failure"
+        problem = f"<{element.tag} {shown}>; expected all or 1 to succeed, and failure with the first failure"
     rest = {key: value for key, value in element.attributes.items() if key not in given}
     return replace(element, tag="parallel", attributes=rest | {"policy": policy or "all"}), problem
 

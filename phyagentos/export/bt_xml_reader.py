@@ -14,14 +14,15 @@ from typing import Any
 import msgspec
 
 from phyagentos.errors import Problem, format_names
-from phyagentos.export.bt_xml import FORMS, UNWIRED, VERSION, decode
+from phyagentos.export.bt_xml import APART, FORMS, UNWIRED, VERSION, decode
 from phyagentos.export.bt_xml_elements import EXPLICIT, Element, parse_elements
-from phyagentos.export.bt_xml_equals import EXPLAINED, find_equal
+from phyagentos.export.bt_xml_equals import EXPLAINED, explain, find_equal
 from phyagentos.protocol.capabilities.trees import NodeKind, Reference
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Address, Located, read_text
 
 _KINDS = {form.tag: kind for kind, form in FORMS.items()} | {kind.value: kind for kind in FORMS}
+_OWN = re.compile(rf"[a-z][a-z0-9_/-]*({APART})?")  # ID of a tree, as `bt_xml` writes it
 _SILENT = frozenset({"name", "_description", "_uid", "_fullpath", "_collapsed"})  # attributes that are no ports
 
 
@@ -37,9 +38,15 @@ def read_trees(path: Path, leaves: Collection[str] = ()) -> tuple[tuple[Located,
     return trees, tuple(reader.problems)
 
 
-SCRIPTS = frozenset({"_skipIf", "_successIf", "_failureIf", "_while", "_onSuccess", "_onFailure", "_onHalted", "_post"})
 TREES_MAX = 500  # of a file
-_SCRIPTED = "It would be lost: write a <condition> beside this node, in a Sequence, Fallback or ReactiveSequence."
+_LOST = ("ports and a name", "It would be lost: remove it if that does not matter.")
+_SCRIPTED = (
+    "ports and a name",
+    "It would be lost: write a <condition> beside this node, in a Sequence, Fallback or ReactiveSequence.",
+)
+_HIDDEN = dict.fromkeys(
+    ("_skipIf", "_successIf", "_failureIf", "_while", "_onSuccess", "_onFailure", "_onHalted", "_post"), _SCRIPTED
+) | {"_autoremap": ("each port wired by itself", "Write port='{key}' for each.")}
 
 
 @dataclass(slots=True)
@@ -51,7 +58,6 @@ class _Reader:
     problems: list[Problem] = field(default_factory=list)
     subtrees: dict[str, Element] = field(default_factory=dict)
     marks: dict[Address, tuple[int, int]] = field(default_factory=dict)
-    names: dict[str, str] = field(default_factory=dict)  # of the trees of the file, as they should be
 
     def read(self, root: Element) -> tuple[Located, ...]:
         if root.tag != "root" or root.attributes.get("BTCPP_format") != VERSION:
@@ -60,15 +66,15 @@ class _Reader:
         trees: dict[str, Element] = {}
         for each in root.children:
             if each.tag == "TreeNodesModel":
-                self.subtrees |= {model.id: model for model in each.children if model.tag == "SubTree"}
+                self.subtrees |= {_fit_name(model.id): model for model in each.children if model.tag == "SubTree"}
             elif each.tag == "include":
                 file = each.attributes.get("path", "")
                 hint = f"Put the trees of {file or 'that file'} into this one."
                 self._refuse(each, f'<include path="{file}">', "every tree in one file", hint)
-            elif each.tag != "BehaviorTree" or each.id in trees:
+            elif each.tag != "BehaviorTree" or (name := _fit_name(each.id or Path(self.source).stem)) in trees:
                 self._refuse(each, f"<{each.tag} ID={each.id!r}>", "each <BehaviorTree> once, and <TreeNodesModel>")
             else:
-                trees[each.id] = each
+                trees[name] = each
         if not trees:
             self._refuse(root, "no tree", "<BehaviorTree>")
         if len(trees) > TREES_MAX:
@@ -76,32 +82,36 @@ class _Reader:
                 root, f"{len(trees)} trees", f"at most {TREES_MAX} in one file", "Import them in several files."
             )
             return ()
-        self.names = {name: _fit_name(name) for name in trees}
-        return tuple(map(self._read_tree, trees.values()))
+        return tuple(self._read_tree(name, element) for name, element in trees.items())
 
-    def _read_tree(self, element: Element) -> Located:
-        model = self.subtrees.get(element.id, Element("SubTree"))
+    def _read_tree(self, name: str, element: Element) -> Located:
+        model = self.subtrees.get(name, Element("SubTree"))
         metadata = [fact for each in model.children if each.tag == "MetadataFields" for fact in each.children]
         facts = element.attributes | {key: value for fact in metadata for key, value in fact.attributes.items()}
-        description = facts.get("description", facts.get("_description", f"Imported from {Path(self.source).name}."))
-        name = _fit_name(element.id)
-        if name != element.id:
-            self._refuse(element, f"the tree {element.id!r}", "small letters, digits and _", f"Call it {name!r}.")
+        there = f", there {element.id!r}" if element.id not in ("", name) else ""
+        origin = f"Imported from {Path(self.source).name}{there}."
+        description = facts.get("description", facts.get("_description", origin))
         data: Fields = {"tree": name, "description": description}
         self.marks = {(): element.mark}
         for port in model.children:
             if group := {"input_port": "inputs", "output_port": "outputs"}.get(port.tag):
                 own = port.attributes.get("name", "")
+                default = decode(port.attributes["default"]) if "default" in port.attributes else None
+                if isinstance(default, Reference):
+                    hint = "Write it, or wire the port where the tree is used."
+                    self._refuse(port, f"default={port.attributes['default']!r}", "a value", hint)
+                    default = None
                 body = {
                     "type": port.attributes.get("type"),
                     "description": text if (text := "".join(port.texts)).strip() else None,
                     "optional": own in facts.get("optional", "").split() or None,
-                    "default": decode(port.attributes["default"]) if "default" in port.attributes else None,
+                    "default": default,
                 }
                 data.setdefault(group, {})[own] = {key: value for key, value in body.items() if value is not None}
                 self.marks[group, own] = port.mark
             elif port.tag != "MetadataFields":
-                self._refuse(port, f"<{port.tag}>", "<input_port> or <output_port>")
+                hint = "Write an input and an output, of two names."
+                self._refuse(port, f"<{port.tag}>", "<input_port> or <output_port>", hint)
         if len(element.children) == 1:
             data["root"] = self._read_node(element.children[0], ("root",), name.rsplit("/", 1)[-1])
         else:
@@ -121,7 +131,7 @@ class _Reader:
                 self._refuse(element, f"a condition with {element.attributes}", "a predicate, and no name of its own")
             return {key: body.get("predicate")}
         if kind is NodeKind.SUBTREE:
-            body = {"tree": self.names.get(tag, tag)} | ({"with": body} if body else {})
+            body = {"tree": tag} | ({"with": body} if body else {})
         body |= {"name": name} if name != default else {}
         body |= self._read_children(element, kind, (*address, key))
         return {key: body} if body or kind is not NodeKind.LEAF else key
@@ -132,7 +142,7 @@ class _Reader:
         translated, problem = find_equal(replace(element, tag=name, id="") if element.tag in EXPLICIT else element)
         if problem:
             found, _, expected = problem.partition("; expected ")
-            self._refuse(element, f"<{name} {found}>".replace("  ", " "), expected)
+            self._refuse(element, found, expected)
         if translated.tag != name:
             return translated
         is_foreign = name in EXPLAINED or (element.children and name not in self.leaves)
@@ -140,8 +150,7 @@ class _Reader:
             return element
         holders = sorted(form.tag for form in FORMS.values() if form.holds)
         unknown = Problem.unknown("control", self._place(element), name, holders, found=f"<{name}>")
-        each = "Write <for_each>, whose list is a port." if name.startswith("ForEach") else unknown.hint
-        hint = EXPLAINED.get(name) or each or "Write it with these, or as a leaf with what is below as ports."
+        hint = explain(name) or unknown.hint or "Write it with these, or as a leaf with what is below as ports."
         self.problems.append(msgspec.structs.replace(unknown, hint=hint))
         stand_in = element.children or [Element("wait", "", {"seconds": "0"}, element.mark)]
         return Element("Sequence", "", {}, element.mark, stand_in)
@@ -170,12 +179,13 @@ class _Reader:
         own, key = FORMS[kind].number if kind in FORMS else ("", "")
         values: dict[str, object] = {}
         for name, text in element.attributes.items():
-            if name in _SILENT or text.startswith(f"{{{UNWIRED}") or (name, text) == ("_autoremap", "false"):
+            if name in _SILENT or text.startswith(f"{{{UNWIRED}") or _is_idle(name, text):
                 continue
             value = Reference(name) if text == "{=}" else decode(text)
             if name.startswith("_") or (text.startswith("{") and not isinstance(value, Reference)):
-                hint = _SCRIPTED if name in SCRIPTS else ""
-                expected = "ports, whose keys are small letters, digits and _ in braces"
+                key = f"{name}={f'{{{_fit_name(text)}}}'!r}"
+                known = ("ports, whose keys are small letters, digits and _ in braces", f"Write {key}.")
+                expected, hint = _HIDDEN.get(name, _LOST) if name.startswith("_") else known
                 self._refuse(element, f"{name}={text!r}", expected, hint)
                 continue
             values[key if name == own else name] = str(value) if isinstance(value, Reference) else value
@@ -188,14 +198,22 @@ class _Reader:
         return f"{self.source}:{element.mark[0]}:{element.mark[1]}"
 
 
+def _is_idle(name: str, text: str) -> bool:
+    """Whether a hidden attribute changes nothing: `_skipIf="false"`; a node `_while="false"` is never ticked."""
+    return name.startswith("_") and text == "false" and name != "_while"
+
+
 def _fit_name(name: str) -> str:
-    """`MainTree` as `main_tree`; what is a name of a tree as it stands."""
+    """`MainTree` as `main_tree`, `Re-Zero / Sensors` as `re_zero_sensors`; what `bt_xml` wrote as it was."""
+    if _OWN.fullmatch(name):
+        return name.removesuffix(APART).replace("-", "/")
     apart = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
-    return re.sub(r"^[^a-z]+", "", re.sub(r"[^a-z0-9_/]+", "_", apart)) or "tree"
+    fit = re.sub(r"[^a-z0-9]+", "_", apart).strip("_")
+    return fit if fit[:1].isalpha() else f"tree_{fit}".strip("_")
 
 
 def _classify(element: Element) -> tuple[NodeKind, str]:
     """Kind of a node, and the name of the leaf or tree that it stands for; of others the name of the kind."""
     tag = element.id if element.tag in EXPLICIT and element.id else element.tag
     kind = _KINDS.get(tag, NodeKind.LEAF)
-    return kind, tag if kind is NodeKind.LEAF else element.id if kind is NodeKind.SUBTREE else kind.value
+    return kind, tag if kind is NodeKind.LEAF else _fit_name(element.id) if kind is NodeKind.SUBTREE else kind.value

@@ -97,6 +97,12 @@ def import_trees(file: Path, to: Path, *, runs_python: bool = False) -> Imported
     return ImportedTrees(files=tuple(new))
 
 
+_BEYOND = {  # kind of name: what to do where none of the possible ones is meant
+    "leaf": "Write what none of them does in the behaviours.py of a skill.",
+    "tree": "A tree of another file: import that file first.",
+}
+
+
 def _arrange(problems: list[Problem]) -> list[Problem]:
     """In the order of the file; what is possible for a kind of name is listed once."""
     listed: set[str] = set()
@@ -104,7 +110,13 @@ def _arrange(problems: list[Problem]) -> list[Problem]:
     for each in sorted(problems, key=lambda each: [int(step) for step in each.address.split(":") if step.isdigit()]):
         is_known = each.code == "UNKNOWN_NAME" and each.expected in listed
         listed.add(each.expected)
-        arranged.append(msgspec.structs.replace(each, expected=f"a {each.kind} as above") if is_known else each)
+        arranged.append(
+            msgspec.structs.replace(
+                each,
+                expected=f"a {each.kind} as above" if is_known else each.expected,
+                hint=each.hint if is_known else f"{each.hint} {_BEYOND.get(each.kind, '')}".strip(),
+            )
+        )
     return arranged
 
 

@@ -3,12 +3,14 @@
 Numbers travel as float64; pictures (uint8) and depth (float32) keep their type, since they are large.
 """
 
+import re
 from typing import Any, Generic, TypeVar
 
 import msgspec
 import numpy as np
 
 from phyagentos.errors import ExecutionError
+from phyagentos.protocol.documents.struct_schema import reword
 
 _KINDS = {"f8": "<f8", "f4": "<f4", "u1": "|u1"}
 _BROKEN = (msgspec.MsgspecError, ValueError, TypeError, NotImplementedError, RecursionError)
@@ -29,7 +31,13 @@ class Codec(Generic[MessageT]):
         try:
             return self._decoder.decode(message)
         except _BROKEN as error:
-            raise ExecutionError("MALFORMED", f"{len(message)} bytes that are no {self._what}: {error}") from error
+            found = f"{len(message)} bytes that are no {self._what}: {_explain(error)}"
+            raise ExecutionError("MALFORMED", found) from error
+
+
+def _explain(error: Exception) -> str:
+    place = re.match(r"Expected .* - at `\$\.?([^`]*)`$", str(error))
+    return f"{place[1] or 'it'} is not {reword(str(error))}" if place is not None else str(error)
 
 
 def _encode_array(value: Any) -> Any:

@@ -274,19 +274,18 @@ def test_a_foreign_tree_is_refused_with_line_and_column_what_is_possible_and_the
     assert result.code == 2
     assert result.out == ""
     for place, *parts in (
-        ("3:3: INVALID_VALUE: found the tree 'MainTree'", "Call it 'main_tree'."),
         (
             "5:7: UNKNOWN_NAME (leaf): found 'OpenGripper'",
             "expected attach, call, close_gripper,",
-            "Did you mean 'open_gripper'?",
+            "Did you mean 'open_gripper'? Write what none of them does in the behaviours.py of a skill.",
         ),
         ("6:7: UNKNOWN_NAME (leaf): found 'MoveTo'", "Did you mean 'move_to'?"),
-        ("6:7: INVALID_VALUE: found other='{Goal}'", "keys are small letters"),
+        ("6:7: INVALID_VALUE: found other='{Goal}'", "keys are small letters", "Write other='{goal}'."),
         ("7:7: INVALID_VALUE: found <Timeout msec='soon'>", "expected a number of milliseconds"),
         ("8:7: UNKNOWN_NAME (port): found 'objekt'", "Did you mean 'object'?"),
         ("9:7: INVALID_VALUE: found <Inverter> with 0 nodes in it", "expected one"),
         ("10:7: INVALID_VALUE: found <close_gripper> with 1 nodes in it", "expected none; they are held by Fallback,"),
-        ("11:7: INVALID_VALUE: found _autoremap='true'", "expected ports"),
+        ("11:7: INVALID_VALUE: found _autoremap='true'", "expected each port wired", "Write port='{key}' for each."),
         ("12:7: INVALID_VALUE: found a condition with {'name': 'is near'", "no name of its own"),
         ("12:7: SYNTAX:",),
         ("13:7: INVALID_VALUE: found 'soon'", "type number"),
@@ -318,11 +317,20 @@ def test_a_foreign_tree_is_refused_with_line_and_column_what_is_possible_and_the
             "<root BTCPP_format='4'><BehaviorTree ID='a'/><BehaviorTree ID='a'/></root>",
             ":1:46: INVALID_VALUE: found <BehaviorTree ID='a'>; expected each <BehaviorTree> once",
         ),
+        (
+            "<root BTCPP_format='4'><BehaviorTree ID='MyTree'/>\n<BehaviorTree ID='my tree'/></root>",
+            ":2:1: INVALID_VALUE: found <BehaviorTree ID='my tree'>; expected each <BehaviorTree> once, and",
+        ),
+        (
+            "<root BTCPP_format='4'><BehaviorTree ID='a'><wait/></BehaviorTree><TreeNodesModel><SubTree ID='a'>"
+            "\n<input_port name='b' type='number' default='{c}'/></SubTree></TreeNodesModel></root>",
+            ":2:1: INVALID_VALUE: found default='{c}'; expected a value. Write it, or wire the port where",
+        ),
         ("<root BTCPP_format='4'><BehaviorTree ID='a'/></root>", ":1:24: INVALID_VALUE: found 0 nodes in a tree;"),
         (
             "<root BTCPP_format='4'><BehaviorTree ID='a'><wait/></BehaviorTree><TreeNodesModel><SubTree ID='a'>"
             "\n<inout_port name='b'/></SubTree></TreeNodesModel></root>",
-            ":2:1: INVALID_VALUE: found <inout_port>; expected <input_port> or <output_port>",
+            ":2:1: INVALID_VALUE: found <inout_port>; expected <input_port> or <output_port>. Write an input",
         ),
         (
             "<root BTCPP_format='4'><BehaviorTree ID='a'><wait/></BehaviorTree><TreeNodesModel><SubTree ID='a'>"
@@ -387,6 +395,14 @@ def test_a_node_of_others_that_has_an_equal_here_is_imported(nodes, root, paos, 
         ('<Parallel success_count="2"><move_home/><move_home/><move_home/></Parallel>',
          ["2:1: INVALID_VALUE: found <Parallel success_count=\"2\">; expected all or 1 to succeed"]),
         ('<wait seconds="1" _skipIf="x == 1"/>', ["2:1: INVALID_VALUE: found _skipIf='x == 1'"]),
+        ("<ForceSuccess/>", ["2:1: INVALID_VALUE: found <ForceSuccess> with 0 nodes in it; expected one"]),
+        ('<LoopPose queue="{a}"><open_gripper/></LoopPose>',
+         ["2:1: UNKNOWN_NAME (control): found <LoopPose>; expected Fallback, Inverter, ReactiveFallback, "
+          "ReactiveSequence, Repeat, RetryUntilSuccessful, Sequence, cooldown, for_each, parallel, timeout. "
+          "Write <for_each>"]),
+        ('<Sequence><SubTree ID="Not-Here"/><SubTree ID="home" speed="1"/></Sequence>',
+         ["2:11: UNKNOWN_NAME (tree): found 'not_here'", "2:35: UNKNOWN_NAME (port): found 'speed'; expected (none). "
+          "Declare it as an input or output of 'home'."]),
         ('<wait seconds="NaN"/>', ["2:1: INVALID_VALUE: found .nan; expected a finite number"]),
         ('<wait name="a/b" seconds="1"/>', ["2:1: INVALID_VALUE: found 'a/b'; expected a name of one line"]),
     ],
@@ -399,6 +415,34 @@ def test_every_problem_below_a_node_of_others_is_told_in_one_run_in_the_order_of
     for line, wanted in zip(told, lines, strict=True):
         assert line.startswith(f"{tmp_path}/drawn.xml:{wanted}"), line
     assert not list(tmp_path.glob("trees/*"))
+
+
+def test_trees_of_others_get_names_of_this_project_and_so_do_the_nodes_that_mean_them(paos, tmp_path):
+    file = tmp_path / "others.xml"
+    file.write_text(
+        """<root BTCPP_format="4"><BehaviorTree ID="MainTree"><Sequence>
+          <SubTree ID="Re-Zero / Sensors" _external="false"/><wait seconds="1" _skipIf="false"/>
+        </Sequence></BehaviorTree><BehaviorTree ID="Re-Zero / Sensors"><open_gripper/></BehaviorTree></root>"""
+    )
+    assert paos("import", file, "--to", tmp_path).code == 0
+    again = file.read_text().replace("MainTree", "Other").partition('<BehaviorTree ID="Re')[0] + "</root>"
+    file.write_text(again)  # whose subtree was imported before
+
+    assert paos("import", file, "--to", tmp_path).code == 0
+    assert (tmp_path / "trees" / "other.yaml").read_text() == (
+        "tree: other\ndescription: Imported from others.xml, there 'Other'.\nroot:\n  sequence:\n    children:\n"
+        "    - subtree: {tree: re_zero_sensors}\n    - wait: {seconds: 1}\n"
+    )
+
+
+def test_a_subtree_that_cannot_be_read_is_no_tree_to_choose(paos, tmp_path):
+    file = tmp_path / "others.xml"
+    file.write_text(
+        """<root BTCPP_format="4"><BehaviorTree ID="a"><SubTree ID="b"/></BehaviorTree><BehaviorTree ID="b"><wait/>
+        </BehaviorTree><TreeNodesModel><SubTree ID="b"><input_port name="c"/></SubTree></TreeNodesModel></root>"""
+    )
+    result = paos("import", file)
+    assert "1:45: BROKEN_TREE: found 'b', which cannot be read; expected a sound tree. Mend 'b' first." in result.err
 
 
 def test_a_tree_drawn_with_explicit_tags_and_short_keys_becomes_yaml(paos, tmp_path):

@@ -7,6 +7,7 @@ An entry maps `start`, `check`, `run` and `reconcile` to a behaviour; what it le
 
 import json
 import os
+import signal
 import sys
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -52,7 +53,7 @@ def check(control, order: Check, how: str) -> Checked:
     if how in {"die", "slow lost", "hang"}:
         CLOCK.sleep(SLOW_S)
     if how == "die":
-        os._exit(1)
+        os.kill(os.getpid(), signal.SIGKILL)
     if how == "hang":
         CLOCK.sleep(60.0)
     if how == "until stopped":
@@ -65,7 +66,7 @@ def check(control, order: Check, how: str) -> Checked:
 
 def run(control, order: Run, how: str) -> Finished:
     if how == "die":
-        os._exit(1)
+        os.kill(os.getpid(), signal.SIGKILL)
     if how == "deaf":
         CLOCK.sleep(60.0)
     ended = Ended(wait_for_stop(control)) if how == "until stopped" else Ended.COMPLETED
@@ -74,7 +75,7 @@ def run(control, order: Run, how: str) -> Finished:
 
 def reconcile(order: Reconcile, how: str) -> Finished:
     if how == "die":
-        os._exit(1)
+        os.kill(os.getpid(), signal.SIGKILL)
     execution = Execution(ended=order.ended, evidence=order.evidence, message=order.reason)
     return Finished(session=order.session.id, execution=execution, is_target_lost=how == "lost")
 
@@ -84,7 +85,7 @@ def main() -> None:
     control = Connection(int(sys.argv[3]))
     control.recv_bytes()  # the token for its target, which it does not have
     if entry.get("start") == "die":
-        os._exit(1)
+        os.kill(os.getpid(), signal.SIGKILL)
     control.send_bytes(encode(Ready()))
     while True:
         match receive_order(control):

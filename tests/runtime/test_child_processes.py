@@ -1,6 +1,7 @@
 """What the children of a watchdog leave behind when they cannot start."""
 
 import io
+import os
 import weakref
 
 import pytest
@@ -21,6 +22,6 @@ def test_a_child_has_told_why_before_its_connections_close(monkeypatch):
     monkeypatch.setattr("sys.stderr", told)
     with pytest.raises(SystemExit) as end:
         processes.main(["worker", "--workspace", "w", "--target", "arm"])
-    assert end.value.code == 1
+    assert end.value.code == os.EX_SOFTWARE
     del end
     assert "MODEL_INVALID" in at_the_end[0]

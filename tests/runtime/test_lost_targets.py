@@ -2,6 +2,7 @@
 
 from multiprocessing import Pipe
 
+import msgspec
 import pytest
 
 from phyagentos.errors import ExecutionError, Problem
@@ -9,6 +10,7 @@ from phyagentos.protocol.capabilities.library import find_shipped_root
 from phyagentos.protocol.sessions.session import Ended, Execution
 from phyagentos.protocol.settings.safety import read_safety
 from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.codec import Codec
 from phyagentos.runtime.supervision.workers import explain_loss
 from phyagentos.runtime.worker.orders import Check, Checked, Finished, Reconcile, Run
 from phyagentos.store.follower import Follower
@@ -72,6 +74,19 @@ def test_a_worker_that_dies_or_loses_its_target_is_replaced_and_its_session_obse
     observed = worker.orders[-1]
     assert (observed.ended, observed.epoch > worker.orders[0].epoch) == (ended, True)
     assert (observed.reason, True in worker.kills) == (reason, ended is Ended.TARGET_LOST)
+
+
+class Left(ScriptedWorker):
+    was_left = True
+
+
+@pytest.mark.parametrize("order", ["check", "run"])
+def test_a_worker_that_python_of_a_person_ends_is_a_defect_that_another_attempt_would_meet_too(stand, order):  # noqa: F811
+    worker = stand.pursue(Left(**{f"on_{order}": lambda _: "die"}))
+
+    lost = worker.orders[-1]
+    assert lost.defect == f"the {'check' if order == 'check' else 'first tick'} of {lost.session.skill}"
+    assert f"Python of a person ended it, in {lost.defect}" in lost.reason
 
 
 def test_a_target_that_is_lost_again_and_again_ends_the_run_and_not_the_session_alone(stand):  # noqa: F811
@@ -171,6 +186,16 @@ def test_a_target_that_answers_with_what_is_no_reply_is_lost(answer):
         handle.observe()
 
     assert ours.closed
+
+
+class Carried(msgspec.Struct):
+    inventory: dict[str, int]
+
+
+def test_a_value_of_another_form_is_told_by_its_place_and_the_form_that_is_meant():
+    message = msgspec.msgpack.encode({"inventory": {"wood": "plenty"}})
+    with pytest.raises(ExecutionError, match=r"bytes that are no reply: inventory\[...\] is not a whole number$"):
+        Codec(Carried, "reply").decode(message)
 
 
 def test_a_world_that_has_ended_is_lost_for_the_last_line_of_its_log(tmp_path):

@@ -533,9 +533,10 @@ def test_the_trace_counts_commands_and_simulated_time_only(build_bench, build_se
 def test_after_a_lost_runner_the_target_is_halted_and_the_world_observed(build_bench, build_session):
     bench = build_bench()
     bench.handle.load(build_session().scene)
-    order = Reconcile(session=build_session(), epoch=2, evidence="evidence/x", reason="the worker died")
+    order = Reconcile(session=build_session(), epoch=2, evidence="evidence/x", reason="the worker died", defect="a/b")
     execution = bench.runner.observe_only(order, 2)
 
     assert (execution.ended, execution.message, execution.ticks) == (Ended.RUNNER_LOST, "the worker died", 0)
+    assert (execution.defect, execution.is_final) == ("a/b", True)
     assert (bench.workspace / "evidence" / "x" / evidence.AFTER).exists()
     assert was_halted(bench.target)

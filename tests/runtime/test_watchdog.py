@@ -70,6 +70,7 @@ class ScriptedWorker:
             return None
 
     pid = 0
+    was_left = False
 
     def has_lost_world(self) -> bool:
         return False

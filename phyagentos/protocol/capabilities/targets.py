@@ -15,7 +15,7 @@ from typing_extensions import override
 from phyagentos.errors import Problem
 from phyagentos.protocol.documents.document import DocumentFormat
 from phyagentos.protocol.documents.enclosure import leads_out
-from phyagentos.protocol.documents.schema import Authored
+from phyagentos.protocol.documents.schema import Authored, Box, NotNegative, Positive, Quaternion, Span
 from phyagentos.protocol.settings.operations import SESSION_OPERATIONS, Operation
 from phyagentos.protocol.world.friction import Surface
 
@@ -28,7 +28,6 @@ FINGERTIP_CLEAR_M = 0.006  # that the fingertips keep from what an object stands
 YAW_MAX_RAD = 3.1  # a heading is measured between half a turn to either side
 
 Triple = tuple[float, float, float]
-Quadruple = tuple[float, float, float, float]
 
 
 class Frame(Authored):
@@ -42,7 +41,7 @@ class Frame(Authored):
 
     body: str
     position_m: Triple = (0.0, 0.0, 0.0)
-    quaternion_wxyz: Quadruple = (1.0, 0.0, 0.0, 0.0)
+    quaternion_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 class PadBox(Frame):
@@ -112,7 +111,7 @@ class Ranges(Authored):
     """Least and greatest positions of joints by their names [rad, or m]."""
 
     model_config = pydantic.ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, tuple[float, float]]
+    __pydantic_extra__: dict[str, Span]
 
 
 class OmniWheels(Authored):
@@ -160,9 +159,9 @@ class Base(Authored):
     pose_min: Triple = (-3.0, -3.0, -3.1)
     pose_max: Triple = (3.0, 3.0, 3.1)
     joints: tuple[str, ...] = ()
-    torque_nm: tuple[float, ...] = ()
-    stiffness_nm_rad: tuple[float, ...] = ()
-    damping_nms_rad: tuple[float, ...] = ()
+    torque_nm: tuple[NotNegative, ...] = ()
+    stiffness_nm_rad: tuple[NotNegative, ...] = ()
+    damping_nms_rad: tuple[NotNegative, ...] = ()
     posture_rad: Posture = Posture.model_validate({})
     mass_kg: float | None = pydantic.Field(default=None, gt=0.0)
     wheels: OmniWheels | None = None
@@ -201,12 +200,12 @@ class Arm(Authored):
 
     joints: tuple[str, ...]
     home_rad: tuple[float, ...]
-    velocity_rad_s: tuple[float, ...]
-    acceleration_rad_s2: tuple[float, ...]
-    jerk_rad_s3: tuple[float, ...]
-    torque_nm: tuple[float, ...]
-    stiffness_nm_rad: tuple[float, ...]
-    damping_nms_rad: tuple[float, ...]
+    velocity_rad_s: tuple[Positive, ...]
+    acceleration_rad_s2: tuple[Positive, ...]
+    jerk_rad_s3: tuple[Positive, ...]
+    torque_nm: tuple[NotNegative, ...]
+    stiffness_nm_rad: tuple[NotNegative, ...]
+    damping_nms_rad: tuple[NotNegative, ...]
     armature_kg_m2: float = pydantic.Field(default=0.0, ge=0.0)
     payload_kg: float = pydantic.Field(default=0.0, ge=0.0)
     position_noise_rad: float = pydantic.Field(default=0.0, ge=0.0)
@@ -257,16 +256,16 @@ class Gripper(Authored):
     pad_boxes: tuple[PadBox, ...] = ()
     pad_surface: Surface | None = None
     max_width_m: float = pydantic.Field(ge=0.0)
-    stiffness_n_m: float
-    damping_ns_m: float
-    force_n: float
+    stiffness_n_m: NotNegative
+    damping_ns_m: NotNegative
+    force_n: NotNegative
     mass_kg: float = pydantic.Field(default=0.0, ge=0.0)
     speed_m_s: float = pydantic.Field(default=0.1, gt=0.0)
-    close_time_s: float = 0.4
-    palm_depth_m: float = 0.02
-    palm_height_m: float = 0.055
-    fingertip_m: float = 0.016
-    grasp_reach_m: float = 0.03
+    close_time_s: NotNegative = 0.4
+    palm_depth_m: NotNegative = 0.02
+    palm_height_m: NotNegative = 0.055
+    fingertip_m: NotNegative = 0.016
+    grasp_reach_m: NotNegative = 0.03
 
     @property
     def squeeze_m(self) -> float:
@@ -346,13 +345,13 @@ class TargetProfile(Authored):
     tool: Frame | None = None
     placement: ScenePlacement = ScenePlacement()
     mount_position_m: Triple = (0.0, 0.0, 0.0)
-    mount_quaternion_wxyz: Quadruple = (1.0, 0.0, 0.0, 0.0)
+    mount_quaternion_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
     stands_on_column: bool = False
-    control_period_s: float = 0.02
-    physics_step_s: float = 0.002
-    workspace_m: tuple[Triple, Triple] | None = None
-    grasp_band_m: tuple[float, float] = (0.34, 0.66)
-    contact_force_n: float = 100.0
+    control_period_s: Positive = 0.02
+    physics_step_s: Positive = 0.002
+    workspace_m: Box | None = None
+    grasp_band_m: Span = (0.34, 0.66)
+    contact_force_n: Positive = 100.0
     force_bias_n: float = pydantic.Field(default=0.0, ge=0.0)
     force_noise_n: float = pydantic.Field(default=0.0, ge=0.0)
     base: Base | None = None

@@ -5,11 +5,11 @@ are refused and the JSON Schema for editors comes from the same source.
 """
 
 import copy
+import operator
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, reduce
-from operator import getitem
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
@@ -33,6 +33,8 @@ from phyagentos.protocol.documents.yaml_syntax import QUOTE_OPEN, explain
 Address = tuple[str | int, ...]
 _Mapping = dict[Any, Any]
 ModelT = TypeVar("ModelT", bound="Authored")
+_Values = TypeVar("_Values", bound=tuple[float, ...])
+Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 MERGE = "tag:yaml.org,2002:merge"  # of the key '<<'
 SHOWN = 12  # values of a list that a message shows
 SALVAGE_ROUNDS = 4  # dropping a value may make its owner incomplete, and so on up
@@ -88,7 +90,7 @@ class Located:
 
     def at(self, path: Address) -> Any:
         """The value at a path; raises KeyError where it is gone."""
-        return reduce(getitem, path, self.data)
+        return reduce(operator.getitem, path, self.data)
 
     def address_of(self, path: Address) -> str:
         """`file:line:column` of the nearest enclosing value that is in the file."""
@@ -231,7 +233,7 @@ def validate(model: type[ModelT], located: Located, path: Address = ()) -> Model
     try:
         return model.model_validate(data)
     except pydantic.ValidationError as error:
-        items = _join_arities(error.errors())
+        items = _join_unions(located.data, path, [*_join_arities(error.errors())])
         problems = [_to_problem(model, located, path, item) for item in items]
         raise DefinitionError(list(dict.fromkeys(problems))) from error  # one behind '<<' is met at each copy
 
@@ -305,6 +307,24 @@ def _check_rising(span: tuple[float, float]) -> tuple[float, float]:
     return span
 
 
+def _check_corners(box: Corners) -> Corners:
+    if advice := advise_corners(box):
+        raise misfit("", "two corners, the least first", advice)
+    return box
+
+
+def advise_corners(box: Corners) -> str:
+    """What to write for a box that does not begin with its least corner; empty where it does."""
+    least, greatest = (list(map(of, *box)) for of in (min, max))
+    return "" if all(map(operator.lt, *box)) else f"Write [{show_value(least)}, {show_value(greatest)}], of some size."
+
+
+def _check_direction(values: _Values) -> _Values:
+    if not any(values):
+        raise misfit("", "a direction, which is not zero in every part", "Write 1 or -1 for one of them.")
+    return values
+
+
 def check_each(texts: tuple[str, ...], check: Callable[[str], object]) -> tuple[str, ...]:
     """The texts, in a validator of a model; raises ValueError with what is wrong with the first unsound one."""
     for text in texts:
@@ -317,6 +337,21 @@ def check_each(texts: tuple[str, ...], check: Callable[[str], object]) -> tuple[
 
 Span = Annotated[tuple[float, float], pydantic.AfterValidator(_check_rising)]
 """Least and greatest value."""
+Box = Annotated[Corners, pydantic.AfterValidator(_check_corners)]
+"""Least and greatest corner."""
+Direction = Annotated[tuple[float, float, float], pydantic.AfterValidator(_check_direction)]
+Quaternion = Annotated[tuple[float, float, float, float], pydantic.AfterValidator(_check_direction)]
+Positive = Annotated[float, pydantic.Field(gt=0.0)]
+NotNegative = Annotated[float, pydantic.Field(ge=0.0)]
+
+
+def _join_unions(data: Any, base: Address, errors: Sequence[Any]) -> Iterator[Any]:
+    """The same errors; of a value of two possible forms, those of the form that it has, else of the first."""
+    paths = [_strip_tags(data, (*base, *item["loc"])) for item in errors]
+    for index, (item, path) in enumerate(zip(errors, paths, strict=True)):
+        others = [each for i, each in enumerate(paths) if each[: len(path)] == path and (each != path or i < index)]
+        if item["type"] not in _CONTAINERS or not others:
+            yield item
 
 
 def _join_arities(errors: Sequence[Any]) -> Iterator[Any]:
@@ -422,6 +457,7 @@ def _phrase(kind: str, facts: Mapping[str, Any]) -> str:
 _UNITS = frozenset({"m", "kg", "s", "rad", "deg", "hz", "n", "nm", "px"})  # at the end of a key
 
 
+_CONTAINERS = frozenset({"list_type", "tuple_type", "dict_type", "model_type"})
 _STEPS = {  # by pydantic's kind of error
     "greater_than": "Write more than {gt:g}.",
     "greater_than_equal": "Write {ge:g} or more.",
@@ -440,7 +476,7 @@ _STEPS = {  # by pydantic's kind of error
 
 def _advise_numbers(model: type[Authored], loc: Address, kind: str, found: object) -> str:
     """What to write for a word where a list of numbers is expected; else empty."""
-    if kind not in {"tuple_type", "list_type"} or not isinstance(found, str) or not found.isalpha():
+    if kind not in {"tuple_type", "list_type"} or not isinstance(found, str) or found[:1].isdigit():
         return ""
     owners: list[object] = [model]
     for step in loc:

@@ -31,7 +31,7 @@ def convert_located(kind: type[StructT], located: Located, path: Address = ()) -
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
-        raise DefinitionError(located.problem("INVALID_VALUE", path, expected=_reword(str(error)))) from error
+        raise DefinitionError(located.problem("INVALID_VALUE", path, expected=reword(str(error)))) from error
 
 
 def build_struct_schema(kind: Any) -> tuple[Fields, Fields]:
@@ -120,7 +120,7 @@ _FORMS: dict[Any, tuple[str, str]] = {
 }
 
 
-def _reword(text: str) -> str:
+def reword(text: str) -> str:
     """What was expected, out of a sentence of msgspec: "Expected `float | null` >= 0, got `str` - at `$.x`"."""
     wanted = re.match(r"Expected `([^`]+)`((?: [<>]=? \S+| matching .*?| of length .*?)?)(?=, got| - at|$)", text)
     if wanted is None:
@@ -136,7 +136,7 @@ def _iter_leaf_problems(kind: Any, value: Any, located: Located, path: Address) 
     except msgspec.ValidationError as error:
         shown = repr(value) if isinstance(value, str | int | float | bool | None) else type(value).__name__
         expected, form = _FORMS.get(get_origin(kind) or kind, ("", ""))
-        expected, hint = expected or _reword(str(error)), advise_form(value, form)
+        expected, hint = expected or reword(str(error)), advise_form(value, form)
         if isinstance(kind, type) and issubclass(kind, Enum):
             names = [str(member.value) for member in kind]
             expected, hint = format_names(names), format_hint(str(value), names)

@@ -3,6 +3,7 @@
 Each limit names where its number comes from.
 """
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
@@ -11,7 +12,7 @@ import pydantic
 
 from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.documents.plain_data import Fields
-from phyagentos.protocol.documents.schema import Authored, Located, read_yaml, validate
+from phyagentos.protocol.documents.schema import Authored, Located, advise_corners, read_yaml, show_value, validate
 
 Provenance = Literal["controller_enforced", "planner_constrained", "site_policy", "measured"]
 Reaction = Literal["refuse", "stop_category_1", "stop_category_2", "clamp"]
@@ -187,6 +188,7 @@ def _check_limits(located: Located, target: str, limits: TargetLimits) -> Iterat
             continue  # nothing opens
         elif path[0] not in {"joint_position_min", "joint_position_max"} and min(as_numbers(limit)) <= 0.0:
             yield located.problem("INVALID_VALUE", (*at, "value"), str(limit.value), "greater than 0")
+    yield from _check_joints(located, target, limits)
     for code, reaction in limits.reactions.items():
         at = ("targets", target, "reactions", code)
         if code not in GUARDED:
@@ -200,12 +202,31 @@ def _is_per_joint(name: str, values: tuple[object, ...]) -> bool:
     return name in PER_JOINT and bool(values) and all(isinstance(each, float | int) for each in values)
 
 
+def _check_joints(located: Located, target: str, limits: TargetLimits) -> Iterator[Problem]:
+    """Lists are of one length, and each joint has some way to go."""
+    values = {name: as_numbers(getattr(limits, name)) for name in PER_JOINT}
+    (size, _), *_ = Counter(len(each) for each in values.values() if len(each) > 1).most_common() or [(1, 0)]
+    for name, numbers in values.items():
+        if numbers and len(numbers) not in {1, size}:
+            expected, more = f"one, or {size}: one per joint, as in the other lists", size - len(numbers)
+            hint = f"Add {more}." if more > 0 else f"Remove {-more}."
+            yield located.problem(
+                "INVALID_VALUE", ("targets", target, name, "value"), f"{len(numbers)} values", expected, hint
+            )
+    low, high = ((each * size)[:size] for each in (values["joint_position_min"], values["joint_position_max"]))
+    for joint, (least, most) in enumerate(zip(low, high, strict=False), 1):
+        if least >= most:
+            place, found = ("targets", target, "joint_position_max", "value"), f"{most:g} for joint {joint}"
+            hint = f"Write the greater of both here, and {min(least, most):g} there."
+            yield located.problem("INVALID_VALUE", place, found, f"more than its joint_position_min, {least:g}", hint)
+
+
 def _check_box(located: Located, at: tuple[str, ...], limit: Limit) -> Iterator[Problem]:
-    value = limit.value
-    if not isinstance(value, tuple) or len(value) != 2 or not all(isinstance(corner, tuple) for corner in value):
-        yield located.problem("INVALID_VALUE", at, str(value), "two corners of three numbers, least and greatest")
-    elif any(low >= high for low, high in zip(*value, strict=True)):
-        yield located.problem("INVALID_VALUE", at, str(value), "the least corner first")
+    corners = [each for each in limit.value if isinstance(each, tuple)] if isinstance(limit.value, tuple) else []
+    if len(corners) != 2:
+        yield located.problem("INVALID_VALUE", at, str(limit.value), "two corners of three numbers, least and greatest")
+    elif advice := advise_corners((corners[0], corners[1])):
+        yield located.problem("INVALID_VALUE", at, show_value(corners), "the least corner first", advice)
 
 
 def as_numbers(limit: Limit) -> tuple[float, ...]:

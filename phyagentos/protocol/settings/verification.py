@@ -11,7 +11,7 @@ import pydantic
 
 from phyagentos.errors import format_hint, format_names
 from phyagentos.plugins import Plugins
-from phyagentos.protocol.documents.schema import Authored, check_each
+from phyagentos.protocol.documents.schema import Authored, check_each, misfit
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 
@@ -84,9 +84,7 @@ class Verification(Authored):
         known = Plugins(JUDGE_ENTRY_POINTS, dict.fromkeys(JudgeName)).names()  # none is loaded
         for name in names:
             if name not in known:
-                raise ValueError(
-                    f"no judge {name!r}; possible: {format_names(known)}. {format_hint(name, known)}".strip()
-                )
+                raise misfit("", f"judges: {format_names(known)}", format_hint(name, known) or f"Remove {name!r}.")
         return names
 
     @pydantic.model_validator(mode="after")

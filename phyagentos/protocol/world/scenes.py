@@ -18,6 +18,7 @@ from phyagentos.geometry import UP, convert_euler, invert_rotation, rotate
 from phyagentos.protocol.documents.schema import (
     Address,
     Authored,
+    Direction,
     Located,
     Span,
     misfit,
@@ -260,7 +261,7 @@ class Light(Authored):
     """A lamp."""
 
     position_m: Number3
-    direction: Number3 = (0.0, 0.0, -1.0)
+    direction: Direction = (0.0, 0.0, -1.0)
     diffuse: Number3 = (0.6, 0.6, 0.6)
     shadow: bool = True
 

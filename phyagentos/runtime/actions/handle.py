@@ -26,6 +26,8 @@ from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.driver import VERBS
 from phyagentos.runtime.targets.wire import ReplyT
 
+OF_TARGETS = frozenset({"TARGET_LOST", "PROTOCOL_BROKEN"})  # codes by which a target itself is lost
+
 EXPIRY_PERIODS = 3  # an older command was made for a state that has passed
 
 OPERATIONS = {kind: verb.operation for kind, verb in VERBS.items() if verb.operation}  # of a session's manifest
@@ -367,7 +369,7 @@ class TargetSessionHandle:
     def _expect(self, kind: type[wire.RequestFor[ReplyT]], reply: wire.Reply) -> ReplyT:
         if isinstance(reply, wire.Refused):
             message = f"the target refused {kind.__name__}: {reply.message}"
-            message = reply.message if reply.code == "PROTOCOL_BROKEN" else message  # its answer, no refusal
+            message = reply.message if reply.code in OF_TARGETS else message  # no refusal, but no sound answer
             raise CommandRefused(reply.code, message, "target")
         return wire.require(kind, reply)
 

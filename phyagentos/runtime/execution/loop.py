@@ -10,7 +10,7 @@ from phyagentos.errors import DefectError, DefinitionError, ExecutionError, is_d
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.evidence import TAKEN_OVER
 from phyagentos.protocol.sessions.session import Ended
-from phyagentos.runtime.actions.handle import CommandRefused, TargetSessionHandle
+from phyagentos.runtime.actions.handle import OF_TARGETS, CommandRefused, TargetSessionHandle
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.execution.camera_recorder import CameraRecorder
 from phyagentos.runtime.execution.context import SkillContext
@@ -25,7 +25,6 @@ TIME_TOLERANCE_S = 1e-6  # sums of control periods are not exact
 PERIODS_AHEAD = 1  # sent before the report of the one before, where the skill's next set-points are fixed
 WAIT_S = 0.02  # longest sleep between looks at a planner, a cancellation, a deadline
 LEASE_LOST = "lease_lost"  # a reason for an end: the watchdog has not renewed the lease in time
-OF_TARGETS = frozenset({"TARGET_LOST", "PROTOCOL_BROKEN"})  # codes by which a target itself is lost
 
 
 @dataclass(frozen=True, slots=True)

@@ -253,7 +253,8 @@ def _problem_unknown(tree: Tree, node: Node, library: Library, registry: LeafReg
         place = (*node.address, "tree")
         if node.type not in known:
             return tree.located.unknown("tree", place, node.type, known)
-        return tree.located.problem("BROKEN_TREE", place, repr(node.type), format_names(known))
+        unread, hint = f"{node.type!r}, which cannot be read", f"Mend {node.type!r} first."
+        return tree.located.problem("BROKEN_TREE", place, unread, "a sound tree", hint)
     found = tree.located.unknown("leaf", node.address, node.type, registry.names())
     return replace(found, hint=format_hint(node.type, [*registry.names(), *_CONTROL_WORDS]))
 
@@ -265,7 +266,10 @@ def _iter_wiring_problems(tree: Tree, node: Node, ports: Ports, written: dict[st
         place = (*base, *split_path(port))
         known = [*inputs, *outputs]
         if port not in known:
-            yield tree.located.unknown("port", place, port, known)
+            unknown = tree.located.unknown("port", place, port, known)
+            declare = f"Declare it as an input or output of {node.type!r}."
+            is_bare = node.kind is NodeKind.SUBTREE and not known
+            yield replace(unknown, hint=declare) if is_bare else unknown
         elif isinstance(value, Reference):
             yield from _iter_reference_problems(tree, place, value, {**inputs, **outputs}[port], written)
         elif port in outputs:

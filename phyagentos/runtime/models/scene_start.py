@@ -17,6 +17,7 @@ from phyagentos.protocol.documents.schema import Located, read_yaml
 from phyagentos.protocol.settings.sensors import CameraSettings, Sensors
 from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.models.camera_model import find_mounting
+from phyagentos.runtime.models.compiling import explain
 from phyagentos.runtime.models.scene import add_scene, draw_bodies
 from phyagentos.runtime.models.world import Robot, compile_scene, name_prefix
 
@@ -46,6 +47,8 @@ def find_start_problems(path: Path, seed: int | None = None, robot: Robot | None
             model = compile_scene([robot], spec, each).model if robot is not None else world.compile()
         except ExecutionError as error:
             return [located.problem(error.code, ("areas",), str(error).partition(": ")[2])]
+        except (ValueError, mujoco.FatalError) as error:
+            return [explain(str(error), path)]
         data = mujoco.MjData(model)
         mujoco.mj_fwdPosition(model, data)
         if problems := [*_iter_overlaps(spec, located, model, data), *_iter_unsupported(spec, located, model, data)]:

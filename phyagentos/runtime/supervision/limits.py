@@ -53,6 +53,11 @@ class HeartbeatMonitor:
         self._has_begun = False
         self.restart()
 
+    def find_leaf(self, session: str) -> str:
+        """Path of the leaf that was active at the latest heartbeat of a session; empty before its first."""
+        beat = find_heartbeat(self._folder, self._target)
+        return beat.leaf if beat is not None and beat.session == session else ""
+
     def restart(self) -> None:
         """Count from now: a new claim, or a new worker."""
         self._looked_at_s = self._heard_at_s = self._clock.now_s()

@@ -69,7 +69,7 @@ class Supervision:
 class Lost:
     """A session whose runner or target was lost while it ran; its effect is unknown until the world is observed.
 
-    `code` is what it ends under; that of `ended` when empty.
+    `code` is what it ends under; that of `ended` when empty. `defect` is where Python of a person ended the runner.
     """
 
     session: Session
@@ -77,6 +77,7 @@ class Lost:
     reason: str
     ended: Ended = Ended.RUNNER_LOST
     code: str = ""
+    defect: str = ""
 
     def make_order(self) -> Reconcile:
         """The order to observe the world that it left, under an epoch that no command of it had."""
@@ -87,6 +88,7 @@ class Lost:
             reason=self.reason,
             ended=self.ended,
             code=self.code,
+            defect=self.defect,
         )
 
     def make_unobserved(self) -> Execution:
@@ -311,12 +313,17 @@ class TargetSupervisor:
         if ended is Ended.RUNNER_LOST and (words := read_end(log)):
             reason += f"; logs/{log.name} ends with {words!r}"
         self.worker.kill()  # before it is recorded: a worker that is only slow must not go on afterwards
+        defect = ""
+        if session is not None and ended is Ended.RUNNER_LOST and self.worker.was_left:
+            begun = "check" if self.phase is Phase.CHECKING else "first tick"
+            defect = self.monitor.find_leaf(session.id) or f"the {begun} of {session.skill}"
+            reason += f"; Python of a person ended it, in {defect}"
         if session is not None and (state := self._journal.get_state(session.id)) not in FINAL_STATES:
             if state is not SessionState.OUTCOME_UNKNOWN:
                 lost = make_entry(session.id, "lose", self.epoch, reason=reason)
                 self._journal.record(*self._journal.open_check(session.id, self.epoch), lost)
             if self.lost is None or ended is Ended.TARGET_LOST:  # the first loss is the one that is reported
-                self.lost = Lost(session, self.epoch, reason, ended, code)
+                self.lost = Lost(session, self.epoch, reason, ended, code, defect)
         if self.lost is None:
             self._queues.release(self.target)
         self.failures += self.phase in {Phase.STARTING, Phase.RECONCILING}

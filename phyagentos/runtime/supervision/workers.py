@@ -83,6 +83,11 @@ class ChildProcess:
         """Process id."""
         return self._process.pid
 
+    @property
+    def exit_code(self) -> int | None:
+        """How it ended, negative by a signal; None while it runs."""
+        return self._process.poll()
+
     def wait(self, timeout_s: float) -> None:
         """Until it has ended by itself, at most so long [s]."""
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -138,6 +143,12 @@ class Worker:
     def pid(self) -> int:
         """Process id of the worker that is there now."""
         return self._worker.pid
+
+    @property
+    def was_left(self) -> bool:
+        """Whether Python of a person ended the worker, as `os._exit` does: its own errors end it with `EX_SOFTWARE`."""
+        code = self._worker.exit_code
+        return code is not None and code >= 0 and code != os.EX_SOFTWARE
 
     def send(self, message: ToWorker) -> None:
         """Give an order, with the tokens of its epochs; that a worker is gone shows at the next `receive`."""

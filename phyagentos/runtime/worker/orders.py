@@ -96,6 +96,7 @@ class Reconcile(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         code: Under which the session ends; that of `ended` when empty.
+        defect: Where Python of a person ended the runner.
         tokens: Of this epoch and of those after it: an earlier observer may have been lost too.
     """
 
@@ -105,6 +106,7 @@ class Reconcile(msgspec.Struct, frozen=True, tag=True):
     reason: str
     ended: Ended = Ended.RUNNER_LOST
     code: str = ""
+    defect: str = ""
     tokens: tuple[bytes, ...] = (b"",) * OBSERVERS
 
 

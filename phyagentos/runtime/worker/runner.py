@@ -157,7 +157,13 @@ class SessionRunner:
         self._world.enter(order.session.scene)
         return self._close_unmoved(
             order.session,
-            outcome=Outcome(ended=order.ended, code=order.code or order.ended.upper(), message=order.reason),
+            outcome=Outcome(
+                ended=order.ended,
+                code=order.code or order.ended.upper(),
+                message=order.reason,
+                is_final=bool(order.defect),
+                defect=order.defect,
+            ),
             recorder=recorder,
             evidence=order.evidence,
         )
