@@ -18,6 +18,8 @@ PRINTED = {
     "07_skill": "2 files checked, no problem",
     "08_robot": "no problem",
     "09_driver": "stops_in_an_emergency: satisfied",
+    "10_leader": "led at 0.2: 5 rows to 0.50\nled at 0.3: 27 rows to 0.60",
+    "11_gamepad": "12 rows, 0.06 m away, opening 0.08 m, handed back: True",
 }
 
 

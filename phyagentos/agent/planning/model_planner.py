@@ -1,8 +1,9 @@
 """The engine that asks a language model for a plan; every step is checked against the same problem as of any engine.
 
 The model sees the goal, what is true now and the operators, as text of a context, and answers with names of operators.
-What a step lacks, an overfull place or a stage that is not reached goes back to it; steps that a plan does not need are
-left out. What it cannot name cannot be done.
+It is shown the operators that can matter to the goal, and of each what can. What a step lacks, an overfull place or a
+stage that is not reached goes back to it; steps that a plan does not need, and those after the goal, are left out. What
+it cannot name cannot be done.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,7 +19,15 @@ from phyagentos.agent.context.dialogue import (
     build_response_format,
     read_object,
 )
-from phyagentos.agent.planning.problem import Condition, Fact, Operator, Plan, PlanningProblem, iter_states
+from phyagentos.agent.planning.problem import (
+    Condition,
+    Fact,
+    Operator,
+    Plan,
+    PlanningProblem,
+    iter_states,
+    keep_relevant,
+)
 from phyagentos.protocol.documents.schema import Authored
 
 STEPS_MAX = 12
@@ -50,10 +59,11 @@ class ModelPlanner(LanguageModel):
         """A plan that reaches the goal, or None, which proves nothing."""
         found = check_plan(problem, ())
         if isinstance(found, list):
-            names = sorted(each.name for each in problem.operators)
+            relevant = keep_relevant(problem)
+            names = sorted(each.name for each in relevant.operators)
             steps = build_list({"enum": names}, least=1, most=STEPS_MAX)
             form = build_response_format("plan", build_object({"steps": steps}, "steps"))
-            sections = (*_describe(problem), *self.known)
+            sections = (*_describe(relevant), *self.known)
             found = self.converse(sections, _INSTRUCTION, form, lambda text: _read(text, problem))
         self.refused[:] = found if isinstance(found, list) else ()
         return None if isinstance(found, list) else shorten(problem, found)
@@ -105,14 +115,16 @@ def _render(literals: Mapping[Fact, bool], facts: Sequence[Fact]) -> str:
 
 
 def _read(text: str, problem: PlanningProblem) -> Plan | list[str]:
-    """The plan of an answer, or its problems."""
+    """The plan of an answer, up to where the goal is reached, or its problems."""
     answer = read_object(text, ModelPlan)
     if isinstance(answer, list):
         return answer
     operators = {each.name: each for each in problem.operators}
     if strange := [f"no such action: {name}" for name in answer.steps if name not in operators]:
         return strange
-    return check_plan(problem, [operators[name] for name in answer.steps])
+    steps = [operators[name] for name in answer.steps]
+    found = (check_plan(problem, steps[:count]) for count in range(1, len(steps)))
+    return next((each for each in found if isinstance(each, Plan)), None) or check_plan(problem, steps)
 
 
 def _describe(problem: PlanningProblem) -> tuple[Section, ...]:

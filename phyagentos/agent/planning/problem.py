@@ -9,7 +9,7 @@ fact differently, or where they share a place that could be overfull; the rest m
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from typing import Any
 
@@ -102,6 +102,45 @@ class CausalLink:
     fact: Fact
     value: bool
     needed_by: int | None
+
+
+def keep_relevant(problem: PlanningProblem) -> PlanningProblem:
+    """The operators that a plan without needless steps can have, and of what they require and change what can matter.
+
+    A literal that is true from the start, and that none of these operators undoes, needs nothing to bring it about.
+    """
+    goal = {
+        (fact, kept)
+        for stage in problem.stages
+        for each in stage
+        for fact, value in each.literals
+        for kept in ((value,) if each.most >= len(each.literals) else (True, False))
+    }
+    operators: tuple[Operator, ...] = ()
+    found: tuple[Operator, ...] | None = None
+    while found != operators:
+        operators = found or ()
+        made = {change for each in operators for change in each.changes.items()}
+        full = problem.initial | {fact for fact, value in made if value}
+        tight = (each for each in problem.capacities if sum(each.weights.get(fact, 0) for fact in full) > each.most)
+        wanted = goal | {(fact, False) for each in tight for fact in each.weights}
+        wanted |= {literal for each in operators for literal in each.requires.items()}
+        useful = {(f, value) for f, value in wanted if (f in problem.initial) is not value or (f, not value) in made}
+        found = tuple(each for each in problem.operators if not useful.isdisjoint(each.changes.items()))
+    facts = {fact for fact, _ in useful | goal}
+    return replace(
+        problem,
+        initial=problem.initial & facts,
+        exact=(),
+        operators=tuple(
+            replace(
+                each,
+                requires={fact: value for fact, value in each.requires.items() if fact in facts},
+                changes={fact: value for fact, value in each.changes.items() if fact in facts},
+            )
+            for each in operators
+        ),
+    )
 
 
 def iter_states(problem: PlanningProblem, plan: Plan) -> Iterator[Mapping[Fact, bool]]:

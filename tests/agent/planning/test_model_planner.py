@@ -2,12 +2,13 @@
 
 import itertools
 import json
+import random
 
 import pytest
 
 from phyagentos.agent.planning.answer_sets import solve
 from phyagentos.agent.planning.model_planner import ModelPlanner, check_plan, shorten
-from phyagentos.agent.planning.problem import Capacity, Condition, Operator, Plan, PlanningProblem
+from phyagentos.agent.planning.problem import Capacity, Condition, Operator, Plan, PlanningProblem, keep_relevant
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.network.chat import Completion
@@ -58,7 +59,7 @@ def test_a_plan_that_reaches_each_stage_counts():
 
 
 def test_steps_that_nothing_needs_are_left_out():
-    found, _, _ = plan(["open", "open", "knock", "put", "close", "open", "close"])
+    found, _, _ = plan(["open", "open", "knock", "put", "close", "knock", "put"])
 
     assert name_steps(found) == ["open", "put", "close"]
 
@@ -69,7 +70,7 @@ def test_steps_that_nothing_needs_are_left_out():
         (["put", "close"], "step 1, put, needs opened"),
         (["open", "close", "put"], "step 3, put, needs opened"),
         (["open", "put"], "not true at the end: closed"),
-        (["open", "put", "close", "knock"], "not true at the end: inside"),
+        (["open", "put", "knock", "close"], "not true at the end: inside"),
         (["open", "close"], "never true: inside"),
         (["fly"], "no such action: fly"),
         ([], "steps: "),
@@ -125,3 +126,54 @@ def test_the_check_agrees_with_the_engine_that_ships():
     right = [each for each in plans if isinstance(check_plan(PROBLEM, each), Plan)]
     assert right == [found.operators]
     assert shorten(PROBLEM, found) == found
+
+
+def test_it_is_shown_only_what_can_matter():
+    far = make_operator("far", requires={"lit": True}, changes={"elsewhere": True})
+    lit = PlanningProblem(
+        operators=(
+            OPEN,
+            make_operator("put", {"opened": True, "lit": True}, {"inside": True, "elsewhere": False}),
+            far,
+        ),
+        initial=frozenset({"lit"}),
+        stages=(wants("inside"),),
+    )
+    _, planner, _ = plan(["open", "put"], problem=lit)
+
+    (text,) = planner.shown.values()
+    assert "put:\n  requires: opened\n  makes: inside\n" in text
+    assert "far" not in text
+    assert "lit" not in text
+
+
+def draw_problem(chance):
+    facts = "abcdef"
+
+    def draw_literals(most):
+        return {fact: chance.random() < 0.6 for fact in chance.sample(facts, chance.randint(1, most))}
+
+    operators = [make_operator(f"step{n}", draw_literals(2), draw_literals(3)) for n in range(6)]
+    stages = [
+        tuple(
+            Condition(tuple(found.items()), chance.randint(1, len(found)), len(found) - chance.randint(0, 1))
+            for found in [draw_literals(2)]
+        )
+        for _ in range(chance.randint(1, 2))
+    ]
+    initial = frozenset(chance.sample(facts, 2))
+    capacities = (Capacity("tray", {"a": 1, "b": 1, "c": 1}, max(1, len(initial & set("abc")))),)
+    return PlanningProblem(operators=tuple(operators), initial=initial, stages=tuple(stages), capacities=capacities)
+
+
+def test_what_can_matter_is_enough_for_the_shortest_plan():
+    problems = [draw_problem(random.Random(seed)) for seed in range(80)]
+    plans = [(problem, solve(problem), solve(keep_relevant(problem))) for problem in problems]
+    solved = [each for each in plans if isinstance(each[1], Plan)]
+
+    assert len(solved) > 12
+    for problem, whole, kept in solved:
+        assert len(kept.reached) == len(whole.reached)
+        names = {each.name: each for each in problem.operators}
+        assert isinstance(check_plan(problem, [names[each.name] for each in kept.operators]), Plan)
+        assert sum(each.cost for each in kept.operators) <= sum(each.cost for each in whole.operators)
