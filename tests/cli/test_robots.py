@@ -158,10 +158,12 @@ def test_reasons_of_planning_are_in_words():
 
 def test_a_home_is_drafted_above_the_floor(paos, model, monkeypatch):
     monkeypatch.setenv("PHYAGENTOS_MODELS", str(model.parents[1]))
-    model.write_text(MODEL.replace('"elbow" axis="0 0 1"', '"elbow" axis="0 1 0"'))
+    pitched = MODEL.replace('"elbow" axis="0 0 1" range="-2.5', '"elbow" axis="0 1 0" range="0')
+    based = pitched.replace('<body name="upper"', '<body><geom size="0.05"/><body name="upper"')
+    model.write_text(based.replace("</worldbody>", "</body></worldbody>"))
     assert paos("robot", "new", model, "--name", "arm").code == ExitCode.GOAL_MET
     _, elbow_rad = yaml.safe_load(Path("robots/arm/target.yaml").read_text())["arm"]["home_rad"]
-    assert elbow_rad < 0.0, "its lower arm would be in the floor"
+    assert elbow_rad < 1.2, "its lower arm would be in the floor"
 
 
 def test_a_robot_without_a_hand_is_tried_and_sent_back_for_one(paos, model, monkeypatch):
