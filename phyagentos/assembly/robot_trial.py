@@ -1,6 +1,7 @@
 """A robot tried alone in simulation: where its grasps reach, how well it follows, returns and holds."""
 
 import io
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,16 +10,19 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.physics import Physics
-from phyagentos.runtime.motion.draft_settling import measure_reach
+from phyagentos.runtime.motion.draft_settling import build_floor, find_level, measure_reach
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.requests import (
     Approaches,
     Array,
     FindGrasps,
     Motion,
+    MotionAnswer,
+    NoPlan,
     PlanMove,
     TimeLine,
     Trajectory,
@@ -30,9 +34,10 @@ FRONT_RAD = np.radians(40.0)  # to either side of the x axis, for the band of di
 HOLD_S, RETURNS, REST_S = 5.0, 5, 1.0
 DRAWS = 5 * RETURNS  # of postures, of which some are not free
 LAG_MAX_RAD, RETURN_MAX_M, SLIP_MAX_M = 0.05, 0.001, 0.003
-FLOOR, FLOOR_M = "floor", (3.0, 3.0, 0.02)  # and its half sizes
 TOOL = "`tool` (see paos robot render), `mount_position_m`, the height of its base"
+REASONS, WORDS = 3, {"ik": "out of reach", "line": "no straight line down"}  # shown, and what planning calls them
 CUBE, SHARE, LARGEST_M = "cube", 0.6, 0.04  # what is grasped: this share of the opening, at most so wide
+MASS_KG = 0.1  # as of the cubes in shipped scenes
 FAR_M = 2.5  # where it stands for a robot that takes nothing
 Cells = Mapping[tuple[float, float], bool]
 
@@ -60,12 +65,13 @@ def run_trial(profile: TargetProfile, folder: Path) -> Trial:
     """Try a robot; raises DefinitionError of its profile or model."""
     planner = MotionPlanner(profile, folder)
     half_m = min(SHARE * profile.gripper.max_width_m, LARGEST_M) / 2
-    cells = _map_grasps(planner, half_m) if half_m else {}
+    cells, refused = _map_grasps(planner, half_m) if half_m else ({}, Counter())
     band_m = find_band(cells)
     findings = []
     if half_m:
         share = sum(cells.values()) / len(cells)
-        shown = f"{band_m[0]:.2f} to {band_m[1]:.2f} m in front" if band_m else "nowhere in front"
+        nowhere = f"nowhere in front ({show_reasons(refused)})"
+        shown = f"{band_m[0]:.2f} to {band_m[1]:.2f} m in front" if band_m else nowhere
         findings += [
             Finding(
                 "grasps of a cube on the level of the base",
@@ -78,7 +84,7 @@ def run_trial(profile: TargetProfile, folder: Path) -> Trial:
     middle_m = float(np.mean(band_m)) if band_m else FAR_M
     reached = [at for at, found in cells.items() if found]
     place = min(reached, key=lambda at: abs(at[0] - middle_m) + abs(at[1]), default=(FAR_M, FAR_M))
-    scene, bodies = _build_scene(half_m or LARGEST_M, (*place, _find_level(profile)))
+    scene, bodies = _build_scene(half_m or LARGEST_M, (*place, find_level(planner.robot)))
     physics = Physics.alone(profile, folder, scene, seed=0)
     physics.start(0.3)
     findings += _try_returns(planner, physics, World(bodies))
@@ -86,23 +92,27 @@ def run_trial(profile: TargetProfile, folder: Path) -> Trial:
     return Trial(tuple(findings), band_m, _draw(cells, band_m))
 
 
-def _find_level(profile: TargetProfile) -> float:
-    """Height at which objects stand [m]: that of the base, or of what its column stands on."""
-    return 0.0 if profile.stands_on_column else profile.mount_position_m[2]
-
-
-def _map_grasps(planner: MotionPlanner, half_m: float) -> Cells:
-    """Whether a cube of `half_m` can be taken at places (x, y) [m] around the base, from home."""
+def _map_grasps(planner: MotionPlanner, half_m: float) -> tuple[Cells, Counter[str]]:
+    """Whether a cube of `half_m` can be taken at places (x, y) [m] around the base, from home; and what refused it."""
     reach_m, (x0, y0, _) = measure_reach(planner.robot), planner.robot.profile.mount_position_m
     line = np.round(np.linspace(-reach_m, reach_m, 2 * CELLS + 1), 3).tolist()
     places = [(x + x0, y + y0) for x in line for y in line if 0.1 * reach_m < np.hypot(x, y) <= reach_m]
-    level_m = _find_level(planner.robot.profile)
-    return {at: _find_grasps(planner, _list_bodies(half_m, (*at, level_m))) is not None for at in places}
+    answers = {at: _find_grasps(planner, _list_bodies(half_m, (*at, find_level(planner.robot)))) for at in places}
+    refused = Counter[str]()
+    for answer in answers.values():
+        refused.update(answer.rejected if isinstance(answer, NoPlan) else {})
+    return {at: isinstance(answer, Approaches) for at, answer in answers.items()}, refused
 
 
-def _find_grasps(planner: MotionPlanner, bodies: tuple[Entity, ...]) -> Approaches | None:
-    answer = planner.answer(FindGrasps(world=World(bodies), object=CUBE, q_rad=planner.robot.home_rad, seed=0, count=1))
-    return answer if isinstance(answer, Approaches) else None
+def _find_grasps(planner: MotionPlanner, bodies: tuple[Entity, ...]) -> MotionAnswer:
+    return planner.answer(FindGrasps(world=World(bodies), object=CUBE, q_rad=planner.robot.home_rad, seed=0, count=1))
+
+
+def show_reasons(refused: Mapping[str, int]) -> str:
+    """The most frequent reasons for which motions were refused, for people."""
+    found = [(reason, Contact.parse(reason)) for reason, _ in Counter(refused).most_common(REASONS)]
+    said = [f"{pair.body} touches {pair.other}" if pair else WORDS.get(reason, reason) for reason, pair in found]
+    return "; ".join(said)
 
 
 def find_band(cells: Cells) -> tuple[float, float] | None:
@@ -120,18 +130,15 @@ def find_band(cells: Cells) -> tuple[float, float] | None:
 def _list_bodies(half_m: float, foot_m: tuple[float, float, float]) -> tuple[Entity, ...]:
     """A wide floor, and a cube that stands on it at `foot_m`."""
     x, y, level_m = foot_m
-    solids = {FLOOR: (FLOOR_M, (0.0, 0.0, level_m - FLOOR_M[2])), CUBE: ((half_m,) * 3, (x, y, level_m + half_m))}
-    return tuple(
-        Entity(name=name, kind=name, pose=Pose(at), movable=name == CUBE, shapes=(Shape(ShapeKind.BOX, size_m),))
-        for name, (size_m, at) in solids.items()
-    )
+    cube = Shape(ShapeKind.BOX, (half_m,) * 3)
+    return build_floor(level_m), Entity(name=CUBE, kind=CUBE, pose=Pose((x, y, level_m + half_m)), shapes=(cube,))
 
 
 def _build_scene(half_m: float, foot_m: tuple[float, float, float]) -> tuple[SceneSpec, tuple[Entity, ...]]:
     """The same as a scene, and as planning has it."""
     bodies = _list_bodies(half_m, foot_m)
     written = {
-        each.name: {"kind": each.kind, "fixed": not each.movable, "material": "wood", "mass_kg": 0.05,
+        each.name: {"kind": each.kind, "fixed": not each.movable, "material": "wood", "mass_kg": MASS_KG,
                     "place": {"position_m": each.pose.position_m},
                     "shapes": [{"kind": "box", "size_m": each.shapes[0].size_m}]}
         for each in bodies
@@ -153,25 +160,27 @@ def _follow(physics: Physics, rows: Trajectory, width_m: float) -> float:
     return lag_rad
 
 
-def _move(planner: MotionPlanner, world: World, q_rad: Array, goal_rad: Array) -> Trajectory | None:
-    answer = planner.answer(PlanMove(world=world, q_rad=q_rad, goals_rad=goal_rad[None], seed=0))
-    return answer.trajectory if isinstance(answer, Motion) else None
+def _move(planner: MotionPlanner, world: World, q_rad: Array, goal_rad: Array) -> MotionAnswer:
+    return planner.answer(PlanMove(world=world, q_rad=q_rad, goals_rad=goal_rad[None], seed=0))
 
 
 def _try_returns(planner: MotionPlanner, physics: Physics, world: World) -> list[Finding]:
     """From home to postures around it and back: how far joints lag, and how far apart the returns are."""
     home, width_m = planner.robot.home_rad, planner.robot.profile.gripper.max_width_m
     low, high = np.maximum(home - 0.5, planner.robot.q_min_rad), np.minimum(home + 0.5, planner.robot.q_max_rad)
-    lags, tools = list[float](), list[Array]()
+    lags, tools, refused = list[float](), list[Array](), Counter[str]()
     for goal in np.random.default_rng(0).uniform(low, high, (DRAWS, len(home))):
         if len(tools) == RETURNS:
             break
         out, back = _move(planner, world, home, goal), _move(planner, world, goal, home)
-        if out is not None and back is not None:
-            lags += [_follow(physics, out, width_m), _follow(physics, back, width_m)]
+        if isinstance(out, NoPlan):
+            refused.update(out.rejected)
+        if isinstance(out, Motion) and isinstance(back, Motion):
+            lags += [_follow(physics, each.trajectory, width_m) for each in (out, back)]
             tools.append(np.array(physics.data.site(planner.robot.profile.tcp).xpos))
     if not tools:
-        return [Finding("motions around home", "none was planned", is_well=False, change="`home_rad`, `parked_rad`")]
+        why = f"none was planned ({show_reasons(refused)})"
+        return [Finding("motions around home", why, is_well=False, change=f"`home_rad`, `parked_rad`, {TOOL}")]
     spread_m, lag_rad = float(np.linalg.norm(np.ptp(tools, axis=0))), max(lags)
     servos = "`stiffness_nm_rad`, `damping_nms_rad`, `armature_kg_m2`"
     return [
@@ -190,12 +199,13 @@ def _try_hold(planner: MotionPlanner, physics: Physics, half_m: float, bodies: t
     )
     change = "`pad_boxes`, `gripper.force_n`, `gripper.palm_depth_m`, `tool` (see paos robot render)"
     found = _find_grasps(planner, bodies)
-    line = found.approaches[0].line_rad if found is not None else home[None]
+    line = found.approaches[0].line_rad if isinstance(found, Approaches) else home[None]
     over = _move(planner, World(bodies), home, line[0])
     down, up = planner.answer(TimeLine(line)), planner.answer(TimeLine(line[::-1]))
-    if over is None or not isinstance(down, Motion) or not isinstance(up, Motion):
-        return [Finding(what, "no motion to it was planned", is_well=False, change=f"`home_rad`; {TOOL}")]
-    _follow(physics, over, gripper.max_width_m)
+    if not isinstance(over, Motion) or not isinstance(down, Motion) or not isinstance(up, Motion):
+        why = f"no motion to it was planned ({show_reasons(over.rejected if isinstance(over, NoPlan) else {})})"
+        return [Finding(what, why, is_well=False, change=f"`home_rad`; {TOOL}")]
+    _follow(physics, over.trajectory, gripper.max_width_m)
     _follow(physics, down.trajectory, gripper.max_width_m)
     close_s = gripper.max_width_m / gripper.speed_m_s + gripper.close_time_s
     for width_m in np.linspace(gripper.max_width_m, 0.0, round(close_s / planner.robot.profile.physics_step_s)):

@@ -20,9 +20,6 @@ from phyagentos.operations.robots import DraftedProfile, KnownRobot, ProfileChec
 from phyagentos.operations.ros2 import DraftedSettings, draft_ros2
 from phyagentos.wording import count
 
-ENOUGH_M = 0.85  # reach that needs no smaller scenes: they are laid out for an arm of 0.9
-FAR_M, LEAST = 1.0, 0.5  # reach of scenes as they are, with a margin; how small they become
-NEARER = 0.4  # of what it then lacks
 _FROM_HELP = "MODEL is written first: that of a running robot, by its /robot_description."
 _TYPE_HELP = "FILE.yaml is written first, by LeRobot, which knows robots of this type; nothing is connected."
 Name = Annotated[str, typer.Argument(metavar="ROBOT", help="Name of a target, as `paos robot list` prints it.")]
@@ -61,20 +58,25 @@ def render(
 def try_(
     robot: Name,
     to: Annotated[Path, typer.Option("--to", metavar="FILE.png", help="Where the map goes.")] = Path("reach.png"),
+    written: Annotated[bool, typer.Option("--write", help="Write what it measures into the profile.")] = False,
 ) -> Reply[RobotTrial]:
     """Try a robot alone in simulation: reach of grasps, opening, lag, returns, hold; exit code 1 if one is not well."""
-    found = robots.try_robot(robot, to)
+    found = robots.try_robot(robot, to, is_written=written)
     rows = [(each.what, each.measured, "well" if each.well else "not well") for each in found.findings]
     notes = [f"wrote {to}", *(f"{each.what}: change {each.change}" for each in found.findings if each.change)]
-    if found.band_m is not None:
-        near_m, far_m = found.band_m
-        nearer = f", move_m: [{NEARER * (far_m - LEAST):.3f}, 0, 0]" if far_m < LEAST * FAR_M else ""
-        placing = f" and placement: {{scale: {max(far_m / FAR_M, LEAST):.2f}{nearer}}}" if far_m < ENOUGH_M else ""
-        notes.append(f"write into its profile: grasp_band_m: [{near_m:.2f}, {far_m:.2f}]{placing}")
-        notes.append(f"next: paos run tidy_table --set targets.arm={robot}")
-    elif not found.takes:
+    if not found.takes:
         notes.append("it has no hand that opens, so no grasp was tried: draft it anew with --hand, or write `gripper`")
-    code = ExitCode.GOAL_MET if all(each.well for each in found.findings) else ExitCode.GOAL_NOT_MET
+    entries = ", ".join(f"{key}: {value}" for key, value in found.entries.items())
+    if entries and written:
+        notes.append(f"wrote into its profile: {entries}")
+    elif entries:
+        notes.append(f"its profile has not yet: {entries}; write it by hand, or: paos robot try {robot} --write")
+    is_well = all(each.well for each in found.findings)
+    if is_well and found.takes:
+        notes.append(f"next: paos run tidy_table --set targets.arm={robot}")
+    elif not is_well:
+        notes.append(f"next: change {found.file}, then: paos robot try {robot}")
+    code = ExitCode.GOAL_MET if is_well else ExitCode.GOAL_NOT_MET
     return Reply(found, build_table(("", "measured", ""), rows), notes, code)
 
 

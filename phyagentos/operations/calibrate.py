@@ -47,8 +47,23 @@ def calibrate_robot(robot: str, ask: Callable[[str], None]) -> CalibratedRobot:
 def write_settings(text: str, settings: Mapping[str, object]) -> str:
     """The text of a profile with these values in its block `settings`, each on its line; comments elsewhere stay."""
     lines = text.splitlines()
-    first = next(k for k, line in enumerate(lines) if line.startswith("settings:")) + 1
-    last = next((k for k in range(first, len(lines)) if lines[k].strip() and not lines[k][0].isspace()), len(lines))
-    kept = [line for line in lines[first:last] if line.strip().partition(":")[0] not in settings]
+    first, last = _find_entry(lines, "settings")
+    kept = [line for line in lines[first + 1 : last] if line.strip().partition(":")[0] not in settings]
     new = [f"  {key}: {json.dumps(value)}" for key, value in settings.items()]
-    return "\n".join([*lines[:first], *kept, *new, *lines[last:]]) + "\n"
+    return "\n".join([*lines[: first + 1], *kept, *new, *lines[last:]]) + "\n"
+
+
+def write_entries(text: str, entries: Mapping[str, str]) -> str:
+    """The text of a profile with these entries of its top level, as YAML on a line each; what is new comes last."""
+    lines = text.splitlines()
+    for key, value in entries.items():
+        first, last = _find_entry(lines, key)
+        lines[first:last] = [f"{key}: {value}"]
+    return "\n".join(lines) + "\n"
+
+
+def _find_entry(lines: list[str], key: str) -> tuple[int, int]:
+    """The first line of an entry of the top level, and the one behind its last; both behind all lines without it."""
+    first = next((k for k, line in enumerate(lines) if line.startswith(f"{key}:")), len(lines))
+    last = next((k for k in range(first + 1, len(lines)) if lines[k].strip() and not lines[k][0].isspace()), len(lines))
+    return first, last

@@ -8,10 +8,17 @@ import msgspec
 
 from phyagentos.assembly.project import open_library
 from phyagentos.errors import DefinitionError, Problem, relocate
+from phyagentos.operations.calibrate import write_entries
 from phyagentos.operations.export import Written
+from phyagentos.operations.ros2 import require_own
 from phyagentos.protocol.capabilities.targets import is_beside
+from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.settings.safety import Safety, read_safety
 from phyagentos.scratch import open_scratch
+
+ENOUGH_M = 0.85  # reach that needs no smaller scenes: they are laid out for an arm of 0.9
+FAR_M, LEAST = 1.0, 0.5  # reach of scenes as they are, with a margin; how small they become
+NEARER = 0.4  # of what it then lacks
 
 
 class KnownRobot(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,14 +67,16 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True):
 class RobotTrial(msgspec.Struct, frozen=True, kw_only=True):
     """What a robot did alone in simulation; `band_m` is where it can take objects in front, none where it cannot.
 
-    `takes` is whether it has a hand that opens.
+    `takes` is whether it has a hand that opens; `entries` are what `file`, its profile, should say of this, as YAML.
     """
 
     robot: str
+    file: Path
     findings: tuple[Measured, ...]
     band_m: tuple[float, float] | None
     picture: Path
     takes: bool = True
+    entries: dict[str, str] = {}
 
 
 class DraftedProfile(msgspec.Struct, frozen=True, kw_only=True):
@@ -149,22 +158,41 @@ def render_robot(robot: str, to: Path) -> Written:
     return Written(file=to)
 
 
-def try_robot(robot: str, to: Path) -> RobotTrial:
-    """Try a robot alone in simulation, and draw where its grasps reach; raises DefinitionError of profile or model."""
+def try_robot(robot: str, to: Path, *, is_written: bool = False) -> RobotTrial:
+    """Try a robot alone in simulation, and draw where its grasps reach; `is_written` into its profile too.
+
+    Raises DefinitionError of profile or model, and `UNKNOWN_NAME` where a profile of the package should be written.
+    """
     from phyagentos.assembly.robot_trial import run_trial
     from phyagentos.runtime.models.robot import read_profile
 
-    if problems := check_robot(robot).problems:
+    if problems := (checked := check_robot(robot)).problems:
         raise DefinitionError(problems)
-    profile, folder = read_profile(open_library().get_target(robot))
+    if is_written:
+        require_own(robot, checked.file.parent)
+    profile, folder = read_profile(checked.file)
     trial = run_trial(profile, folder)
     to.write_bytes(trial.picture)
     findings = tuple(
         Measured(what=each.what, measured=each.measured, well=each.is_well, change="" if each.is_well else each.change)
         for each in trial.findings
     )
+    entries = _list_entries(*trial.band_m) if trial.band_m is not None else {}
+    if entries and is_written:
+        text = checked.file.read_text(encoding="utf-8")
+        replace_durably(checked.file, write_entries(text, entries).encode())
     takes = profile.end_effector == "opening"
-    return RobotTrial(robot=robot, findings=findings, band_m=trial.band_m, picture=to, takes=takes)
+    return RobotTrial(
+        robot=robot, file=checked.file, findings=findings, band_m=trial.band_m, picture=to, takes=takes, entries=entries
+    )
+
+
+def _list_entries(near_m: float, far_m: float) -> dict[str, str]:
+    """What a profile says of distances [m] between which objects can be taken: these, and how scenes come so near."""
+    entries = {"grasp_band_m": f"[{near_m:.2f}, {far_m:.2f}]"}
+    nearer = f", move_m: [{NEARER * (far_m - LEAST):.3f}, 0, 0]" if far_m < LEAST * FAR_M else ""
+    placing = {"placement": f"{{scale: {max(far_m / FAR_M, LEAST):.2f}{nearer}}}"} if far_m < ENOUGH_M else {}
+    return entries | placing
 
 
 def draft_robot(

@@ -51,6 +51,15 @@ def _describe(profile: "TargetProfile", folder: Path) -> str:
     return text + describe_geometry(profile, folder, lambda *_: "}")
 
 
+def require_own(robot: str, folder: Path) -> None:
+    """Raise DefinitionError `UNKNOWN_NAME` for a robot that is none of this project."""
+    if not folder.resolve().is_relative_to(Path.cwd()):
+        hint = "Copy its folder into robots/ of the project."
+        raise DefinitionError.of(
+            "UNKNOWN_NAME", str(folder), f"{robot!r}, a robot of the package", "one of here", hint=hint
+        )
+
+
 def write_beside(robot: str, name: str, describe: "Callable[[TargetProfile, Path], str]") -> DraftedSettings:
     """Write a file of this name beside a robot's profile, by which a kit serves it.
 
@@ -60,11 +69,7 @@ def write_beside(robot: str, name: str, describe: "Callable[[TargetProfile, Path
 
     profile, folder = read_profile(open_library().get_target(robot))
     place = folder / name
-    if not folder.resolve().is_relative_to(Path.cwd()):
-        hint = "Copy its folder into robots/ of the project."
-        raise DefinitionError.of(
-            "UNKNOWN_NAME", str(folder), f"{robot!r}, a robot of the package", "one of here", hint=hint
-        )
+    require_own(robot, folder)
     if place.exists():
         raise DefinitionError.of("WOULD_OVERWRITE", str(place), "a file", "none", hint="Move it away for a new draft.")
     text = describe(profile, folder)

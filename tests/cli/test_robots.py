@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from phyagentos.assembly import robot_trial
 from phyagentos.assembly.robot_trial import find_band
@@ -134,6 +135,35 @@ def test_the_motions_of_a_trial_stay_above_the_floor_and_a_finding_names_what_de
     lag = next(each for each in findings if each.what == "joints behind their set-points")
     assert lag.is_well, lag
     assert "`stiffness_nm_rad`" in lag.change
+
+
+def test_what_a_trial_measures_is_written_into_the_profile_of_a_project_on_request(paos, model, monkeypatch):
+    monkeypatch.setenv("PHYAGENTOS_MODELS", str(model.parents[1]))
+    monkeypatch.setattr(robot_trial, "run_trial", lambda *_: robot_trial.Trial((), (0.1234, 0.4), b""))
+    assert paos("robot", "new", model, "--name", "arm").code == ExitCode.GOAL_MET
+    assert "robot try arm --write" in paos("robot", "try", "arm").err
+    assert paos("robot", "try", "arm", "--write").code == ExitCode.GOAL_MET
+    text = Path("robots/arm/target.yaml").read_text()
+    assert "grasp_band_m: [0.12, 0.40]\n" in text
+    assert "placement: {scale: 0.50, move_m: [-0.040, 0, 0]}\n" in text
+    assert paos("robot", "check", "arm").code == ExitCode.GOAL_MET
+    read_profile_here("panda")
+    assert_refused(paos("robot", "try", "panda", "--write"), "'panda', a robot of the package")
+
+
+def test_reasons_of_planning_are_in_words():
+    refused = {"ik": 5, "line": 2, "finger|cube": 9, "far": 1}
+    assert robot_trial.show_reasons(refused) == "finger touches cube; out of reach; no straight line down"
+
+
+def test_a_home_is_drafted_above_the_floor(paos, model, monkeypatch):
+    monkeypatch.setenv("PHYAGENTOS_MODELS", str(model.parents[1]))
+    pitched = MODEL.replace('"elbow" axis="0 0 1" range="-2.5', '"elbow" axis="0 1 0" range="0')
+    based = pitched.replace('<body name="upper"', '<body><geom size="0.05"/><body name="upper"')
+    model.write_text(based.replace("</worldbody>", "</body></worldbody>"))
+    assert paos("robot", "new", model, "--name", "arm").code == ExitCode.GOAL_MET
+    _, elbow_rad = yaml.safe_load(Path("robots/arm/target.yaml").read_text())["arm"]["home_rad"]
+    assert elbow_rad < 1.2, "its lower arm would be in the floor"
 
 
 def test_a_robot_without_a_hand_is_tried_and_sent_back_for_one(paos, model, monkeypatch):

@@ -18,8 +18,12 @@ _REFUSALS = (
      "a mass and an inertia above zero, in its <inertial>"),
     (r"eigenvalues|A \+ B >= C|inertia must|mass must", "link {0} with an inertia that no solid has",
      "ixx, iyy, izz above zero [kg m^2], each at most the sum of the others, and products below these"),
+    (r"range\[0\] should be smaller", "joint {0} with a lower limit above its upper one", "the lesser one first"),
+    (r"unknown element '([^']*)'|'([^']*)' not found|unknown default class name '([^']*)'",
+     "{1!r}, which nothing in the model is called", "the name of an element of the model"),
+    (r"'([^']*)' does not have enough data", "<{0}> with too few numbers in {1}", "more numbers"),
     (r"axis too small", "joint {0} with an axis of no length", 'a direction, such as 0 0 1'),
-    (r"size \d must be positive|sizes? .*positive", "a solid {0} without size", "sizes above zero [m]"),
+    (r"size \d must be positive|sizes? .*positive", "a shape {0} that has no size", "sizes above zero [m]"),
     (r"element '([^']*)' is repeated in equality", "joint {1}, coupled with itself", "another joint that it follows"),
     (r"repeated (?:name|URDF name):? ?'?([^'\n]*)", "the name {1!r} twice", "a name of its own for each element"),
     (r"mesh volume is too small|faces of mesh|coplanar|qhull|at least 4 vertices", "mesh {0}, which encloses no volume",
@@ -68,7 +72,8 @@ def explain(text: str, *paths: Path) -> Problem:
     for pattern, found, expected in _REFUSALS:
         if match := re.search(pattern, text):
             held = next((each for each in match.groups() if each), "")
-            return Problem("MODEL_INVALID", address, found.format(repr(name) if element else name, held), expected)
+            named = repr(name) if element and name else name or "without a name"
+            return Problem("MODEL_INVALID", address, found.format(named, held), expected)
     said = _HEAD.sub("", text.strip().splitlines()[0])
     found = f"{name!r}, of which MuJoCo says: {said}" if name else f"what MuJoCo refuses: {said}"
     return Problem("MODEL_INVALID", address, found, "a model that MuJoCo compiles")

@@ -38,6 +38,8 @@ def find_mesh(name: str, address: str, folders: list[Path], *, is_solid: bool) -
     for base, rest in places:
         if (base / rest).is_file():
             kind, stem = Path(rest).suffix.lower(), Path(rest).stem
+            if (damage := _find_damage(base / rest)) is not None:
+                return Problem("UNREADABLE_FILE", address, f"{name!r}, {damage[0]}", "a whole mesh", damage[1])
             if kind in kinds:
                 return base / rest
             install = f" {format_install('collada')}" if kind == COLLADA else ""
@@ -51,7 +53,23 @@ def find_mesh(name: str, address: str, folders: list[Path], *, is_solid: bool) -
             )
     near = next((like for base, rest in places if (like := _find_like(base, rest))), "")
     hint = f"Did you mean {name[: len(name) - len(near)] + near!r}?" if near else ""
+    package = re.match(r"(?:package|model)://([^/]+)", name)
+    if package is not None and not near:
+        hint = f"Put the folder {package[1]} beside the model, above it, or below that of {MODELS}."
     return Problem("UNREADABLE_FILE", address, f"no file {name!r}", "a mesh at that path from the model", hint)
+
+
+def _find_damage(file: Path) -> tuple[str, str] | None:
+    """Why a file holds no mesh, and what to do: a pointer of Git LFS in its place, nothing, or a torn binary STL."""
+    with file.open("rb") as opened:
+        head = opened.read(_HEAD)
+    size, count = file.stat().st_size, int.from_bytes(head[_HEAD - 4 :], "little")
+    if head.startswith(b"version https://git-lfs"):
+        return "which is a pointer of Git LFS, not the file", "Bring it: git lfs pull, in the folder of the model."
+    is_torn = (
+        file.suffix.lower() == ".stl" and not head.lstrip().startswith(b"solid") and size != _HEAD + count * _RECORD
+    )
+    return ("which is torn", "Copy or download it anew.") if is_torn or not size else None
 
 
 def _iter_places(name: str, folders: list[Path]) -> Iterator[tuple[Path, str]]:

@@ -233,6 +233,7 @@ def read_model(path: Path, arguments: Mapping[str, str] = {}, replaced: Collecti
         except ValueError as error:
             raise DefinitionError(explain(str(error), path)) from error
     spec = source.spec
+    _name_all(spec)
     left_out = settle_meshes(spec, path, list(dict.fromkeys(file.parent for file in iter_files(path))), replaced)
     for body in spec.bodies:
         body.mocap = False  # a mark that others move
@@ -241,6 +242,13 @@ def read_model(path: Path, arguments: Mapping[str, str] = {}, replaced: Collecti
         spec.delete(element)
     remarks = (*source.remarks, *map(describe_left_out, [left_out] if left_out else []))
     return replace(source, remarks=remarks, forces=forces)
+
+
+def _name_all(spec: mujoco.MjSpec) -> None:
+    """Name the bodies and joints of a MJCF that have no name, by which all else finds them."""
+    for kind, elements in (("body", spec.bodies), ("joint", spec.joints)):
+        for index, element in enumerate(elements):
+            element.name = element.name or f"{kind}_{index}"
 
 
 def read_remarks(profile: TargetProfile, folder: Path) -> tuple[str, ...]:

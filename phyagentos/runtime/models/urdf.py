@@ -23,6 +23,7 @@ _COUNTS = {
     **dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz", "lower", "upper", "effort", "velocity"), 1),
     **dict.fromkeys(("radius", "length", "multiplier", "offset", "damping", "friction"), 1),
 }  # of numbers in an attribute
+_NOT_NEGATIVE = {"radius", "length", "size", "effort", "velocity", "value"}
 _SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "capsule": ("radius", "length")}
 _AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
 _PRODUCTS = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
@@ -62,7 +63,7 @@ def read_urdf(path: Path, arguments: Mapping[str, str] = {}, replaced: Collectio
         ) from error
     except expat.ExpatError as error:
         raise DefinitionError.of(
-            "MODEL_INVALID", address=f"{path}:{error.lineno}", found="no whole XML", expected="every tag closed"
+            "MODEL_INVALID", f"{path}:{error.lineno}", f"no whole XML: {error}", "every tag closed, and text in UTF-8"
         ) from error
     if problems := list(document.iter_problems()):
         raise DefinitionError(problems)
@@ -141,6 +142,8 @@ class _Document:
                         found=f'<{element.tag} {name}="{element.attrib[name]}">',
                         expected="a number" if expected == 1 else f"{expected} numbers",
                     )
+                elif name in _NOT_NEGATIVE and min(map(float, values)) < 0.0:
+                    yield self._problem(element, f'<{element.tag} {name}="{element.attrib[name]}">', "none below zero")
 
     def _iter_names(self) -> Iterator[Problem]:
         for tag in ("link", "joint"):
@@ -184,7 +187,8 @@ class _Document:
             - reached
         ):
             reached |= fresh
-        for name in links.keys() - reached:
+        is_whole = children <= links.keys() and all(_get(each, "parent", "link") in links for each in joints.values())
+        for name in [each for each in links if each not in reached] if is_whole else ():
             yield self._problem(links[name], f"link {name!r} in a ring of joints", "one link that is no joint's child")
 
     def _iter_motion(self, name: str, joint: ElementTree.Element) -> Iterator[Problem]:
@@ -212,6 +216,10 @@ class _Document:
                     shown.attrib.pop("name", None)
                 named.add(shown.get("name"))
                 shape = next(iter(shown.findall("geometry/*")), None)
+                if shape is not None and shape.tag not in {*_SIZES, "mesh"}:
+                    problems.append(
+                        self._problem(shape, f"<{shape.tag}> in link {name!r}", f"{', '.join(_SIZES)}, mesh")
+                    )
                 if shape is None or (shape.tag in _SIZES and self._is_flat(shape)):
                     empty.append(f"a {shown.tag} of link {name!r} without size")
                     link.remove(shown)
@@ -276,7 +284,7 @@ def describe_left_out(files: Collection[str]) -> str:
     """What is missing in pictures of the robot, in a line."""
     names = sorted(set(files))
     shown = f"{', '.join(names[:6])}{' ...' if len(names) > 6 else ''}"
-    return f"left out of pictures: {shown}, which is absent or of no kind that is read"
+    return f"left out of pictures: {shown}, which is absent, torn or of no kind that is read"
 
 
 def _get(element: ElementTree.Element, tag: str, name: str) -> str:

@@ -22,7 +22,7 @@ _REFUSALS = (
     (r"Undefined parameters \[([^\]]*)\]", "a macro that is called without {0}", "a value for each parameter"),
     (r'Invalid parameter "([^"]*)"', "the parameter {0!r}, which its macro does not have", "a parameter of the macro"),
     (r"variable '([^']*)' is not set", "the environment variable {0} without a value", "one that is set"),
-    (r"not well-formed|mismatched tag|no element found", "no whole XML", "every tag closed"),
+    (r"((?:not well-formed|mismatched tag|no element found).*)", "no whole XML: {0}", "every tag closed"),
 )  # fmt: skip
 
 
@@ -71,5 +71,5 @@ def _explain(text: str, package: str, path: Path, arguments: Mapping[str, str]) 
     for pattern, found, expected in _REFUSALS:
         if match := re.search(pattern, text):
             return Problem("MODEL_INVALID", address, found.format(next(filter(None, match.groups()), "")), expected)
-    said = next(iter(text.strip().splitlines()), "nothing")
+    said = "; ".join(dict.fromkeys(line.strip() for line in text.splitlines() if line.strip())) or "nothing"
     return Problem("MODEL_INVALID", address, f"what cannot be expanded; xacro says: {said}", "a whole xacro file")

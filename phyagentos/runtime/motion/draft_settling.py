@@ -11,7 +11,7 @@ from phyagentos.errors import DefinitionError
 from phyagentos.geometry import compute_inverse, compute_matrix, compute_rotation, convert_euler
 from phyagentos.protocol.capabilities.targets import FINGERTIP_CLEAR_M, TargetProfile
 from phyagentos.protocol.settings.safety import UNITS
-from phyagentos.protocol.world.environment import Pose
+from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.models.compiling import compile_model
 from phyagentos.runtime.models.drafting import ProfileDraft
 from phyagentos.runtime.models.hand import HandMotion, measure_hand
@@ -29,6 +29,7 @@ PROBE, DEPTHS_M = "probe", np.arange(0.0, 0.1, 0.001)  # what it may touch above
 LEAST_DEPTH_M, DEPTH_CLEAR_M = 0.005, 0.003  # above the tool centre point, and below what else would touch
 TAKEN_SHARE, FACING_COS = 0.6, 0.92  # of the opening, for what is taken; what a check demands of pads, and some more
 LEAST_M = 0.05  # half of a workspace, where the tool stays on the axis of the only joint
+FLOOR_M = (3.0, 3.0, 0.02)  # half sizes of a floor
 SAMPLES = 300  # postures of which the arm's reach and its home are found
 HOMES = [(x, z) for x in (0.5, 0.4, 0.6, 0.3) for z in (0.3, 0.2, 0.45)]  # of the tool, in shares of the reach
 TURNS_RAD = (0.0, np.pi / 2, -np.pi / 2, np.pi)
@@ -171,17 +172,35 @@ def _find_mount(robot: RobotModel, reach_m: float) -> Pose:
     return max(MOUNTS, key=count)
 
 
+def find_level(robot: RobotModel) -> float:
+    """Height at which objects stand [m]: that of the base, or of what its column stands on."""
+    return 0.0 if robot.profile.stands_on_column else robot.profile.mount_position_m[2]
+
+
+def build_floor(level_m: float) -> Entity:
+    """A wide floor on which objects stand."""
+    pose, shape = Pose((0.0, 0.0, level_m - FLOOR_M[2])), Shape(ShapeKind.BOX, FLOOR_M)
+    return Entity(name="floor", kind="floor", pose=pose, movable=False, shapes=(shape,))
+
+
 def _find_home(robot: RobotModel, reach_m: float) -> Array:
-    """A posture (n_joints,) that is free: the tool down in front, if there is one."""
-    chain, scene = build_chain(robot), PlanningScenes(robot).get_scene(World(entities=()))
+    """A posture (n_joints,) that is free, and above the floor if one is: the tool down in front, if there is one."""
+    floors = (build_floor(find_level(robot)),)
+    homes = [home_rad for entities in (floors, ()) for home_rad in _find_free(robot, reach_m, World(entities))[:1]]
+    return homes[0] if homes else robot.home_rad
+
+
+def _find_free(robot: RobotModel, reach_m: float, world: World) -> list[Array]:
+    """Free postures (n_joints,), the best first."""
+    chain, scene = build_chain(robot), PlanningScenes(robot).get_scene(world)
     seeds, middle = _draw_postures(chain), (robot.q_min_rad + robot.q_max_rad) / 2
     pose = np.diag((1.0, -1.0, -1.0, 1.0))
     for x, z in HOMES if robot.profile.end_effector == "opening" else ():
         pose[:3, 3] = x * reach_m, 0.0, z * reach_m
         if free := [q_rad for q_rad in chain.solve_all(pose, seeds[:60], 0.1)[0] if scene.is_free(q_rad)]:
-            return min(free, key=lambda q_rad: float(np.linalg.norm(q_rad - middle)))
+            return sorted(free, key=lambda q_rad: float(np.linalg.norm(q_rad - middle)))
     zero = np.clip(0.0 * middle, robot.q_min_rad, robot.q_max_rad)
-    return next((q_rad for q_rad in (robot.home_rad, zero, *seeds) if scene.is_free(q_rad)), robot.home_rad)
+    return [q_rad for q_rad in (robot.home_rad, zero, *seeds) if scene.is_free(q_rad)]
 
 
 def _render_limits(draft: ProfileDraft, profile: TargetProfile, robot: RobotModel, reach_m: float) -> str:

@@ -80,7 +80,9 @@ def test_a_mesh_is_found_by_every_form_of_reference_and_read_in_both_forms(tmp_p
         ("package://x/assets/part.STL", ("UNREADABLE_FILE", "Did you mean 'package://x/assets/part.stl'?")),
         ("assets/part.dae", ("MODEL_INVALID", "'assets/part.dae'", "Convert it", "[collada]")),
         ("assets/part.fbx", ("MODEL_INVALID", "'assets/part.fbx'", "Convert it")),
-        ("assets/torn.stl", ("MODEL_INVALID", "torn", "200000 triangles")),
+        ("package://x/gone.stl", ("UNREADABLE_FILE", "folder x", "PHYAGENTOS_MODELS")),
+        ("assets/torn.stl", ("UNREADABLE_FILE", "r.urdf:3", "'assets/torn.stl', which is torn")),
+        ("assets/pointer.stl", ("UNREADABLE_FILE", "r.urdf:3", "git lfs pull")),
     ],
 )
 def test_a_solid_that_cannot_be_read_is_named_and_a_picture_is_left_out_with_a_remark(
@@ -91,11 +93,11 @@ def test_a_solid_that_cannot_be_read_is_named_and_a_picture_is_left_out_with_a_r
     for kind in ("dae", "fbx"):
         (tmp_path / "assets" / f"part.{kind}").write_text("<COLLADA/>")
     (tmp_path / "assets" / "torn.stl").write_bytes(bytes(90))
+    (tmp_path / "assets" / "pointer.stl").write_text("version https://git-lfs.github.com/spec/v1\nsize 9\n")
     found = find_refusal(tmp_path / "r.urdf", with_mesh(name))
     assert all(each in found for each in says), found
-    if "torn" not in name:
-        (tmp_path / "r.urdf").write_text(with_mesh(name, "visual"))
-        assert Path(name).name in read_model(tmp_path / "r.urdf").remarks[0]
+    (tmp_path / "r.urdf").write_text(with_mesh(name, "visual"))
+    assert Path(name).name in read_model(tmp_path / "r.urdf").remarks[0]
 
 
 @pytest.mark.parametrize("old", ["", "contype", "pair", "include", "attach", "hand"])
@@ -146,8 +148,11 @@ def test_the_absent_mesh_of_a_solid_is_never_left_out_of_a_mjcf(tmp_path, old):
         ('link name="arm"', 'link name="base"', ("r.urdf:3", "link 'base' twice")),
         ('<inertia ixx="1" iyy="1" izz="1"/>', "", ("r.urdf:3", "link 'arm'", "without inertia")),
         ("</robot>", f"{JOINT.replace('turn', 'more').replace('base', 'arm')}</robot>", ("link 'arm'", "one parent")),
+        ('velocity="2"', 'velocity="-2"', ("r.urdf:5", '<limit velocity="-2">', "below zero")),
+        ('box size="0.1', 'box size="-0.1', ("r.urdf:3", "<box size=", "below zero")),
+        ('box size="0.1 0.1 0.1"', "cone", ("r.urdf:3", "<cone> in link 'arm'", "cylinder")),
         ("robot", "sdf", ("r.urdf:1", "<sdf>", "<robot>")),
-        ("</robot>", "", ("no whole XML",)),
+        ("</robot>", "", ("no whole XML: no element found",)),
     ],
 )  # fmt: skip
 def test_what_no_robot_can_be_made_of_is_named_with_its_line_and_what_to_write(tmp_path, old, new, says):
@@ -199,6 +204,10 @@ def test_a_mesh_that_encloses_nothing_counts_as_a_shell(tmp_path):
         ("<mujoco><include file='gone.xml'/></mujoco>", ("UNREADABLE_FILE", "gone.xml")),
         ("<mujoco><worldbody><geom type='blob'/></worldbody></mujoco>", ("m.xml:1", "'blob'", "<geom>")),
         ("<mujoco>\n<extension><plugin plugin='a.b'/></extension></mujoco>", ("m.xml:2", "plugin a.b")),
+        (
+            "<mujoco><contact><exclude body1='a' body2='world'/></contact></mujoco>",
+            ("m.xml:1", "'a', which nothing in the model is called"),
+        ),
         ("<sdf/>", ("<sdf>", "URDF")),
         ("text", ("no whole XML",)),
     ],
@@ -207,3 +216,11 @@ def test_what_mujoco_refuses_of_a_mjcf_is_said_in_words_of_this_project(tmp_path
     found = find_refusal(tmp_path / "m.xml", text)
     assert all(each in found for each in says), found
     assert "Error" not in found
+
+
+def test_bodies_and_joints_without_a_name_get_one(tmp_path):
+    body = "<body><joint/><geom size='0.1'/><body><joint/><geom size='0.1'/></body></body>"
+    (path := tmp_path / "m.xml").write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    spec = read_model(path).spec
+    assert [each.name for each in spec.joints] == ["joint_0", "joint_1"]
+    assert all(each.name for each in spec.bodies)
