@@ -98,7 +98,8 @@ class Kinematics:
 
     def _swings_out(self, rows_rad: Array) -> bool:
         """Whether the smooth motion through a line that stops at the end of a joint's range goes beyond it."""
-        low, high, kept = self.chain.q_min_rad + AT_END_RAD, self.chain.q_max_rad - AT_END_RAD, drop_duplicates(rows_rad)
+        low, high = self.chain.q_min_rad + AT_END_RAD, self.chain.q_max_rad - AT_END_RAD
+        kept = drop_duplicates(rows_rad)
         if len(kept) < 2 or not np.any((kept < low) | (kept > high)):
             return False
         return self._robot.exceeds_limits(fit_spline(kept)(np.linspace(0.0, 1.0, SAMPLES * len(kept))))

@@ -83,7 +83,7 @@ class RobotModel:
         return np.array(self.profile.arm.home_rad)
 
     def exceeds_limits(self, q_rad: Array) -> bool:
-        """Whether a motion (n, n_joints) comes nearer to the end of a joint than the guard permits, or than it began."""
+        """Whether a motion (n, n_joints) comes nearer to the end of a joint than the guard permits, or it began."""
         low = np.minimum(self.q_min_rad + JOINT_END_RAD, q_rad[0])
         high = np.maximum(self.q_max_rad - JOINT_END_RAD, q_rad[0])
         return bool(np.any(q_rad < low) or np.any(q_rad > high))

@@ -295,7 +295,7 @@ def _compare_beside(thing: ObjectModel, patch: Patch, views: Views, found: Fit, 
 def _compare_unturned(
     thing: ObjectModel, patch: Patch, views: Views, found: Fit, rotation: Array, obstacle: Solids | None
 ) -> Fit:
-    """The fit, or the one that has kept its rotation (3, 3) on its way, where that is as good: no start may be near it."""
+    """The fit, or one that has kept its rotation (3, 3) on its way, where that is as good: no start may be near it."""
     start = next(iter_starts(thing, patch.points_m, (rotation,)))
     kept = _finish(thing, patch, views, *start, obstacle)
     turned = compute_rotation_vector(choose_symmetric(thing, found.rotation, kept.rotation) @ kept.rotation.T)
@@ -393,7 +393,7 @@ def _swing(rotation: Array, now: Array, wanted: Array) -> Array:
 def iter_starts(
     thing: ObjectModel, points: Array, rotations: Iterable[Array] | None = None
 ) -> Iterator[tuple[Array, Array]]:
-    """Start poses: turned so, or standing on each side, along the points, turned in steps; on its path if it has one."""
+    """Start poses: turned as given, or on each side, along the points, in steps; on its path where it has one."""
     low, high = np.percentile(points, (2, 98), axis=0)
     center, flat_m = (low + high) / 2, float(np.percentile(points[:, 2], FLAT_PERCENT))
     if thing.path is not None:

@@ -162,6 +162,6 @@ def test_a_mug_that_was_moved_has_kept_its_turn_where_its_handle_is_hidden(handl
         shown = spread(np.linspace(0.032, 0.052, 9), np.linspace(-0.004, 0.004, 3), 0.017)
         points = np.concatenate((points, shown @ turn(np.array((0.0, 0.0, np.radians(handle_deg)))).T))
     prior = turn(np.array((0.0, 0.0, np.radians(120)))), np.array((0.5, 0.0, 0.033))
-    cloud = make_cloud(points + (0.5, 0.04, 0.033), mug.colors[0])
+    cloud = make_cloud(points + np.array((0.5, 0.04, 0.033)), mug.colors[0])
     x, y, _ = fit(mug, cloud, (look_from((-0.5, 0.0, 0.6)),), prior).rotation[:, 0]
     assert np.degrees(np.arctan2(y, x)) == pytest.approx(expected_deg, abs=5)
