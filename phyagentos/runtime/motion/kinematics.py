@@ -18,9 +18,12 @@ from phyagentos.runtime.motion.chain import Chain
 from phyagentos.runtime.motion.poses import interpolate_poses
 from phyagentos.runtime.motion.requests import Array, Differential
 from phyagentos.runtime.motion.robot_model import RobotModel
+from phyagentos.runtime.motion.timing import drop_duplicates, fit_spline
 
 LINE_STEP_M = 0.01
 LINE_STEP_RAD = 0.1
+AT_END_RAD = 0.001  # of a joint's range: what stops there makes a corner
+SAMPLES = 8  # of a smooth motion for each row
 PROGRAMS = 20  # at most, for a posture; from a proposal one or two
 POSE_JOINTS = 6  # fewer reach a pose only as exactly as the axes of a model are parallel
 DAMPING = 1e-6  # among the postures of a redundant arm the nearest is taken
@@ -50,7 +53,7 @@ class Kinematics:
     """The inverse kinematics of one robot; `polished` is the tolerance of goal postures."""
 
     def __init__(self, robot: RobotModel, chain: Chain) -> None:
-        self.chain = chain
+        self.chain, self._robot = chain, robot
         self.polished = POLISHED if len(chain.q_min_rad) >= POSE_JOINTS else REACHED
         self._tool = mink.FrameTask(
             robot.profile.tcp, "site", position_cost=1.0, orientation_cost=0.5, lm_damping=DAMPING
@@ -80,7 +83,7 @@ class Kinematics:
     def solve_line(self, start_rad: Array, end: Array) -> Solution | None:
         """Postures (k, n_joints) along the straight tool line from `start_rad`, row 0, to `end` (4, 4) `world_T_tcp`.
 
-        None where the line leaves the workspace or jumps to another branch.
+        None where the line leaves the workspace, jumps to another branch, or swings out at the end of a joint.
         """
         poses = interpolate_poses(self.chain.compute_tcp(start_rad), end, LINE_STEP_M, LINE_STEP_RAD)
         rows, solved = self.chain.follow(poses, start_rad), Differential(0, 0.0, 0.0)
@@ -91,7 +94,15 @@ class Kinematics:
             if found is None:
                 return None
             rows[k], solved = found.q_rad, combine(solved, found.solved)
-        return Solution(rows, solved)
+        return None if self._swings_out(rows) else Solution(rows, solved)
+
+    def _swings_out(self, rows_rad: Array) -> bool:
+        """Whether the smooth motion through a line that stops at the end of a joint's range goes beyond it."""
+        low, high = self.chain.q_min_rad + AT_END_RAD, self.chain.q_max_rad - AT_END_RAD
+        kept = drop_duplicates(rows_rad)
+        if len(kept) < 2 or not np.any((kept < low) | (kept > high)):
+            return False
+        return self._robot.exceeds_limits(fit_spline(kept)(np.linspace(0.0, 1.0, SAMPLES * len(kept))))
 
     def _solve_program(self) -> Array | None:
         """The change of posture (n_joints,) at the least of a program; by daqp itself, `mink.solve_ik` adds a third.

@@ -57,7 +57,6 @@ LARGER_M = 0.005  # so much the spheres grow where a motion touched something th
 ESCAPE_RADII_RAD = (0.05, 0.1, 0.2, 0.35)  # the nearest way out first
 ESCAPE_DIRECTIONS = 48  # tried at each radius
 ESCAPE_STEP_RAD = 0.02
-JOINT_END_RAD = 0.012  # a corner that is smoothed swings out; the guard refuses what is 0.01 from the end of a joint
 ROUNDING_PASSES = 6  # over rows 1 cm apart: a right angle is cut by some 5 mm
 
 
@@ -172,7 +171,7 @@ def _time_and_check(path: Path, search: _Search, scene: PlanningScene, time_rows
             rows = np.vstack((densify(np.vstack((search.stuck_rad, rows[0])), DENSE_RAD), rows[1:]))
         with job.stage("timing"):
             timed = time_rows(rows)
-        if _exceeds_limits(timed.trajectory.q_rad, scene):
+        if scene.robot.exceeds_limits(timed.trajectory.q_rad):
             job.rejected["joint limit"] += 1
             continue
         with job.stage("check"):
@@ -203,13 +202,6 @@ def _keep_apart(turned, apart):  # type: ignore[no-untyped-def]  # noqa: ANN001,
         if turned[row + 1] - turned[kept[-1]] > apart:
             kept.append(row)
     return np.array(kept)
-
-
-def _exceeds_limits(q_rad: Array, scene: PlanningScene) -> bool:
-    """Whether a motion (n, n_joints) comes nearer to the end of a joint than the guard permits, or than it began."""
-    low = np.minimum(scene.robot.q_min_rad + JOINT_END_RAD, q_rad[0])
-    high = np.maximum(scene.robot.q_max_rad - JOINT_END_RAD, q_rad[0])
-    return bool(np.any(q_rad < low) or np.any(q_rad > high))
 
 
 def find_escape(start_rad: Array, touched: Sequence[Pair], scene: PlanningScene, seed: int) -> Array | None:

@@ -23,6 +23,7 @@ from phyagentos.runtime.motion.requests import Array
 from phyagentos.runtime.motion.tool_bounds import ANYWHERE, ToolBounds
 
 ROBOT_BIT, WORLD_BIT = 1, 2
+JOINT_END_RAD = 0.012  # a corner that is smoothed swings out; the guard refuses what is 0.01 from the end of a joint
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +81,12 @@ class RobotModel:
     def home_rad(self) -> Array:
         """(n_joints,) the profile's home posture."""
         return np.array(self.profile.arm.home_rad)
+
+    def exceeds_limits(self, q_rad: Array) -> bool:
+        """Whether a motion (n, n_joints) comes nearer to the end of a joint than the guard permits, or it began."""
+        low = np.minimum(self.q_min_rad + JOINT_END_RAD, q_rad[0])
+        high = np.maximum(self.q_max_rad - JOINT_END_RAD, q_rad[0])
+        return bool(np.any(q_rad < low) or np.any(q_rad > high))
 
 
 def measure_fingers(robot: RobotModel) -> Array:

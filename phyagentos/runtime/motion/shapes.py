@@ -16,6 +16,7 @@ from phyagentos.runtime.motion.requests import Array
 SUPPORT_DOUBT_M = 0.015  # between the believed lowest point of an object and what it stands on
 SURE_STDS = 4.0  # stated deviations by which a believed height is off at most
 SETTLED_M = 0.003  # less is what perception says of its own error
+SETTLED_SHARE = 1.0 / 6.0  # of its height by which even a flat object may be off: more, and fingers close above it
 ON_AXIS_M = 1e-4  # a solid whose middle is this near to the axis is round about it
 ROUND_KINDS = (ShapeKind.CYLINDER, ShapeKind.CAPSULE, ShapeKind.SPHERE)
 LYING_SINE = 0.1  # of the angle between the axis of a round object and the vertical
@@ -91,7 +92,9 @@ def settle(entity: Entity, others: Iterable[Entity]) -> Entity:
     stated, it is lowered by no more than that leaves open: a body that no camera shows may bear it.
     """
     x, y, z = entity.pose.position_m
-    bottom_m = compute_entity_box(entity).bottom_m
+    around = compute_entity_box(entity)
+    bottom_m = around.bottom_m
+    least_m = min(SETTLED_M, SETTLED_SHARE * (around.top_m - bottom_m))
     most_m = min(SUPPORT_DOUBT_M, SURE_STDS * entity.position_std_m or SUPPORT_DOUBT_M)
     rest = [each for each in others if each.name != entity.name]
     tops_m = [
@@ -102,7 +105,7 @@ def settle(entity: Entity, others: Iterable[Entity]) -> Entity:
         if _is_under(box, (x, y), bottom_m)
     ]
     off_m = max(tops_m, default=bottom_m) - bottom_m
-    if abs(off_m) <= SETTLED_M or off_m < -most_m:
+    if abs(off_m) <= least_m or off_m < -most_m:
         return entity
     return replace(entity, pose=Pose((x, y, z + off_m), entity.pose.quaternion_wxyz))
 

@@ -134,7 +134,7 @@ def find_space(request: FindPlacements, held: Entity) -> Space | None:
     entity = next((e for e in request.world.entities if e.name == request.destination), None)
     others = [e for e in request.world.entities if e.shapes and e.name != held.name]
     if entity is not None and request.relation == Meaning.ON:
-        box = _choose_top(entity, float(np.median(compute_bounds(held.shapes)[1])))
+        box = _choose_top(entity, float(np.median(compute_bounds(held.shapes)[1])) + GAP_M)
         space = _level_space(box, box.top_m, [entity], walled=False)
         return replace(space, depth_m=_measure_hollow(space, entity), floor=_list_level(entity, space.center_m[2]))
     if entity is not None and entity.interior is not None:

@@ -6,7 +6,7 @@ see through adds cost.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -203,7 +203,10 @@ def fit(
             if other.cost_m < alike_m:
                 other_tilt_rad = max(other_tilt_rad, abs(_tilt(thing, other.rotation) - own))
                 least = min(least, other, key=lambda each: _tilt(thing, each.rotation))
-    best = replace(best if stays else least, other_tilt_rad=other_tilt_rad)  # few objects lie on their heads
+    best = best if stays else least  # few objects lie on their heads
+    if prior is not None and best is not kept and thing.path is None:
+        best = _compare_unturned(thing, patch, views, best, prior[0], obstacle)
+    best = replace(best, other_tilt_rad=other_tilt_rad)
     best = compare_lookalikes(thing, patch, views, best, obstacle, keep=prior is not None)
     return _compare_beside(thing, patch, views, best, obstacle)
 
@@ -287,6 +290,18 @@ def _compare_beside(thing: ObjectModel, patch: Patch, views: Views, found: Fit, 
             turned = compute_rotation_vector(each.rotation @ best.rotation.T)
             off = np.maximum(off, measure_lengths(np.array((each.position_m - best.position_m, turned))))
     return replace(best, uncertainty=best.uncertainty.of_hidden(off), other_tilt_rad=found.other_tilt_rad)
+
+
+def _compare_unturned(
+    thing: ObjectModel, patch: Patch, views: Views, found: Fit, rotation: Array, obstacle: Solids | None
+) -> Fit:
+    """The fit, or one that has kept its rotation (3, 3) on its way, where that is as good: no start may be near it."""
+    start = next(iter_starts(thing, patch.points_m, (rotation,)))
+    kept = _finish(thing, patch, views, *start, obstacle)
+    turned = compute_rotation_vector(choose_symmetric(thing, found.rotation, kept.rotation) @ kept.rotation.T)
+    is_other = float(np.linalg.norm(turned)) > found.uncertainty.total[1]
+    is_alike = kept.cost_m < found.cost_m + _compute_alike(found.rms_m, found.count)
+    return kept if is_other and is_alike else found
 
 
 def _compute_alike(rms_m: float, count: int) -> float:
@@ -375,14 +390,16 @@ def _swing(rotation: Array, now: Array, wanted: Array) -> Array:
     return rotation if sine < 1e-9 else turn(axis / sine * np.arctan2(sine, float(now @ wanted))) @ rotation
 
 
-def iter_starts(thing: ObjectModel, points: Array) -> Iterator[tuple[Array, Array]]:
-    """Start poses: standing on each side, along the points, turned in steps; on its path where it has one."""
+def iter_starts(
+    thing: ObjectModel, points: Array, rotations: Iterable[Array] | None = None
+) -> Iterator[tuple[Array, Array]]:
+    """Start poses: turned as given, or on each side, along the points, in steps; on its path where it has one."""
     low, high = np.percentile(points, (2, 98), axis=0)
     center, flat_m = (low + high) / 2, float(np.percentile(points[:, 2], FLAT_PERCENT))
     if thing.path is not None:
         yield thing.path.place(center)
         return
-    for rotation in _iter_orientations(thing, points):
+    for rotation in _iter_orientations(thing, points) if rotations is None else rotations:
         reach = thing.solids.measure_extent(rotation.T @ np.array([0.0, 0.0, 1.0]))
         top_m = flat_m if reach[1] - reach[0] < FLAT_M else high[2]
         position = np.array([center[0], center[1], top_m - reach[1]])

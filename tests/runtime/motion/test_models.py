@@ -82,6 +82,13 @@ def test_a_line_of_the_tool_is_straight_and_one_out_of_reach_is_none(planner, ho
     assert planner._kinematics.solve_line(home, away) is None
 
 
+def test_a_line_that_stops_at_the_end_of_a_joint_and_swings_beyond_it_is_none(planner):
+    """The guard refused it on the way: joint 7 at 2.8876 rad, and 2.8873 is allowed."""
+    start = np.array((1.3248, -0.0602, 0.5174, -2.9028, 0.1034, 2.8489, 2.1676))
+    end = compute_matrix(Pose((-0.0825, 0.3327, 0.0183), (0.0, 0.9838, 0.1791, 0.0)))
+    assert planner._kinematics.solve_line(start, end) is None
+
+
 @pytest.mark.parametrize("payload", [None, Payload("cube0", Pose((0.0, 0.0, 0.0)))])
 def test_spheres_call_nothing_free_that_touches_the_world(planner, payload):
     scene = PlanningScenes(planner.robot).get_scene(build_scene(1), payload)

@@ -55,7 +55,7 @@ def test_where_nothing_is_under_the_middle_the_highest_solid_carries():
     assert find_height(box((0.01, 0.05, 0.02), (-0.1, 0.0, 0.02)), box((0.01, 0.05, 0.03), (0.1, 0.0, 0.03))) == 0.06
 
 
-@pytest.mark.parametrize(("deep_m", "expected"), [(0.03, 0.06), (0.012, 0.09)])
+@pytest.mark.parametrize(("deep_m", "expected"), [(0.03, 0.06), (0.022, 0.09), (0.012, 0.09)])
 def test_where_the_next_step_is_in_the_way_the_highest_one_carries(deep_m, expected):
     steps = [box((0.1, deep_m, 0.015 * n), (0.0, 2 * deep_m * (n - 2), 0.015 * n)) for n in (1, 2, 3)]
     assert find_height(*steps) == pytest.approx(expected)

@@ -148,3 +148,20 @@ def test_where_an_object_ends_is_open_where_only_a_patch_of_its_face_is_visible(
     patch = make_cloud(spread(np.linspace(0.458, 0.478, 9), np.linspace(0.008, 0.028, 9), 0.04), coaster.colors[0])
     found = fit(coaster, patch, (look_from((0.45, 0.0, 1.4)),))
     assert np.linalg.norm(found.position_m[:2] - (0.45, 0.0)) < 2 * found.uncertainty.total[0]
+
+
+@pytest.mark.parametrize(("handle_deg", "expected_deg"), [(None, 120), (30, 30)])
+def test_a_mug_that_was_moved_has_kept_its_turn_where_its_handle_is_hidden(handle_deg, expected_deg):
+    """Its handle was believed where it was not, and the hand came down upon it."""
+    handle = "{kind: box, size_m: [0.012, 0.005, 0.017], position_m: [0.042, 0.0, 0.0]}"
+    scene = SCENE.replace("size_m: [0.026, 0.04]}]", f"size_m: [0.03, 0.033]}}, {handle}]")
+    mug = build_inventory(SceneSpec.model_validate(yaml.safe_load(scene))).things["can"]
+    angles, heights = np.meshgrid(np.linspace(-0.9, 0.9, 15) + np.pi, np.linspace(-0.03, 0.03, 8))
+    points = np.column_stack(((0.03 * np.cos(angles)).ravel(), (0.03 * np.sin(angles)).ravel(), heights.ravel()))
+    if handle_deg is not None:
+        shown = spread(np.linspace(0.032, 0.052, 9), np.linspace(-0.004, 0.004, 3), 0.017)
+        points = np.concatenate((points, shown @ turn(np.array((0.0, 0.0, np.radians(handle_deg)))).T))
+    prior = turn(np.array((0.0, 0.0, np.radians(120)))), np.array((0.5, 0.0, 0.033))
+    cloud = make_cloud(points + np.array((0.5, 0.04, 0.033)), mug.colors[0])
+    x, y, _ = fit(mug, cloud, (look_from((-0.5, 0.0, 0.6)),), prior).rotation[:, 0]
+    assert np.degrees(np.arctan2(y, x)) == pytest.approx(expected_deg, abs=5)
