@@ -4,7 +4,7 @@ Where a bundle holds `motion.npz` (simulated targets) every body is where it was
 measured, and objects stand where they stood at the start, until the end.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -18,6 +18,7 @@ from phyagentos.protocol.capabilities.registries import get_registered_target
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.evidence import Bundle, read_bundle
+from phyagentos.protocol.sessions.heartbeats import Heartbeat
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.workspace.array_files import read_arrays
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -109,6 +110,16 @@ def set_posture(model: mujoco.MjModel, qpos: Array, profile: TargetProfile, q_ra
         qpos[at : at + 2] = q_rad[:2]
         qpos[at + 3 : at + 7] = multiply((np.cos(half), 0.0, 0.0, np.sin(half)), tuple(model.qpos0[at + 3 : at + 7]))
     qpos[[int(model.joint(prefix + name).qposadr[0]) for name in profile.arm.joints[servoed]]] = q_rad[servoed]
+
+
+def follow_beats(
+    model: mujoco.MjModel, data: mujoco.MjData, robots: Mapping[str, TargetProfile], beats: Mapping[str, Heartbeat]
+) -> None:
+    """Put the robots of one world, by their names, where their latest heartbeats say; the others stay."""
+    for name in robots.keys() & beats.keys():
+        if beats[name].q_rad:
+            set_posture(model, data.qpos, robots[name], beats[name].q_rad)
+            set_opening(model, data, robots[name], beats[name].gripper_width_m)
 
 
 def set_opening(model: mujoco.MjModel, data: mujoco.MjData, profile: TargetProfile, width_m: float) -> None:

@@ -1,6 +1,7 @@
 """The server of the page: pages, panels as they change, files of the evidence, actions where they are allowed."""
 
 import asyncio
+import itertools
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -22,7 +23,8 @@ from phyagentos.view.film import add_film
 from phyagentos.view.pages import PanelRenderer, render
 from phyagentos.view.panels import PANELS, Place, Query
 
-LOOK_PERIOD_S = 0.4  # between two looks at the documents
+PULSE_S = 0.1  # between two looks at the heartbeats, which are written no more often
+PULSES = 4  # of these looks, one is at all documents
 SILENCE_S = 10.0  # after so long a stream says that it lives
 _STATIC = Path(__file__).with_name("static")
 FORM_MAX = 1 << 20  # bytes of what a form sends
@@ -67,15 +69,17 @@ class Watcher:
             self._waiting -= 1
 
     async def _run(self) -> None:
-        while self._waiting:
-            version = self.version
+        for count in itertools.count():
+            if not self._waiting:
+                return
+            version, look = self.version, self._documents.feel_pulse if count % PULSES else self._documents.refresh
             with suppress(ExecutionError, OSError):  # the page itself says what is wrong
-                version = await asyncio.to_thread(self._documents.refresh)
+                version = await asyncio.to_thread(look)
             if version != self.version or self.ends.is_set():
                 async with self._changed:
                     self.version = version
                     self._changed.notify_all()
-            await asyncio.sleep(LOOK_PERIOD_S)
+            await asyncio.sleep(PULSE_S)
 
 
 class PanelFeed:

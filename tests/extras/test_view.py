@@ -205,7 +205,10 @@ def test_frames_are_the_pictures_that_perception_has_used(page, replanned):
 
 def test_a_replay_shows_any_moment_of_the_evidence(shown, visits):
     page = visits.open(shown, PAGES["page"], with_scene=True)
+    picture = page.locator(".flat img").first
+    picture.wait_for()  # in place of the scene, until that is drawn
     get_scene(page)
+    assert not picture.is_visible()
     slider = page.locator("#panel-scene input.cursor")
     first = await_picture(page, is_drawn, "a drawn scene")
     shoot(page, "replay_begin", whole=False)

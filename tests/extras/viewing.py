@@ -152,7 +152,7 @@ def get_panel(page, name):
 
 
 def get_scene(page, session=""):
-    """The frame of the 3D scene, once it is fed. Playwright itself waits by drawn frames, of which there are few."""
+    """The frame of the 3D scene, once it is drawn. Playwright itself waits by drawn frames, of which there are few."""
     page.locator("#panel-scene iframe").scroll_into_view_if_needed()
 
     def find():
@@ -162,6 +162,7 @@ def get_scene(page, session=""):
         return next((frame for frame in frames if frame.evaluate(fed)), None)
 
     wait_until(find, "a scene that is fed", PATIENCE_S)
+    await_true(page, "document.documentElement.classList.contains('drawn')")
     return find()
 
 

@@ -43,8 +43,8 @@ function follow() {
   if (before.length) { const line = before[0], list = line.closest(".scroll"); line.classList.add("now"); list.scrollTop = line.offsetTop - list.offsetTop - list.clientHeight / 2; }
   direct({ time_s: sim });
   all(".tree li[data-at]").forEach((node) => node.classList.toggle("later", Number(node.dataset.at) > sim + 1e-6));
-  const latest = new Map();
-  [...all(".frames figure")].sort((a, b) => a.dataset.at - b.dataset.at).forEach((figure) => { if (!latest.has(figure.dataset.camera) || Number(figure.dataset.at) <= sim + 1e-6) latest.set(figure.dataset.camera, figure); });
+  const latest = new Map(), shown = [...all(isFlat ? ".frames figure" : ".frames figure:not([data-drawn])")];
+  shown.sort((a, b) => a.dataset.at - b.dataset.at).forEach((figure) => { if (!latest.has(figure.dataset.camera) || Number(figure.dataset.at) <= sim + 1e-6) latest.set(figure.dataset.camera, figure); });
   all(".frames figure").forEach((figure) => figure.classList.toggle("now", latest.get(figure.dataset.camera) === figure));
   all(".frames").forEach((frames) => frames.classList.add("following"));
 }
@@ -55,7 +55,8 @@ function direct(change) {
   const frame = one("#panel-scene iframe");
   if (frame) frame.contentWindow.postMessage(scene, new URL(frame.src).origin);
 }
-document.addEventListener("load", (event) => { if (event.target.matches?.("#panel-scene iframe")) direct({}); }, true);
+document.addEventListener("load", (event) => { if (event.target.matches?.("#panel-scene iframe")) { document.documentElement.classList.remove("drawn"); direct({}); } }, true);
+addEventListener("message", (event) => { if (event.data === "drawn" && event.source === one("#panel-scene iframe")?.contentWindow) document.documentElement.classList.add("drawn"); });
 document.addEventListener("change", (event) => { const name = event.target.dataset?.scene; if (name) direct({ [name]: event.target.checked }); });
 // Play moves the cursor through the session in its own time.
 let playing = 0;
@@ -72,11 +73,12 @@ function play(starts) {
 document.addEventListener("click", (event) => { if (event.target.id === "play") play(!playing); if (event.target.matches("#result .close")) one("#result").replaceChildren(); });
 // Where nothing draws in 3D, pictures stand in place of the scene.
 const canvas = document.createElement("canvas");
-if (!(canvas.getContext("webgl2") || canvas.getContext("webgl"))) document.documentElement.classList.add("flat-only");
+const isFlat = !(canvas.getContext("webgl2") || canvas.getContext("webgl"));
+if (isFlat) document.documentElement.classList.add("flat-only");
 document.addEventListener("error", (event) => event.target.closest?.("figure[data-drawn]")?.remove(), true); // no graphics where the page is served
 const move = (to) => { share = Math.min(Math.max(to, 0), 1); follow(); };
 document.addEventListener("input", (event) => { if (event.target.matches("input.cursor")) move(event.target.value / 1000); });
-document.addEventListener("pointermove", (event) => {
+for (const kind of ["pointerdown", "pointermove"]) document.addEventListener(kind, (event) => {
   const drawing = event.target.closest?.("svg.plot, svg.timeline"), bar = chosen();
   if (!drawing || !bar) return;
   const box = drawing.getBoundingClientRect(), at = (event.clientX - box.left) / box.width;
