@@ -17,6 +17,7 @@ DEFINING = (  # what ships is defined there, or words of people become predicate
     "protocol/predicates/builtins.py",
     "protocol/predicates/library.py",
     "agent/understanding/clauses.py",
+    "agent/understanding/keeping.py",
     "agent/understanding/destinations.py",
     "agent/understanding/discourse.py",
     "agent/understanding/nouns.py",

@@ -18,6 +18,7 @@ SIDES: Mapping[str, tuple[float, float]] = {
     "front": (-1.0, 0.0),
 }  # direction in the world for the robot, which looks along x
 _ALONG = {"toward": -1.0, "away": 1.0}  # the line from the robot to an object
+_REACH_M = (0.3, 0.7)  # from the mount, as shipped arms have it; plans find out what one can reach
 GAP_M = 0.04  # between two objects that are put side by side
 BESIDE_M = 0.15  # between the middles of objects that are next to each other
 _ORDERS_MAX = 6  # to choose from
@@ -120,6 +121,36 @@ def find_beside(body: SceneObject, owner: SceneObject, others: Sequence[SceneObj
     return max(
         points, key=lambda point: min((math.dist(point[:2], at[:2]) for at in around), default=0.0), default=None
     )
+
+
+def find_row(bodies: Sequence[SceneObject], others: Sequence[SceneObject]) -> list[Vector] | None:
+    """Points of a row from where the first object stands to its freest side [m]; None where there is no room."""
+    if any(body.at_m is None or body.stands for body in bodies):
+        return None
+    apart_m = 2 * max(math.hypot(*body.half_m[:2]) for body in bodies) + GAP_M
+    first_m = bodies[0].at_m or (0.0, 0.0, 0.0)
+    rows = [
+        [shift((*first_m[:2], (body.at_m or first_m)[2]), side, 1.0, n * apart_m) for n, body in enumerate(bodies)]
+        for side in SIDES
+    ]
+    rooms = {
+        n: min((_room(point, each) for point in row for each in others), default=1.0) for n, row in enumerate(rows)
+    }
+    free = [row for n, row in enumerate(rows) if rooms[n] > apart_m / 2 and _is_near(row)]
+    return max(free, key=lambda row: rooms[rows.index(row)], default=None)
+
+
+def _room(point_m: Vector, body: SceneObject) -> float:
+    """How far a point is from the box around an object, seen from above [m]."""
+    at_m = body.at_m or (math.inf,) * 3
+    return math.hypot(
+        *(max(abs(a - b) - half, 0.0) for a, b, half in zip(point_m[:2], at_m, body.half_m, strict=False))
+    )
+
+
+def _is_near(row: Sequence[Vector]) -> bool:
+    """Whether a robot of the table's size reaches all points of a row."""
+    return all(_REACH_M[0] < math.hypot(*point[:2]) < _REACH_M[1] for point in row)
 
 
 def find_between(body: SceneObject, ends: Sequence[SceneObject]) -> Vector | None:

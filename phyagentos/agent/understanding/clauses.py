@@ -5,27 +5,25 @@ each object stand in the lexicon. Clauses are steps where the request says an or
 """
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from lark import Tree
 
-from phyagentos.agent.understanding.bearings import SIDES, is_within, list_by_size
+from phyagentos.agent.understanding.bearings import is_within, list_by_size
 from phyagentos.agent.understanding.discourse import Named, Slot
+from phyagentos.agent.understanding.keeping import ACTS, Keeping
 from phyagentos.agent.understanding.phrases import Node, find_child, find_side, get_type, has_token, list_children
-from phyagentos.agent.understanding.steps import Step, get_object, list_flipped, rename, says
-from phyagentos.agent.understanding.transfers import SEEN_SHARE, Transfers
+from phyagentos.agent.understanding.steps import Step, get_object, list_flipped, negate, rename, says
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
 from phyagentos.agent.understanding.vocabulary import REGION, ROLE, read_lexicon
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.predicate import find_entities
 
-_ACTS = ("open", "close", "press")  # verbs of what has a joint
-
 
 @dataclass(slots=True, kw_only=True)
-class Clauses(Transfers):
+class Clauses(Keeping):
     """Predicates of a plan, collected clause by clause.
 
     Attributes:
@@ -41,8 +39,17 @@ class Clauses(Transfers):
         parts = list_children(plan)
         if plan.data == "in_case":
             (case,) = (part for part in parts if part.data != "group")
-            self._check_case(case)
             parts.remove(case)
+            count, asked = len(self.lacks), len(self.questions)
+            self._check_case(case)
+            if len(parts) > 1:  # `otherwise ...`
+                is_unmet = {each.kind for each in self.lacks[count:]} == {RequestProblemKind.UNMET}
+                del self.lacks[count if is_unmet else len(self.lacks) :]
+                if is_unmet:  # `it` is what the other part is about
+                    self.resolve(next(parts[0].find_data("things")), Slot.ANY)
+                    del self.questions[asked:]
+                    self.recent.append([])
+                parts = parts[1:] if is_unmet else parts[:1]
         read = [self._read_group(part) if part.data == "group" else self._read_steps(part) for part in parts]
         steps = [step for group in (reversed(read) if plan.data == "reversed" else read) for step in group if step]
         wanted = [text for step in steps for text in step]
@@ -50,6 +57,10 @@ class Clauses(Transfers):
 
     def _check_case(self, case: Node) -> None:
         """A condition is of the world as it is now: where it holds it is no part of the goal."""
+        if case.data == "exists":
+            if not self.list_alike(list_children(case)[-1], Slot.ANY):
+                self.lack(RequestProblemKind.UNMET, case)
+            return
         texts = self._read_texts(case)
         self.moved, self.placed, self.unmet = [], (), ""
         if not texts:  # nothing that could be looked at
@@ -70,6 +81,7 @@ class Clauses(Transfers):
         if not is_all:
             return [text]
         left = {get_object(each) for each in self.constraints if says(each, Meaning.MOVED, is_true=False)}
+        left.update(self.exempt)
         put = {
             get_object(each)
             for each in (*self.constraints, *wanted)
@@ -83,7 +95,7 @@ class Clauses(Transfers):
     def _read_group(self, group: Node) -> list[Step]:
         """One step, or one a clause where these exclude each other."""
         clauses = self._list_steps(group)
-        flipped = {each for step in clauses[1:] for text in step for each in list_flipped(text)}
+        flipped = {each for step in clauses[1:] for text in step for each in (*list_flipped(text), negate(text))}
         if any(text in flipped for step in clauses for text in step) or any(
             find_child(group, each) is not None for each in ("first_of", "ordered")
         ):
@@ -106,6 +118,12 @@ class Clauses(Transfers):
             self._check_meanwhile(group, clause, read)
             again = {f"holding({ROLE}, {name})" for name in self.recent[-1]} if any(read) else set()
             steps = [[text for text in step if text not in again] for step in steps] + read
+        texts = [text for step in steps for text in step]
+        opened = {get_object(text) for text in texts if says(text, Meaning.OPEN, Meaning.CLOSED)}
+        held = {text: self.get(get_object(text)) for text in texts if says(text, Meaning.HOLDING)}
+        grips = {text for text, each in held.items() if not each.movable and self.find_opening(each.name) in opened}
+        self.unsaid += sorted(grips)  # `grab the handle and pull the door open`
+        steps = [[text for text in step if text not in grips] for step in steps]
         still = {get_object(text) for text in self.constraints if says(text, Meaning.MOVED, is_true=False)}
         kept = [[text for text in step if get_object(text) not in still & self.grouped] for step in steps]
         return [*kept] if any(kept) else steps
@@ -149,7 +167,7 @@ class Clauses(Transfers):
         elif clause.data == "first_of":  # of what a command is about one before the others
             command, single = list_children(clause)
             texts = self._read_texts(command)
-            names = self.resolve_one(single, Slot.OPENS if self._verb in _ACTS else Slot.MOVED).names
+            names = self.resolve_one(single, Slot.OPENS if self._verb in ACTS else Slot.MOVED).names
             is_first = has_token(clause, "first") or has_token(clause, "beginning")
             steps = [[text for text in texts if (get_object(text) in names) is is_first], texts]
             if len(steps[0]) in {0, len(texts)}:
@@ -172,33 +190,6 @@ class Clauses(Transfers):
     def _read_texts(self, clause: Node) -> Step:
         return [text for step in self._read_steps(clause) for text in step]
 
-    def _say(self, rule: str, things: Node, *, constraint: bool = False) -> Step:
-        """What the lexicon says of each object; a part stands for what opens."""
-        meaning = read_lexicon()["meanings"][rule]
-        constraint = constraint or meaning.get("constraint", False)
-        slot = Slot(meaning["slot"])
-        texts: list[str] = []
-        named = self.resolve(things, slot, forbids=constraint)
-        self.spared += named.names if constraint else ()
-        if rule in _ACTS and named.rest:  # of `only the red one` the others stay as they are
-            self.unmet = ""
-            self._keep(f"not moved({name})" for name in named.rest)
-        for name in named.names:
-            thing = self.get(name)
-            owner = self.find_opening(name) if slot is Slot.OPENS else name
-            if rule == "clear" and thing.contents:  # what it holds has no names
-                texts += self._fill(things, Named(names=(name,)), self._find_receivers(things, name))
-                continue
-            if rule == "press" and self.get(owner).opens != "slide":
-                self.lack(RequestProblemKind.FIT, name)
-            texts.append(meaning["form"].format(owner, at="inside" if thing.has_interior else "on"))
-        return self._keep(texts) if constraint else texts
-
-    def _keep(self, texts: Iterable[str]) -> Step:
-        """Predicates that must hold all through, so that none of them is left to come true."""
-        self.constraints += [text for text in texts if text not in self.constraints]
-        return []
-
     # what leaves open where to, or what
 
     def _read_unplaced(self, clause: Node, things: Node) -> Step:
@@ -207,9 +198,9 @@ class Clauses(Transfers):
         if names and not any(self.get(name).movable for name in names):
             if not all(self.get(self.find_opening(name)).opens for name in names):
                 return self.lack(RequestProblemKind.FIXED, clause)
-            return [text for verb in self.ask(QuestionKind.DEED, clause, _ACTS[:2]) for text in self._say(verb, things)]
-        fixed = [each.name for each in self.list_fitting(Slot.PLACE) if not each.movable and each.kind != REGION]
-        chosen = self.ask(QuestionKind.WHERE, clause, fixed) if names else ()
+            return [text for verb in self.ask(QuestionKind.DEED, clause, ACTS[:2]) for text in self._say(verb, things)]
+        places = [each.name for each in self.list_rests()]
+        chosen = self.ask(QuestionKind.WHERE, clause, places) if names else ()
         return [self._relate(name, place) for place in chosen for name in self._put(Named(names=names))]
 
     def _read_bare_act(self, clause: Node, act: Node) -> Step:
@@ -323,14 +314,17 @@ class Clauses(Transfers):
             return self.lack(RequestProblemKind.PAST, clause)
         if not self._verb and len(self.recent) == 1:
             return self._read_unplaced(clause, things)
-        if self._verb not in _ACTS:
+        if self._verb not in ACTS:
             return self.lack(RequestProblemKind.SENTENCE, clause)
         return self._say(self._verb, things)
 
     # doing other objects
 
-    def _read_pick(self, clause: Node, things: Node) -> Step:
-        self.placed = self.resolve(things, Slot.MOVED).names
+    def _read_pick(self, clause: Node, things: Node, *_: Node) -> Step:
+        source = find_child(clause, "source")
+        self.placed = self._resolve_from(things, source).names
+        if source is not None and len(self.placed) > 1:
+            return self.lack(RequestProblemKind.SENTENCE, clause)
         lifts = {name for name in self.placed if has_token(clause, "lift") and self.get(name).opens == "hinge"}
         return [f"open({name})" if name in lifts else f"holding({ROLE}, {name})" for name in self.placed]
 
@@ -340,6 +334,11 @@ class Clauses(Transfers):
             place = self.resolve_one(parts[0], Slot.VESSEL).names
             return [self._relate(name, at) for name in self._put(self.resolve(things, Slot.MOVED)) for at in place]
         poured = self.resolve(things, Slot.LOOSE) if things is not None else Named()
+        if has_token(clause, "fill") and things is None:  # `fill the bowl`: from the one vessel that holds any
+            full = [each.name for each in self.list_fitting(Slot.LOOSE)]
+            poured = Named(names=tuple(full)) if full else Named(names=self.lack(RequestProblemKind.FIT, clause))
+        if things is None and source is None and not poured.names:
+            return []
         if source:
             poured = replace(poured, names=self.resolve_one(list_children(source)[0], Slot.VESSEL).names)
         into = next(each for each in parts if each.data not in {"things", "source"})
@@ -352,14 +351,20 @@ class Clauses(Transfers):
         poured = self.resolve(things, Slot.LOOSE)
         return self._fill(clause, poured, self._find_receivers(clause, *poured.names))
 
-    def _read_wipe(self, _: Node, things: Node, *tools: Node) -> Step:
+    def _read_wipe(self, clause: Node, things: Node, *tools: Node) -> Step:
         for tool in tools:  # a goal says what is clean then, and not with what
             self.resolve_one(tool, Slot.MOVED)
             self.unsaid.append(f"with {self.quote(tool)}")
-        names = self.resolve(things, Slot.VESSEL).names
+        named = self.resolve(things, Slot.VESSEL)
+        names = named.names
         gone: Sequence[str] = ("*",)
+        if named.rest and not any(self.get(name).kind == REGION for name in names):  # `only the red crumb`
+            self.unmet = ""
+            self._keep(f"not moved({name})" for name in named.rest)
         if any(self.get(name).kind != REGION for name in names):
             regions = [each for each in self.list_fitting(Slot.ANY) if each.kind == REGION]
+            if not regions:
+                return self.lack(RequestProblemKind.CAPABILITY, clause)
             soiled = [each.name for each in regions if all(is_within(self.get(name), each) for name in names)]
             gone = names if len(soiled) == 1 else gone  # `wipe up the crumbs`: where they lie
             kind = QuestionKind.WHICH if len(regions) > 1 else QuestionKind.WHERE
@@ -411,7 +416,7 @@ class Clauses(Transfers):
 
     def _read_again_without(self, clause: Node, things: Node, *_: Node) -> Step:
         """The last goal but for one object; after a verb, as in `press the red button but not the green one`, never."""
-        if self._verb in _ACTS:
+        if self._verb in ACTS:
             return self._say("never_open" if self._verb == "open" else "never_close", things, constraint=True)
         if self._verb == "put" and self._dest is not None and len(self.placed) == 1 and not self.chosen:
             return self._read_never_put(clause, things, self._dest)
@@ -446,6 +451,9 @@ class Clauses(Transfers):
             self.ask(QuestionKind.HOW_MANY, loose, ())
         return [f"contains({name}, {number})" for name in names]
 
+    def _read_vacant(self, _: Node, things: Node) -> Step:
+        return self._say("clear", things)
+
     def _read_emptied(self, clause: Node, gone: Node, *places: Node) -> Step:
         things = self.resolve_one(gone, Slot.MOVED, forbids=True).names
         where = self.resolve_one(places[0], Slot.PLACE).names if places else (self._wiped,) * bool(self._wiped)
@@ -466,61 +474,3 @@ class Clauses(Transfers):
             *(each for each in done if not says(each, Meaning.CONTAINS) or get_object(each) not in filled),
             *until,
         ]
-
-    # what must hold all through
-
-    def _read_keep(self, clause: Node, things: Node, kept: Node) -> Step:
-        if kept.data in read_lexicon()["meanings"]:
-            is_end = has_token(clause, "leave") and kept.data in {"open", "close"}  # so it is left, at the end
-            return self._say(str(kept.data), things, constraint=not is_end)
-        names = self.resolve(things, Slot.ANY).names
-        self.spared += names
-        places = self._find_places(kept)
-        if kept.data in SIDES:
-            return self.lack(RequestProblemKind.CAPABILITY, kept)
-        self.unmet = ""
-        found = ((name, self._find_place(name, kept, places)) for name in names)
-        return self._keep(self._locate(name, kept, place) for name, place in found if place)
-
-    def _read_keep_out(self, clause: Node, things: Node, place: Node) -> Step:
-        names = self.resolve(things, Slot.MOVED).names
-        places = self.resolve_one(place, Slot.VESSEL if place.data == "it" else Slot.PLACE).names
-        return self._keep(f"not {self._relate(name, place)}" for name in names for place in places)
-
-    def _read_never_put(self, _: Node, things: Node, dest: Node) -> Step:
-        names = self.resolve(things, Slot.MOVED, forbids=True).names
-        places = self.find_any_places(dest)
-        if dest.data in SIDES:
-            return self.lack(RequestProblemKind.CAPABILITY, dest)
-        return self._keep(f"not {self._locate(name, dest, place)}" for name in names for place in places)
-
-    def _read_never_use(self, _: Node, things: Node) -> Step:
-        """What can be moved stays where it is, and nothing comes into or onto a place."""
-        named = [self.get(name) for name in self.resolve(things, Slot.ANY, forbids=True).names]
-        return self._keep(
-            f"not moved({each.name})" if each.movable else f"not {self._relate('*', each.name)}" for each in named
-        )
-
-    def _read_never_take(self, clause: Node, things: Node, *sources: Node) -> Step:
-        """It stays in or on what it stands in or on, which a request may name."""
-        names = self.resolve(things, Slot.MOVED, forbids=True).names
-        said = [name for source in sources for name in self.resolve_aside(source, Slot.PLACE).names]
-        owners = {name: self.get(name).stands for name in names}
-        if not all(owner and (not said or owner in said) for owner in owners.values()):
-            return self.lack(RequestProblemKind.FIT, clause)
-        return self._keep(self._relate(name, owner) for name, owner in owners.items())
-
-    def _read_never_spill(self, clause: Node, *things: Node) -> Step:
-        """What carries stays upright, and all that is in it stays there."""
-        if not things and not self.placed and self._verb == "pour":  # what is poured was in a vessel that tips
-            self.unsaid.append(self.quote(clause))
-            return []
-        spares = not things or any(things[0].find_data("everything"))
-        named = [self.get(name) for name in (self.placed if spares else self.resolve(things[0], Slot.LOOSE).names)]
-        wanted = []
-        for name in filter(None, dict.fromkeys(each.name if each.has_interior else each.stands for each in named)):
-            contents = int(SEEN_SHARE * self.get(name).contents)
-            self.constraints.append(f"upright({name})")
-            wanted += [f"inside({each.name}, {name})" for each in self.list_fitting(Slot.ANY) if each.stands == name]
-            wanted += [f"contains({name}, {contents})"] if contents else []
-        return wanted or self.lack(RequestProblemKind.FIT, clause)

@@ -20,12 +20,12 @@ class Destinations(Nouns):
 
     Attributes:
         placed: Objects that the latest placement has put.
+        stood: Points at which the request has objects stand.
         left: Vessels that the latest clause takes something out of: what `put the others in` means.
-        left_out: Objects that stay where they are, each with the missing place.
     """
 
-    left_out: dict[str, str] = field(default_factory=dict)
     placed: tuple[str, ...] = ()
+    stood: dict[str, Vector] = field(default_factory=dict)
     left: tuple[str, ...] = ()
 
     def _find_places(self, dest: Node, *, by_colour: bool = False) -> Named:
@@ -47,6 +47,7 @@ class Destinations(Nouns):
         if noun.data == "it" and "top" in str(dest.children[0]) and len(self.placed) == 1:
             return Named(names=self.placed)  # what was put down last, not what it was put into
         is_one = any(has_token(head, "one") for head in noun.find_data("head"))
+        self._check_bare(noun, dest)
         is_bare = noun.data == "it" or (is_one and not self.heads.get(Slot.PLACE))
         found = self.resolve_one(noun, Slot.VESSEL if dest.data == "into" and is_bare else Slot.PLACE)
         if (
@@ -61,6 +62,19 @@ class Destinations(Nouns):
         names = self.questions[count].candidates if self.questions[count:] else found.names
         del self.questions[count:]  # `into the tray by colour`: which one is said
         return Named(names=names, words=found.words, by_colour=True)
+
+    def _check_bare(self, noun: Node, dest: Node) -> None:
+        """`yellow on the blue` after places were named: the blue one of the places, or of what is moved, is open."""
+        plains = [each for each in list_children(noun) if each.data == "plain"] if dest.data == "onto" else []
+        heads = self.heads.get(Slot.PLACE, ""), self.heads.get(Slot.MOVED, "")
+        if len(plains) != 1 or self._read_head(plains[0])[0] or not all(heads) or heads[0] == heads[1]:
+            return
+        before = dict(self.heads)
+        found = [{each.name for each in self._find_candidates(plains[0], Slot.PLACE, head)[0]} for head in heads]
+        self.heads = before
+        if all(found) and found[0].isdisjoint(found[1]):
+            chosen = self.ask(QuestionKind.WHICH, noun, sorted(found[0] | found[1]))
+            self.heads[Slot.PLACE] = heads[chosen[0] in found[1]] if chosen else heads[0]
 
     def _find_there(self, dest: Node) -> tuple[str, ...]:
         """The vessel that was named last; where none was, what is fixed, as `the pad`."""
@@ -102,6 +116,7 @@ class Destinations(Nouns):
 
     def _stand_at(self, name: str, point_m: Vector) -> str:
         self.moved.append(name)
+        self.stood[name] = point_m
         return f"at({name}, ({', '.join(f'{each:.3g}' for each in point_m)}), 0.04)"  # as near as skills promise
 
     def _place_beside(self, name: str, dest: Node, place: str) -> str:
@@ -115,7 +130,8 @@ class Destinations(Nouns):
 
     def _stand_beside(self, name: str, dest: Node, place: str) -> str:
         """At a point on the freest side, as no skill guarantees `near`; empty where places are not known."""
-        others = [each for each in self.vocabulary.things.values() if each.name not in (name, place)]
+        things = [each for each in self.vocabulary.things.values() if each.name not in (name, place)]
+        others = [replace(each, at_m=self.stood.get(each.name, each.at_m)) for each in things]
         point_m = find_beside(self.get(name), self.get(place), others)
         bearer = self.get(place).stands
         if bearer and self.get(bearer).has_interior:  # beside it in there, where no skill chooses the point
@@ -140,7 +156,16 @@ class Destinations(Nouns):
         """Names of all objects that a phrase fits; of `object` those that fit the slot."""
         if self.is_loose(plain):
             return [*self.lack(RequestProblemKind.CAPABILITY, plain)]
-        return [each.name for each in self._find_candidates(plain, slot, "")[0]]
+        found = self._find_candidates(plain, slot, "")[0]
+        if not found and self.vocabulary.is_unlisted(self._read_head(plain)[0], ()):
+            self.lack_named(plain, plain)
+        return [each.name for each in found]
+
+    def list_owned(self, plain: Node, owners: Sequence[str]) -> list[str]:
+        """Names of all that a phrase fits, and that are parts of some objects, or stand in or on them."""
+        found = [] if self.is_loose(plain) else self._find_candidates(plain, Slot.ANY, "")[0]
+        standing = self._list_standing(found, owners)
+        return [each.name for each in found if each.part_of in owners or each in standing]
 
     def list_placed(self, names: Iterable[str], dest: Node) -> dict[str, str]:
         """Of each object the statement that it is at a destination, at one of several."""

@@ -28,7 +28,15 @@ from phyagentos.agent.understanding.understanding import (
     RequestProblem,
     RequestProblemKind,
 )
-from phyagentos.agent.understanding.vocabulary import LOOSE, REGION, SURFACES, SceneObject, Vocabulary, read_lexicon
+from phyagentos.agent.understanding.vocabulary import (
+    LOOSE,
+    NO_TOPS,
+    REGION,
+    SURFACES,
+    SceneObject,
+    Vocabulary,
+    read_lexicon,
+)
 from phyagentos.errors import find_nearest
 from phyagentos.protocol.predicates.predicate import find_entities
 
@@ -85,8 +93,11 @@ class Discourse:
         heads: The last noun of each slot.
         among: Those of which an exception takes some away.
         count: How many `the two cubes nearest to the bottle` are, while they are found.
+        left_out: Objects that stay where they are, each with what is missing.
+        exempt: What `everything except the bottle` leaves aside.
         picked: What `pick every cube up and put it` takes up, while it says where to.
         view: Whose left and right are meant, as in `VIEWS`; 0 where a request does not say.
+        asks: Whether it is a question, which gets no answer back as a candidate.
         kin: Those of which a phrase chose some, as `one red cube`: `the other` is one of them.
         unmet: A phrase with `only`, `exactly` or `of its colour`, until a clause says what becomes of it.
     """
@@ -108,8 +119,11 @@ class Discourse:
     among: tuple[str, ...] = ()
     count: int = 0
     picked: tuple[str, ...] = ()
+    left_out: dict[str, str] = field(default_factory=dict)
+    exempt: list[str] = field(default_factory=list)
     view: float = 0.0
     unmet: str = ""
+    asks: bool = False
 
     def lack(self, kind: RequestProblemKind, words: str | Node, possible: Iterable[str] = ()) -> tuple[str, ...]:
         """Note that something is missing: words, or those of a phrase; there is nothing then."""
@@ -152,6 +166,12 @@ class Discourse:
         """Objects that a slot can take, for phrases that say no noun."""
         return [thing for thing in self.vocabulary.things.values() if slot.takes(thing)]
 
+    def list_rests(self) -> list[SceneObject]:
+        """Fixed objects that take others: vessels; else tops of what is no part and no furniture of the scene."""
+        fixed = [each for each in self.list_fitting(Slot.PLACE) if not each.movable and each.kind != REGION]
+        vessels = [each for each in fixed if each.has_interior]
+        return vessels or [each for each in fixed if not (each.opens or each.part_of) and each.kind not in NO_TOPS]
+
     def list_past(self, *, is_place: bool = False) -> list[str]:
         """Objects that the last goal is about, or their places, as far as they are here."""
         texts = self.vocabulary.past[-1].accept if self.vocabulary.past else ()
@@ -167,6 +187,13 @@ class Discourse:
     def find_head(self, phrase: Node) -> str:
         """The first noun of the scene in a phrase, empty without one."""
         return next(filter(None, (self._read_head(plain)[0] for plain in phrase.find_data("plain"))), "")
+
+    def lack_named(self, plain: Node, words: str | Node) -> tuple[str, ...]:
+        """Note that what a phrase means is not here, or in no inventory."""
+        is_seen = self.vocabulary.is_unlisted(self._read_head(plain)[0], _read_adjectives(plain)[0])
+        if is_seen:
+            return self.lack(RequestProblemKind.UNLISTED, words)
+        return self.lack(RequestProblemKind.THING, words, self.vocabulary.things)
 
     def list_called(self, head: str, slot: Slot) -> list[SceneObject]:
         """All objects of a noun; without one all that fit."""
@@ -198,7 +225,9 @@ class Discourse:
             found = [each for each in found if adjectives or each.kind not in SURFACES]
             is_any = is_generic and slot is Slot.ANY
             found = [each for each in found if not is_any or each.movable or each.opens]
-        found = [each for each in found if adjectives <= each.words and unlike.isdisjoint(each.words)]
+        is_either = has_token(plain, "or") and len(adjectives) > 1
+        found = [each for each in found if (adjectives & each.words if is_either else adjectives <= each.words)]
+        found = [each for each in found if unlike.isdisjoint(each.words)]
         parts = [child for child in list_children(plain) if child.data not in {"head", "ordinal"}]
         ordinal = find_child(plain, "ordinal")
         nth = 1 + ORDINALS.index(str(ordinal.children[0])) if ordinal is not None else 1
@@ -208,14 +237,24 @@ class Discourse:
         parts = [part for part in parts if part not in states and not (by_colour and part.data == "coloured_as")]
         for part in sorted(parts, key=lambda part: part.data not in _OWNED):
             found = self._filter(found, part, nth)
+        if (
+            parts and not head and found and self.vocabulary.unlisted
+        ):  # `the nearest thing` may be none of the inventory
+            found = [self.get(name) for name in self.ask(QuestionKind.WHICH, plain, [each.name for each in found])]
         return found, is_plural and not has_token(plain, "among"), by_colour
 
     def is_so(self, thing: SceneObject, state: Node) -> bool:
         """Whether an object is in a state as the scene begins: `the open drawer`, `the empty tray`."""
         is_ajar = state.data == "open"  # so is a drawer that is open by half, too
-        form = read_lexicon()["meanings"]["close" if is_ajar else state.data]["form"]
-        text = form.format(thing.name, at="inside" if thing.has_interior else "on")
+        text = self.say_state(thing, "close" if is_ajar else str(state.data))
         return self.vocabulary.is_known(text, is_true=not is_ajar)
+
+    def say_state(self, thing: SceneObject, state: str) -> str:
+        """The statement that an object is in a state; what holds nameless contents is not empty."""
+        if state == "clear" and thing.contents:
+            return f"not (contains({thing.name}))"
+        form: str = read_lexicon()["meanings"][state]["form"]
+        return form.format(thing.name, at="inside" if thing.has_interior else "on")
 
     def is_loose(self, plain: Node) -> bool:
         """Whether a phrase means nameless contents of vessels."""
@@ -237,7 +276,7 @@ class Discourse:
         self, found: Sequence[SceneObject], phrase: Node, kind: str, owner: SceneObject | None, nth: int = 1
     ) -> list[SceneObject]:
         """Those that are most so, or on that side of an object; a question where it depends on who looks."""
-        views = (self.view,) if self.view else VIEWS.values() if kind in SIDES else (1.0,)
+        views = (self.view,) if self.view else tuple(VIEWS.values()) if kind in SIDES else (1.0,)
         if kind in _POSITIONS and owner is None and nth == 1 and len(found) == 1:  # `the top shelf` is one of several
             found = [self.get(name) for name in self.ask(QuestionKind.WHICH, phrase, [each.name for each in found])]
         if owner is not None and kind in {*SIDES, "beside", "under"}:
@@ -248,8 +287,11 @@ class Discourse:
             seen = [list_nth(found, kind, view, nth, at_m) for view in views] if nth > 1 else seen
         names = seen[0]
         if seen[0] != seen[-1]:
+            if self.asks:
+                view = self.ask_view(phrase)
+                return [] if view is None else [thing for thing in found if thing.name in seen[view != views[0]]]
             likely = dict.fromkeys(name for each in seen[::-1] for name in each)
-            names = [*self.ask(QuestionKind.WHICH, phrase, likely)]
+            names = [*self.ask(QuestionKind.SIDE, phrase, likely)]
         return [thing for thing in found if thing.name in names]
 
     def _read_head(self, plain: Node) -> tuple[str, bool, bool]:
@@ -261,6 +303,8 @@ class Discourse:
             return "", word.endswith(("s", "stuff")), get_type(token) == "thing"
         nouns = self.vocabulary.list_words()[1]
         one = word if word in nouns else next(noun for noun in nouns if pluralise(noun) == word)
+        if one in read_lexicon()["synonyms"][LOOSE] and not self._list_alike(one):
+            return LOOSE, word != one, False
         return one, word != one, False
 
     def _filter(self, found: Iterable[SceneObject], tail: Node, nth: int = 1) -> list[SceneObject]:

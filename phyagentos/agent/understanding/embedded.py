@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Mapping
+from itertools import islice, product
 
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.clauses import Clauses
 from phyagentos.agent.understanding.inquiries import read_inquiry
 from phyagentos.agent.understanding.phrases import Node, has_token, list_children
 from phyagentos.agent.understanding.reading import Readings, read_request
-from phyagentos.agent.understanding.steps import finish
+from phyagentos.agent.understanding.steps import finish, list_flipped
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,
@@ -24,6 +25,7 @@ from phyagentos.agent.understanding.vocabulary import Vocabulary
 from phyagentos.protocol.predicates.predicate import find_entities
 
 Texts = tuple[str, ...]
+_SPELLINGS_MAX = 24  # of a request with several slips
 READING = "reading"  # key of the question which of several readings is meant
 
 
@@ -56,24 +58,32 @@ class EmbeddedUnderstander:
     def _respell(
         self, refused: Impossible, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]
     ) -> Understanding:
-        """Ask whether a known word was meant that makes a request of it; the refusal where none does."""
-        word, possible = refused.lacks[0].words, refused.lacks[0].possible
-        spelt = {near: re.sub(rf"(?i)(?<![\w-]){re.escape(word)}(?![\w-])", near, request) for near in possible}
-        found = {near: self.understand(text, vocabulary, answers) for near, text in spelt.items() if text != request}
-        found = {near: each for near, each in found.items() if not isinstance(each, Impossible)}
-        shorter = re.sub(rf"(?i)\b(the|an?|my|this|that) {re.escape(word)} (?=\w)", r"\1 ", request)
-        if not found and len(refused.lacks) == 1 and shorter != request:  # `the coke can`: which can is that?
+        """Ask whether known words were meant that make a request of it; the refusal where none do."""
+        words = [lack.words for lack in refused.lacks]
+        spelt: dict[str, tuple[str, ...]] = {}
+        for near in islice(product(*(lack.possible for lack in refused.lacks)), _SPELLINGS_MAX):
+            spelt[_replace_words(request, dict(zip(words, near, strict=True)))] = near
+        read = {text: self.understand(text, vocabulary, answers) for text in spelt if text != request}
+        found = {text: each for text, each in read.items() if not isinstance(each, Impossible)}
+        shorter = re.sub(rf"(?i)\b(the|an?|my|this|that) {re.escape(words[0])} (?=\w)", r"\1 ", request)
+        if not found and len(words) == 1 and shorter != request:  # `the coke can`: which can is that?
             without = self.understand(shorter, vocabulary, answers)
             is_open = isinstance(without, Ambiguous) and {each.kind for each in without.questions} == {
                 QuestionKind.WHICH
             }
             return without if is_open else refused
-        if not found or (answer := answers.get(word)) in found:
-            return found[str(answer)] if found else refused
-        likely, first = next(iter(found.items()))
-        question = Question(kind=QuestionKind.SPELLING, key=word, words=word, candidates=tuple(found), likely=likely)
-        more = first.questions if isinstance(first, Ambiguous) else ()
-        return Ambiguous(questions=(question, *(each for each in more if each.kind is QuestionKind.SPELLING)))
+        if not found:
+            return refused
+        key, meant = ", ".join(words), dict[object, tuple[str, Understanding]]()
+        for text, each in found.items():
+            meant.setdefault(_outline(each), (spelt[text][0] if len(words) == 1 else text, each))
+        named = dict(meant.values())
+        if (answer := answers.get(key)) in named:
+            return named[str(answer)]
+        question = Question(
+            kind=QuestionKind.SPELLING, key=key, words=key, candidates=tuple(named), likely=next(iter(named))
+        )
+        return Ambiguous(questions=(question,))
 
 
 def _interpret(
@@ -85,11 +95,17 @@ def _interpret(
         said.lack(RequestProblemKind.PAST, read.text)
     root = list_children(tree)[0]
     if root.data.startswith("ask_"):
+        said.asks = True
         inquiry = read_inquiry(said, root)
         return said.conclude() or inquiry
-    latest = vocabulary.past[-1:] if has_token(tree, "then") else ()  # `and then close it` goes on from the last goal
+    plan = said.read_plan(root)
+    is_next = has_token(tree, "then")  # `and then close it` goes on from the last goal, and so does `now close it`
+    latest = vocabulary.past[-1:] if is_next or (read.goes_on and not said.again) else ()
     earlier = [step for past in latest for step in (*past.steps, past.accept)]
-    steps, accept = finish([*earlier, *said.read_plan(root)])
+    steps, accept = finish([*earlier, *plan])
+    flipped = {each for text in accept for each in list_flipped(text)}
+    if not is_next and latest and flipped.isdisjoint(earlier[-1]):
+        steps = tuple(step for step in steps if step != tuple(earlier[-1]))
     constraints = (*(text for past in latest for text in past.constraints), *said.constraints)
     said.reasons += [f"after: {past.objective}" for past in latest]
     if said.again and not vocabulary.past:
@@ -131,6 +147,20 @@ def _begin(said: Clauses, steps: tuple[Texts, ...], accept: Texts, constraints: 
             said.lack(RequestProblemKind.START, text)
     said.reasons += [f"{text} does not hold at first, so it is wanted in the end" for text in late]
     return tuple(dict.fromkeys((*accept, *late))), tuple(text for text in constraints if text not in late)
+
+
+def _replace_words(text: str, words: Mapping[str, str]) -> str:
+    return re.sub(r"[\w'-]+", lambda found: words.get(found[0].lower(), found[0]), text)
+
+
+def _outline(found: Understanding) -> object:
+    """What is alike of readings that differ in spelling alone."""
+    match found:
+        case Understood(goal=goal):
+            return _summarise(goal)
+        case Ambiguous(questions=questions):
+            return tuple((each.kind, each.candidates) for each in questions)
+    return found
 
 
 def _summarise(goal: WantedGoal) -> str:

@@ -6,7 +6,7 @@ from itertools import product
 from phyagentos.agent.understanding.discourse import Slot
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
 from phyagentos.agent.understanding.understanding import Understood
-from phyagentos.agent.understanding.vocabulary import SURFACES, SceneObject, Vocabulary, read_lexicon
+from phyagentos.agent.understanding.vocabulary import NO_TOPS, SceneObject, Vocabulary, read_lexicon
 
 _TRIED = 12  # templates and objects are read by the understander, which takes a tenth of a second
 
@@ -41,7 +41,7 @@ def _fits(body: SceneObject, slot: str) -> bool:
             return body.has_interior and not body.movable and body.kind != "region"
         case "top":
             is_flat = not (body.movable or body.has_interior or body.part_of or body.opens)
-            return is_flat and body.kind not in {*SURFACES, "wall", "region", "cabinet", "panel", "stand"}
+            return is_flat and body.kind not in NO_TOPS
         case "press":
             return body.opens == "slide" and not body.has_interior
         case "opens":

@@ -77,11 +77,34 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
                 said.lack(RequestProblemKind.SENTENCE, question)
         case "ask_named", [*nouns, last]:
             statements = dict.fromkeys(said.list_most(nouns, last), "")
+        case (("ask_parts" | "ask_which_of" | "ask_same"), _):
+            kind, statements = _read_parts(said, question, parts)
         case _, [things]:
             statements = dict.fromkeys(said.resolve(things, Slot.ANY).names, "")
     if has_token(question, "untrue"):
         statements = {name: f"not ({text})" for name, text in statements.items()}
     return Inquiry(kind=kind, words=said.text.strip(" ;"), statements=statements)
+
+
+def _read_parts(said: Clauses, question: Node, parts: Sequence[Node]) -> tuple[InquiryKind, dict[str, str]]:
+    """How many parts something has, which of two is in a state, whether objects are of one size."""
+    kind, statements = _KINDS[question.data], dict[str, str]()
+    match str(question.data), parts:
+        case "ask_parts", [plain, owner]:
+            owners = said.resolve_one(owner, Slot.ANY).names
+            statements = dict.fromkeys(said.list_owned(plain, owners), "")
+            if said.is_loose(plain):
+                kind, statements = InquiryKind.CONTENTS, {name: f"contains({name})" for name in owners}
+        case "ask_which_of", [state, *nouns]:
+            slot = Slot(read_lexicon()["meanings"][state.data]["slot"])
+            statements = _say_state(
+                said, [name for noun in nouns for name in said.resolve_one(noun, slot).names], state
+            )
+        case "ask_same", [things]:
+            bodies = [said.get(name) for name in said.resolve(things, Slot.ANY).names]
+            most = list_most(bodies, "large", 1.0, None)
+            statements = {", ".join(each.name for each in bodies): ", ".join(most)}
+    return kind, statements
 
 
 def _say_places(said: Clauses, names: Iterable[str], dests: Sequence[Node]) -> dict[str, str]:
@@ -105,6 +128,9 @@ def _resolve(said: Clauses, things: Node, slot: Slot) -> tuple[InquiryKind, Iter
 
     A question chooses none of several, as a goal does.
     """
+    (first, *_) = list_children(things)
+    if first.data == "everything" and str(first.children[0]) == "anything":
+        return InquiryKind.COUNT, [name for name in said.resolve(things, slot).names if said.get(name).movable]
     left_open = [noun for noun in list_children(things) if any(find_child(noun, each) for each in _OPEN)]
     if not left_open:
         return InquiryKind.WHETHER, said.resolve(things, slot).names
@@ -129,10 +155,9 @@ def _say_which(said: Clauses, nouns: Sequence[Node], dest: Node) -> dict[str, st
 
 
 def _say_state(said: Clauses, names: Iterable[str], state: Node) -> dict[str, str]:
-    form = read_lexicon()["meanings"][state.data]["form"]
     if read_lexicon()["meanings"][state.data]["slot"] == Slot.OPENS:
         names = [said.find_opening(name) for name in names]
-    return {name: form.format(name, at="inside" if said.get(name).has_interior else "on") for name in names}
+    return {name: said.say_state(said.get(name), str(state.data)) for name in names}
 
 
 _OPEN = ("any", "number", "exactly", "half", "some")  # quantities that leave open which objects are meant
@@ -146,7 +171,10 @@ _KINDS = {
     "ask_named": InquiryKind.WHICH,
     "ask_compare": InquiryKind.WHICH,
     "ask_whether_more": InquiryKind.COMPARED,
+    "ask_same": InquiryKind.COMPARED,
     "ask_count": InquiryKind.COUNT,
+    "ask_parts": InquiryKind.COUNT,
+    "ask_which_of": InquiryKind.WHICH,
     "ask_distance": InquiryKind.DISTANCE,
     "ask_colour": InquiryKind.COLOUR,
     "ask_why": InquiryKind.WHY,
@@ -161,7 +189,7 @@ def answer(inquiry: Inquiry, world: Environment) -> Answer:
     if inquiry.kind is InquiryKind.COMPARED:
         ((name, most),) = inquiry.statements.items()
         is_more = most == name
-        return Answer(answer=_WORDS[Truth.TRUE if is_more else Truth.FALSE], evidence=(f"of the two it is {most}",))
+        return Answer(answer=_WORDS[Truth.TRUE if is_more else Truth.FALSE], evidence=(f"the most so: {most}",))
     found = {name: _evaluate(text, world) for name, text in inquiry.statements.items() if text}
     evidence = tuple(f"{inquiry.statements[name]} is {each.truth}: {each.because}" for name, each in found.items())
     true = [name for name in inquiry.statements if name not in found or found[name].truth is Truth.TRUE]
@@ -186,7 +214,13 @@ def answer(inquiry: Inquiry, world: Environment) -> Answer:
             known = (world.entities[name] for name in inquiry.statements if name in world.entities)
             return Answer(answer="; ".join(f"{each.name} is {each.color or 'of no known colour'}" for each in known))
     counted = {name: _count(name, found[name]) for name in true if _says_count(inquiry.statements[name])}
-    parts = [", ".join(counted.get(name, name) for name in true) or ("" if unknown else "nothing")]
+    partly = [
+        name
+        for name, each in found.items()
+        if each.truth is Truth.FALSE and _is_between(inquiry.statements[name], world)
+    ]
+    parts = [", ".join(counted.get(name, name) for name in true) or ("" if unknown or partly else "nothing")]
+    parts += [f"partly {', '.join(partly)}"] if partly else []
     parts += [f"unknown of {', '.join(unknown)}"] if unknown else []
     listed = "; ".join(filter(None, parts))
     is_count = inquiry.kind is InquiryKind.COUNT

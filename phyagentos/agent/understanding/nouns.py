@@ -73,6 +73,7 @@ class Nouns(Discourse):
             if names and not set(excepted) <= {*names, *spare}:
                 self.lack(RequestProblemKind.THING, exception, names)
             names = tuple(name for name in names if name not in excepted)
+            self.exempt += excepted if any(phrase.find_data("everything")) else ()
             more = fresh[: max(number - len(names), 0)]
             if len(names) + len(more) < number:
                 self.lack(RequestProblemKind.THING, phrase, (*names, *more))
@@ -130,13 +131,16 @@ class Nouns(Discourse):
         past = self.list_past(is_place=slot is Slot.VESSEL)
         doors = [each.name for each in self.list_fitting(slot)] if slot is Slot.OPENS else []
         for names in (*said, past, doors):
-            if found := tuple(name for name in names if slot.takes(self.get(name))):
+            names = [self.find_opening(name) if slot is Slot.OPENS else name for name in names]
+            if found := tuple(dict.fromkeys(name for name in names if slot.takes(self.get(name)))):
                 return found if len(found) == 1 else self.ask(QuestionKind.WHICH, phrase, found)
         if self.questions:
             return ()
         fitting = [each.name for each in self.list_fitting(slot)]
         if not fitting:
             return self.lack(RequestProblemKind.SENTENCE, phrase)
+        if len(fitting) == 1 and slot is Slot.VESSEL:
+            return tuple(fitting)
         return self.ask(QuestionKind.WHICH, phrase, fitting)
 
     def find_corrected(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
@@ -179,6 +183,9 @@ class Nouns(Discourse):
         groups = [tuple(name for name in before if self.get(name).movable) for before in reversed(self.recent[:-1])]
         found = next((group for group in groups if len(group) > 1), tuple(dict.fromkeys(self.moved)))
         found = found or tuple(name for name in self.list_past() if self.get(name).movable)
+        fitting = [each.name for each in self.list_fitting(Slot.MOVED)]
+        if not found and len(fitting) > 1:
+            return self.ask(QuestionKind.HOW_MANY, noun, fitting)
         return found if len(found) > 1 else self.lack(RequestProblemKind.SENTENCE, noun)
 
     def find_everything(self, noun: Node, slot: Slot) -> tuple[str, ...]:
@@ -186,9 +193,11 @@ class Nouns(Discourse):
         colours = {str(token) for token in noun.children if get_type(token) == "elliptic"}
         is_unlike = has_token(noun, "untrue")
         fitting = [each for each in self.list_fitting(slot) if slot is not Slot.ANY or each.movable or each.opens]
-        found = [thing for thing in fitting if (colours <= thing.words) is not is_unlike]
+        found = [thing for thing in fitting if bool(colours & thing.words) is not is_unlike or not colours]
         for tail in list_children(noun):
             found = self._filter(found, tail)
+        if slot is Slot.MOVED and not colours:
+            self.left_out |= dict.fromkeys(map(" ".join, self.vocabulary.unlisted), "entry for it in the inventory")
         return tuple(thing.name for thing in found) or self.lack(RequestProblemKind.THING, noun)
 
     def find_everything_else(self, noun: Node, slot: Slot) -> tuple[str, ...]:
@@ -261,7 +270,7 @@ class Nouns(Discourse):
         found = tuple(name for name in found if name in self.among) or found
         is_pending = asked > 0 and any(has_token(each, "other") for each in quantities)  # than what is not yet chosen
         if not found and len(self.questions) == asked and not is_pending:
-            self.lack(RequestProblemKind.THING, words, self.vocabulary.things)
+            self.lack_named(plain, words)
         named = Named(names=found, words=words, by_colour=by_colour)
         if kind == "their" and slot is Slot.PLACE and len(found) > 1 and not by_colour:
             self.reasons.append(f"{words}: the one of the same colour")

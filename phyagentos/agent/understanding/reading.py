@@ -5,112 +5,50 @@ reading, so that a sentence with two meanings is found out instead of decided by
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
-from functools import lru_cache
+from difflib import get_close_matches
+from functools import lru_cache, reduce
 from math import prod
 from pathlib import Path
 
+import yaml
 from lark import Lark, Token, Tree
 from lark.exceptions import UnexpectedEOF, UnexpectedInput
 from lark.visitors import CollapseAmbiguities
 
+from phyagentos.agent.understanding.asides import drop_asides
 from phyagentos.agent.understanding.understanding import Impossible, RequestProblem, RequestProblemKind, refuse
 from phyagentos.agent.understanding.vocabulary import Vocabulary, read_lexicon
 from phyagentos.errors import find_nearest
 
 MOST_READINGS = 64
 MOST_LETTERS = 600
+_ALIKE = 0.8  # share of letters, see difflib
 LEAST_NEAR = 4  # shorter words of the language are near to anything
 _FOLDER = Path(__file__).parent
 _WORD = re.compile(r"[a-z][a-z'-]*|\d+(?:\.\d+)?|[^\s\w]")
+_GOES_ON = re.compile(
+    r"^(?:(?:and|oh|ok|okay|right|great|good|then|could you|can you|please|,) )*"
+    r"(?:now|next|also|additionally|in addition|besides)\b"
+    r"|\b(?:too|as well)\s*[,;.!?]*$"
+)
 _CONDITION = re.compile(r"\b(if|unless|whenever|when|in case)\b[^,;]*")
-_PLACED = r" (?:in|into|on|onto|to)\b|\s*(?:[,;.]|$)"
-_CORRECTED = (
-    r"\b(?:oh|wait|hold on|hang on|oops|sorry|no|i mean|i meant|actually|or rather|scratch that|make that|my mistake)\b"
-)
-_SHORT = (  # contractions and spellings
-    (r"[’`]", "'"),
-    (r"\b(do|does|did|must|should|would|could|wo|ca|is|are|need)n't\b", r"\1 not"),
-    (r"\b(do|does|did|should|is|are|wo|ca)nt\b", r"\1 not"),
-    (r"\bwo not\b", "will not"),
-    (r"\bca not\b|\bcannot\b", "can not"),
-    (r"\bi'd\b", "i would"),
-    (r"\b(it|that|there|where|what|who|how)'s\b|\b(that|there|where|what)s\b", r"\1\2 is"),
-    (r"\b(you|they|we)'re\b", r"\1 are"),
-    (r"\b(?:unless (it|that|they) (is|are)|if (it|that|they) (is|are) not) already\b", "being already"),
-    (r",? being already(?: (?:there|in there|in it|on it|inside|done|so))?\s*(?=$|[.;!])", ""),
-    (r"\bwhichever ((?:\w+ )?\w+) (is|are)\b", r"the \1 that \2"),
-    (r"\bcolor", "colour"),
-    (r"\b(?!same\b|correspondingly\b)(\w+)[- ]coloured\b", r"\1"),
-    (r"(\d)(cm|mm|m|°)\b", r"\1 \2"),
-    (r"(?:,| and|, and) ([^,;.!?]+?) (?:afterwards|after that)\s*(?=$|[.;!])", r" then \1"),
-    (r"\bgray\b", "grey"),
-    (r"\bcenter", "centre"),
-    (
-        r"\b(nearest|closest|nearer|closer|towards?|farthest|furthest|away)( to| from)? (?:the robot|yourself)\b",
-        r"\1\2 you",
-    ),
-    (r"\b(nearest|closest|farthest|furthest) (\w+(?: \w+)?) (?:to|from) (?:the robot|you|yourself)\b", r"\1 \2"),
-    (r"\b(close|shut)((?: \w+){1,4}?),? if (?:it|they) (?:is|are) (?:still open|open|not closed|not shut)\b", r"\1\2"),
-    (r"\b(open)((?: \w+){1,4}?),? if (?:it|they) (?:is|are) (?:still |)(?:closed|shut|not open)\b", r"\1\2"),
-    (r"\s[-\u2013\u2014]+\s|\u2014", " , "),
-    (rf"(?<=\w)\s*[,;]?\s*(?:{_CORRECTED})(?:\s*,?\s*(?:{_CORRECTED}))+\b(?! not\b)\s*,?\s*", " , no , "),
-    (r"\b(except|except for|but|apart from) what is\b", r"\1 everything that is"),
-    (r"(^|[,;] |\b(?:and|but|then) )just (?!the\b|an?\b|one\b)", r"\1"),
-    (r"(^|[,;] )only (\w+) the\b", r"\1\2 only the"),
-    (r"\bcan you see\b", "do you see"),
-    (r"\bwhat (?:all )?can you do(?: here| for me)?\b", "what can be done"),
-    (r"\bwhatever (?:is|lies|stands)\b", "everything that is"),
-    (rf"\bthe other(?={_PLACED})", "the other one"),
-    (rf"\bthe other (two|three|four|five|six)(?={_PLACED})", r"the other \1 ones"),
-    (r"^((?:is|are|has|have|does|do) .*?) (?:yet|still)\b", r"\1"),
-    (r"\b(if [^,]*?\b(?:is|are)) (?:still|already)\b", r"\1"),
-    (r"\bnot yet\b", "not"),
-    (rf"^(?:{_CORRECTED})(?:\s*,?\s*(?:{_CORRECTED}))+\s*,?\s*", "no , "),
-    (r"\bsomething (?!in\b|on\b|else\b|to\b|into\b|that\b)(\w+)", r"a \1 thing"),
-    (r"\b(stand|be) (upright|open|closed|shut|empty) again\b", r"\1 \2"),
-    (r"\btogether (?=in\b|into\b|on\b|onto\b)", ""),
-    (r"\bback out\b", "out"),
-    (r"(\bnot\b[^,;]*?) yet\b", r"\1"),
-    (r"^(?:(?:no|sorry|oops)\s*[,;.]?\s*)?wrong (\w+)\s*[,;.:]\s*(?:i meant? )?(the \w+) one\b", r"no , \2 \1"),
-    (
-        r"\bexcept (the (?:\w+ )?\w+),? (?:which|that) (goes|should go|must go|has to go|belongs)\b",
-        r"except \1 , \1 \2",
-    ),
-    (r"\bput (.+?) where (.+?) (?:is|was),? and \2 where \1 (?:is|was)\b", r"swap \1 and \2"),
-    (r"\binstead of\b", "rather than"),
-    (
-        r"^((?:please |could you |can you )*)(?:sort|tidy|arrange|organi[sz]e)(?: up| out)?"
-        r"(?: them| these| those| everything)?(?: as follows| like this| this way)?\s*:\s*",
-        r"\1put ",
-    ),
-    (
-        r"\bclear (everything|all|every|both)\b(?![^,;]*\b(?:off|from|out)\b)(?=[^,;]* (?:onto|into|on|in|to) )",
-        r"put \1",
-    ),
-    (r"_", " "),
-    (r"(?<!\d)[.!:?]+|[.!:?]+(?!\d)", " ; "),
-    (r"([,;()&])", r" \1 "),
-    (r"\s*,(\s*,)+", " ,"),
-    (r",?\s*\b(after that|then|afterwards|finally|next)\s*,", r" \1 "),
-    (r",\s*(except|except for|apart from|but not) ([^,;]+),", r" \1 \2 "),
-    (r"\bnothing else (is |gets |should be |may be )?(moved|moves|touched)\b", "do not move anything else"),
-    (r",? and nothing else\s*(?=$|[.;!])", " and do not move anything else"),
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Readings:
     """What was read: a tree for each reading; `unsaid` are words of manner, which no predicate says.
 
-    `is_robots_view` is whether left and right are said to be those of the robot.
+    `is_robots_view` is whether left and right are said to be those of the robot, `goes_on` whether the last goal
+    is to hold as well, as in `now ...`, `also ...`.
     """
 
     text: str
     trees: tuple[Tree[Token], ...]
     unsaid: tuple[str, ...]
     is_robots_view: bool = False
+    goes_on: bool = False
 
 
 def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
@@ -118,10 +56,14 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     text = " ".join(request.lower().split())
     if len(text) > 4 * MOST_LETTERS:  # courtesies are not counted below
         return refuse(RequestProblemKind.SENTENCE, text[MOST_LETTERS : 2 * MOST_LETTERS])
-    for pattern, spelt in _SHORT:
-        text = re.sub(pattern, spelt, text)
+    for pattern, spelt in _read_spellings():
+        text = pattern.sub(spelt, text)
+    text, count = _GOES_ON.subn("", text.strip())
+    text, goes_on = text.strip(" ,"), count > 0
     adjectives, nouns = vocabulary.list_words()
     parser, words = _build_parser(adjectives, nouns, tuple(vocabulary.postures))
+    scene = adjectives | nouns | {*map(pluralise, nouns)}
+    text, asides = drop_asides(" ".join(text.split()), words, scene)
     courtesy, manner = (_read_phrases()[name] for name in ("courtesy", "manner"))
     unsaid = tuple(re.findall(_alternatives(manner), text))
     text, views = re.subn(_alternatives(_read_phrases()["robots_view"]), " ", text)
@@ -134,18 +76,9 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     if condition and (strange or condition[1] != "if"):
         return refuse(RequestProblemKind.CONDITION, condition[0].strip(" ,;"))
     if near := {word: _find_meant(word, content) for word in strange}:
-        usual = [*content, *(word for word in sorted(words - {*content}) if len(word) > 1)]
-        return Impossible(
-            lacks=tuple(
-                RequestProblem(
-                    kind=RequestProblemKind.WORD,
-                    words=word,
-                    nearest=near[word],
-                    possible=tuple(each for each in usual if is_slip(word, each)),
-                )
-                for word in near
-            )
-        )
+        polite = {each for phrase in courtesy for each in phrase.split() if len(each) >= LEAST_NEAR}
+        usual = [*content, *(word for word in sorted((words | polite) - {*content}) if len(word) > 1)]
+        return _refuse_words(near, usual, scene)
     if len(text) > MOST_LETTERS:
         return refuse(RequestProblemKind.SENTENCE, text[MOST_LETTERS:])
     try:
@@ -158,13 +91,37 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     if _count_readings(forest) > MOST_READINGS:
         return refuse(RequestProblemKind.SENTENCE, text)
     trees = CollapseAmbiguities().transform(forest)
-    return Readings(text=text, trees=tuple(dict.fromkeys(trees)), unsaid=unsaid, is_robots_view=views > 0)
+    return Readings(
+        text=text,
+        trees=tuple(dict.fromkeys(trees)),
+        unsaid=(*unsaid, *asides),
+        is_robots_view=views > 0,
+        goes_on=goes_on,
+    )
+
+
+def _refuse_words(near: Mapping[str, str], usual: Sequence[str], scene: Set[str]) -> Impossible:
+    """Each strange word with the nearest known one, and all of which it may be a slip."""
+    kind = RequestProblemKind.WORD
+    return Impossible(
+        lacks=tuple(
+            RequestProblem(kind=kind, words=word, nearest=known, possible=_list_meant(word, usual, scene))
+            for word, known in near.items()
+        )
+    )
 
 
 def _find_meant(word: str, known: Iterable[str]) -> str:
     """The known word that a strange one looks like: it begins alike, and few letters differ; or empty."""
     near = find_nearest(word, [each for each in known if each[:2] == word[:2] or is_slip(word, each)])
     return near or ""
+
+
+def _list_meant(word: str, usual: Iterable[str], scene: Iterable[str]) -> tuple[str, ...]:
+    """Known words that a strange one can be a slip of; of the scene's also those that are merely much alike."""
+    alike = [each for each in sorted(scene) if each[:1] == word[:1] and min(len(each), len(word)) > LEAST_NEAR]
+    slips = (each for each in usual if is_slip(word, each))
+    return tuple(dict.fromkeys((*slips, *get_close_matches(word, alike, 2, _ALIKE))))
 
 
 def is_slip(word: str, meant: str) -> bool:
@@ -199,6 +156,18 @@ def _inflect(phrase: str) -> list[str]:
     stem = verb[:-1] if re.search("[^e]e$", verb) else verb
     stem = f"{verb}{verb[-1]}" if re.fullmatch(r"[^aeiou]*[aeiou][^aeiouwxy]", verb) else stem
     return [f"{form}{rest}" for form in (verb, pluralise(verb), f"{stem}ing")]
+
+
+@lru_cache(maxsize=1)
+def _read_spellings() -> tuple[tuple[re.Pattern[str], str], ...]:
+    """Patterns of what is written, and what is read for each."""
+    known = yaml.safe_load((_FOLDER / "spellings.yaml").read_text(encoding="utf-8"))
+    parts = {f"<{name}>": known[name] for name in ("corrected", "placed")}
+    written = [
+        (reduce(lambda text, part: text.replace(*part), parts.items(), pattern), spelt)
+        for pattern, spelt in known["spellings"]
+    ]
+    return tuple((re.compile(pattern), spelt) for pattern, spelt in written)
 
 
 @lru_cache(maxsize=1)

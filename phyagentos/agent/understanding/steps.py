@@ -31,7 +31,7 @@ def finish(steps: Sequence[Step]) -> tuple[tuple[tuple[str, ...], ...], tuple[st
         past = lasting
         gone = {text for text in lasting if says(text, *_BROUGHT) and get_object(text) in put[n] and text not in kept}
         gone |= {text for text in lasting if _passes(text) or not kept.keys().isdisjoint(list_flipped(text))}
-        gone |= {f"not {text}" for text in kept} | {text.removeprefix("not ") for text in kept if "not " in text}
+        gone |= {negate(text) for text in kept}
         lasting = {text: None for text in lasting if text not in gone} | kept
         if not kept.keys() <= past.keys():
             cleaned.append(tuple(kept))
@@ -48,6 +48,11 @@ def says(text: str, *meanings: Meaning, is_true: bool = True) -> bool:
 def get_object(text: str) -> str:
     """What a predicate is about, the first object that it names."""
     return next(iter(find_entities(text)), "")
+
+
+def negate(text: str) -> str:
+    """The contrary of a text."""
+    return text.removeprefix("not ") if text.startswith("not ") else f"not {text}"
 
 
 def rename(text: str, names: Mapping[str, str]) -> str:

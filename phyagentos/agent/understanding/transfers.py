@@ -6,7 +6,7 @@ Upstream: noun phrases and destinations. Downstream: the clauses. One method a r
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
-from phyagentos.agent.understanding.bearings import SIDES, find_beside, find_between, shift
+from phyagentos.agent.understanding.bearings import SIDES, find_beside, find_between, find_row, shift
 from phyagentos.agent.understanding.destinations import Destinations
 from phyagentos.agent.understanding.discourse import Named, Slot
 from phyagentos.agent.understanding.phrases import (
@@ -24,6 +24,7 @@ from phyagentos.agent.understanding.vocabulary import REGION, SURFACES, read_lex
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.predicate import find_entities
 
+_STEPS_M = {"5 cm": 0.05, "10 cm": 0.1, "20 cm": 0.2}  # to choose from, where no measure is said
 SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
 
 
@@ -38,6 +39,8 @@ class Transfers(Destinations):
 
     def _read_put(self, clause: Node, placing: Node) -> Step:
         heaps = str(clause.children[0]).startswith(("stack", "pil"))
+        if heaps:  # `stack the yellow on the blue` is of one kind
+            self.heads.pop(Slot.PLACE, None)
         return self._read_wish_place(placing, *list_children(placing), heaps=heaps)
 
     def _read_not_there(self, clause: Node, dest: Node) -> Step:
@@ -100,7 +103,9 @@ class Transfers(Destinations):
         wanted = []
         for name in names:
             if place := self._find_place(name, dest, places):
-                beside = self._stand_beside(name, dest, place) if dest.data == "beside" and len(names) == 1 else ""
+                beside = (
+                    self._stand_beside(name, dest, place) if dest.data == "beside" and len(names) <= len(SIDES) else ""
+                )
                 wanted.append(beside or self._locate(name, dest, place))
                 wanted += [f"not {self._locate(each, dest, place)}" for each in objects.rest if each not in names]
         if not wanted and self.left_out and places.by_colour:
@@ -133,6 +138,27 @@ class Transfers(Destinations):
         beside = self._stand_beside(names[1], clause, names[0]) if len(names) == 2 else ""
         return [beside] if beside else self.lack(RequestProblemKind.CAPABILITY, clause)
 
+    def _read_row(self, clause: Node, things: Node) -> Step:
+        """The first stays, the others stand in a row beside it, on the freest side."""
+        bodies = [self.get(name) for name in self.resolve(things, Slot.MOVED).names]
+        others = [each for each in self.list_fitting(Slot.ANY) if each not in bodies and each.kind not in SURFACES]
+        points = find_row(bodies, others) if len(bodies) > 1 else None
+        if points is None:
+            return () if self.questions or self.lacks else self.lack(RequestProblemKind.CAPABILITY, clause)
+        self.reasons.append(f"{self.quote(clause)}: from {bodies[0].name} on to the freest side, as any row will do")
+        return [self._stand_at(each.name, point_m) for each, point_m in zip(bodies, points, strict=True)]
+
+    def find_laden(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
+        """`the coaster with the coin on it`: what it carries stays on it."""
+        owner, *load = list_children(phrase)
+        names = self.resolve_one(owner, slot).names
+        said = [name for each in load for name in self.resolve_aside(each, Slot.MOVED).names]
+        carried = [each for each in self.list_fitting(Slot.MOVED) if each.stands and each.stands in names]
+        if names and (not carried or not {*said} <= {each.name for each in carried}):
+            return self.lack(RequestProblemKind.FIT, phrase)
+        self.constraints += [self._relate(each.name, each.stands) for each in carried if not said or each.name in said]
+        return names
+
     def _read_put_between(self, clause: Node, things: Node, *ends: Node) -> Step:
         """At the point half-way between two objects, where there is room for one more."""
         names = self.resolve(things, Slot.MOVED).names
@@ -147,6 +173,8 @@ class Transfers(Destinations):
 
     def _read_put_back(self, clause: Node, things: Node) -> Step:
         """To where the scene has it at first: what it stands in or on there, else the table."""
+        if str(clause.children[0]).startswith(("bring", "fetch", "get")) and str(clause.children[-1]) == "back":
+            return self.lack(RequestProblemKind.CAPABILITY, clause)  # to the person, that is
         names = self._put(self.resolve(things, Slot.MOVED))
         is_exact = any("where" in str(each) for each in clause.children)
         return [(self._put_exactly(name) if is_exact else "") or self._put_back(name) for name in names]
@@ -176,16 +204,21 @@ class Transfers(Destinations):
         return [self._stand_at(names[0], (*points[each][:2], at_m[2])) for each in meant]
 
     def _read_put_away(self, clause: Node, *parts: Node) -> Step:
-        """A question where to, as no skill hands anything to a person; where there is a single vessel, into that."""
+        """A question where to; where there is a single vessel, into that. No skill hands anything to a person."""
         named = self._find_untidy(clause, *parts)
         standing = (each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), named))
         names = self._put(Named(names=named if all(self.get(name).movable for name in named) else tuple(standing)))
-        gives = any(has_token(clause, each) for each in ("give", "hand_over", "bring", "remove"))
-        fixed = [each for each in self.list_fitting(Slot.PLACE) if not each.movable and each.kind != REGION]
-        places = [each.name for each in fixed if each.has_interior or (gives and each.kind in SURFACES)]
-        single = places if len(places) == 1 else []
-        others = places or [each.name for each in fixed if each.kind not in SURFACES]
-        chosen = single or self.ask(QuestionKind.WHERE, clause, others)
+        if any(has_token(clause, each) for each in ("give", "hand_over")):  # `pick up` is in the examples
+            return self.lack(RequestProblemKind.CAPABILITY, clause)
+        places = [each.name for each in self.list_rests()]
+        is_clear = (
+            len(places) == 1
+            and self.get(places[0]).has_interior
+            and not has_token(clause, "bring")
+            and not has_token(clause, "remove")
+        )
+        single = places if is_clear else []
+        chosen = single or self.ask(QuestionKind.WHERE, clause, places)
         self.reasons += [f"{self.quote(clause)}: {name} is all that takes objects here" for name in single]
         return [self._relate(name, place) for place in chosen for name in names]
 
@@ -205,11 +238,21 @@ class Transfers(Destinations):
         said = [str(token) for token in clause.children if get_type(token) in {"amount", "unit"}]
         amount = float(NUMBERS.index(said[0]) if said[0] in NUMBERS else said[0]) if said else 0.0
         by_m = amount * read_lexicon()["units_m"].get(said[-1], 0.0) if said else 0.0
+        fallen = [name for name in names if self.vocabulary.is_known(f"upright({name})", is_true=False)]
+        if not said and has_token(clause, "rotation") and names and len(fallen) == len(names):  # `flip the stool over`
+            return self._say_upright(names)
+        if side in {*SIDES, "toward", "away"} and not said and names:
+            by_m = next((_STEPS_M[each] for each in self.ask(QuestionKind.HOW_FAR, clause, _STEPS_M)), 0.0)
+            if not by_m:
+                return []
         if side not in {*SIDES, "toward", "away"} or by_m <= 0.04 or any(self.get(name).at_m is None for name in names):
-            return self.lack(RequestProblemKind.CAPABILITY, " ".join(said) or self.quote(clause))
+            return self.lack(RequestProblemKind.MEASURE, " ".join(said) or self.quote(clause))
         view = self.ask_view(sides[0]) if side in SIDES else 1.0
         places = ((name, self.get(name).at_m) for name in names)
         return [self._stand_at(name, shift(at_m, side, view, by_m)) for name, at_m in places if at_m and view]
+
+    def _say_upright(self, names: Sequence[str]) -> Step:
+        return [read_lexicon()["meanings"]["stand"]["form"].format(name) for name in names]
 
     def _stand_for(self, name: str, other: str) -> str:
         """At the point of another object, as high as its own size makes it."""
@@ -264,8 +307,10 @@ class Transfers(Destinations):
             return [f"not {self._relate(name, self.get(name).stands)}" for name in self._put(Named(names=names))]
         return self._read_put_away(clause, things)
 
-    def _read_unstack(self, clause: Node, things: Node) -> Step:
-        below = {name: self.get(name).stands for name in self.resolve(things, Slot.MOVED).names}
+    def _read_unstack(self, clause: Node, *things: Node) -> Step:
+        """Of a tower, where no objects are named, all that stand on another."""
+        named = [name for each in things for name in self.resolve(each, Slot.MOVED).names]
+        below = {name: self.get(name).stands for name in named or [each.name for each in self.list_fitting(Slot.MOVED)]}
         wanted = [
             f"not {self._relate(name, place)}" for name, place in below.items() if place and self.get(place).movable
         ]
@@ -300,7 +345,9 @@ class Transfers(Destinations):
 
     def _read_exchange(self, clause: Node, gone: Node, come: Node) -> Step:
         """One object out of what it stands in or on, and another one there."""
-        if has_token(clause, "for") and not str(clause.children[0]).startswith("exchang"):  # substitute B for A
+        if has_token(clause, "for") and not str(clause.children[0]).startswith(
+            ("exchang", "swap", "switch", "trad")
+        ):  # substitute B for A
             gone, come = come, gone
         old, new = (self.resolve_one(noun, Slot.MOVED).names for noun in (gone, come))
         if len(old) != 1 or len(new) != 1:

@@ -50,6 +50,8 @@ class QuestionKind(_Kind):
     ORDER = "order", "In which order, from below, is"
     DEED = "deed", "What is to be done:"
     READING = "reading", "It can be read in several ways:"
+    HOW_FAR = "how_far", "How far is"
+    SIDE = "side", "Left, right, front and back depend on who looks; which one is"
     SPELLING = "spelling", "Is this meant by the word"
     VIEW = "view", "Left, right, front and back depend on who looks; who is it in"
 
@@ -60,6 +62,12 @@ class RequestProblemKind(_Kind):
     WORD = "word", "is no word of this scene or of requests"
     SENTENCE = "sentence", "is not understood as a sentence"
     THING = "thing", "is not here"
+    UNLISTED = "unlisted", "is seen here and in no inventory, so that no goal can be about it"
+    MEASURE = (
+        "measure",
+        "is no height, turn, opening or distance that a skill here guarantees: an object can be picked up, stood up, "
+        "opened or closed, put onto another, or moved to a side by 5 cm or more",
+    )
     FIT = "fit", "is not possible with this object"
     CAPABILITY = "capability", "is what no skill here brings about"
     CONTRADICTION = "contradiction", "cannot hold together"

@@ -6,7 +6,7 @@ Upstream: the catalogue and its scene file. Downstream: the understanders. Every
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Set
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -30,7 +30,7 @@ from phyagentos.protocol.predicates.relations import find_places
 from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.descriptions import COLORS
 from phyagentos.protocol.world.entity_geometry import AXES, compute_center, compute_extent
-from phyagentos.protocol.world.environment import Environment
+from phyagentos.protocol.world.environment import UNNAMED, Environment
 from phyagentos.protocol.world.scenes import Body, SceneSpec, read_scene
 from phyagentos.protocol.world.truth import Truth
 
@@ -39,6 +39,15 @@ ROLE = "robot"  # of the target in goals of requests
 FRAME_M = 0.35  # how far the middle of a lid, a door or a drawer is from that of its frame at most
 LOOSE = "ball"  # one of the nameless contents of a vessel
 WORD = re.compile(r"[a-z][a-z0-9 '-]*")  # what of the text of a scene is taken for a word
+NO_TOPS = {
+    "table",
+    "floor",
+    "wall",
+    REGION,
+    "cabinet",
+    "panel",
+    "stand",
+}  # kinds onto which no request puts an object by itself
 SURFACES = ("table", "floor")  # kinds on which objects stand that the scene places nowhere else
 
 
@@ -80,6 +89,7 @@ class Vocabulary:
     Attributes:
         capabilities: Predicates that some skill guarantees on some target, negated ones as `not inside`.
         robot: The target that goals of requests are for.
+        unlisted: Colour and form of each object that is seen and in no inventory: no goal can be about it.
         past: Goals of the scene that were asked for before, the latest last.
         world: The scene as it begins; without it no statement is known to be true or false.
     """
@@ -91,6 +101,7 @@ class Vocabulary:
     robot: str = ANY
     postures: tuple[str, ...] = ()
     past: tuple[WantedGoal, ...] = ()
+    unlisted: tuple[tuple[str, str], ...] = ()
     world: Environment | None = field(default=None, compare=False, repr=False)
 
     @classmethod
@@ -115,9 +126,13 @@ class Vocabulary:
             words = frozenset((*name.split("_"), *(region.body or "").split("_"))) - {""}
             things[name] = SceneObject(name=name, kind=REGION, words=words, heads=_find_heads(name), has_interior=True)
         postures = (each for _, profile in sorted(catalogue.targets.items()) for each in profile.postures)
+        seen = world.entities.values() if world is not None else ()
+        unlisted = tuple((each.color, each.form) for each in seen if each.kind == UNNAMED)
+        located = _locate(things, world) if world is not None else things
         return cls(
             scene=scene,
-            things=_add_synonyms(_locate(things, world) if world is not None else things),
+            things=_add_synonyms(located, {form for _, form in unlisted}),
+            unlisted=unlisted,
             capabilities=_find_capabilities(catalogue),
             targets=tuple(sorted(catalogue.targets)),
             robot=robot,
@@ -133,11 +148,21 @@ class Vocabulary:
         truth = parse_predicate(text).evaluate(View(now=self.world, initial=self.world)).truth
         return truth is (Truth.TRUE if is_true else Truth.FALSE)
 
+    def is_unlisted(self, head: str, adjectives: Iterable[str]) -> bool:
+        """Whether words mean an object that is seen and in no inventory."""
+        others = {form: {form, *read_lexicon()["synonyms"].get(form, ())} for _, form in self.unlisted}
+        return any(
+            (not head or head in others[form]) and {*adjectives} <= {*colour.split()} and (head or adjectives)
+            for colour, form in self.unlisted
+        )
+
     def list_words(self) -> tuple[frozenset[str], frozenset[str]]:
         """Words that may stand before a noun, and nouns; colours stand for nouns, too."""
         things = self.things.values()
         adjectives = {*COLORS}.union(*(thing.words for thing in things))
         nouns = {LOOSE for thing in things if thing.contents}.union(*(thing.heads for thing in things))
+        for noun in ({form for _, form in self.unlisted} | (nouns & {LOOSE})) - {""}:
+            nouns |= {noun, *read_lexicon()["synonyms"].get(noun, ())}
         return frozenset(filter(WORD.fullmatch, adjectives)), frozenset(filter(WORD.fullmatch, nouns))
 
 
@@ -165,9 +190,9 @@ def _locate(things: Mapping[str, SceneObject], world: Environment) -> dict[str, 
     return located
 
 
-def _add_synonyms(things: Mapping[str, SceneObject]) -> dict[str, SceneObject]:
+def _add_synonyms(things: Mapping[str, SceneObject], taken: Set[str]) -> dict[str, SceneObject]:
     """The objects with further nouns for them, as far as nothing else here is called so."""
-    taken = {head for thing in things.values() for head in thing.heads}
+    taken = {head for thing in things.values() for head in thing.heads} | taken
     more = {noun: {*others} - taken for noun, others in read_lexicon()["synonyms"].items()}
     return {
         name: replace(thing, heads=thing.heads.union(*(more.get(head, ()) for head in thing.heads)))

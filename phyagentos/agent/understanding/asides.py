@@ -1,0 +1,157 @@
+"""Asides of a request: courtesies before a verb, reasons, purposes, remarks and adverbs of manner.
+
+Upstream: the spelling of a request. Downstream: the grammar, which knows none of them. An aside is left out only where
+nothing of it could be part of a goal: no word of the scene, number, negation, condition or time. What is left out, save
+courtesies, is returned, since a person has to see it.
+"""
+
+import re
+from collections.abc import Callable, Set
+from functools import partial
+
+from phyagentos.agent.understanding.vocabulary import read_lexicon
+
+_LEAD = (
+    "a|ah|am|any|appreciate|awesome|be|big|bit|bother|chance|could|do|does|dear|er|erm|excuse|favou?r|for|glad|good|"
+    "grateful|great|guess|happy|hello|help|helpful|hey|hi|hmm?|hope|hoping|i|if|is|it|just|kind|kindly|like|little|"
+    "lovely|love|maybe|me|might|much|my|nice|of|oh|ok|okay|perhaps|please|possible|possibly|really|robot|so|sorry|sort|"
+    "suppose|that|there|think|thinking|thought|to|trouble|um+|uh+|us|very|was|way|well|were|whether|wonder|wonderful|"
+    "wondering|would|you"
+)
+_MODAL = "could|can|would|will"  # `should you drop it` is a condition
+_SOFT = (
+    rf"{_MODAL}|to|please|kindly|maybe|perhaps|possibly|just|quickly|now|also|to|go ahead and|go and|be able to|"
+    "manage to|try to|try and|be so kind as to|be a dear and|help me|help me to|help us|mind"
+)
+_COURTESY = re.compile(
+    rf"(^|[,;] )(?:(?:{_LEAD}|,) )*?"
+    rf"(?:(?:{_MODAL}) you|(?:want|need|like|love|have|get|ask|asking|wish|for|expect|trust) you to|"
+    rf"(?:if|that|chance|hoping|hope|think|thinking|wondering|wish|maybe|"
+    rf"perhaps|possibly|guess|suppose) you (?:{_MODAL}))"
+    rf"(?: (?:{_SOFT}))* (not )?(?!see\b|have\b)"
+)
+_WISH = re.compile(
+    r"^(?:(?:it|that) would be (?:\w+ )?\w+|i would (?:really |so )?(?:love|like|prefer|appreciate)(?: it)?) if "
+    r"(?!you\b)([^,;]+?) (?:was|were|ended up|would be|could be|went|got|is|are)\b"
+)
+_SOUND = re.compile(
+    r"^(?:(?:oh|ah|u[mh]+|er+m?|hm+|yes|yeah|yep|sure|great|perfect|nice|good|cool)(?: ,)? (?!no\b|not\b))+"
+)
+_REASONS = (
+    r"\b(?:because|cause|cos|cuz|seeing (?:that|as)|given that)\b[^,;]*",
+    r"\b(?:since|as) (?:i|we|my|our|he|she|guests|people|someone|somebody|"
+    r"(?:it|there|that) (?:is|was|has)|the \w+ (?:is|are|was|has|have)) [^,;]*",
+    r"\bso(?: that)? (?:i|we|he|she|my \w+|our \w+|people|everyone|everybody|guests) "
+    r"(?:can|could|do|will|may|might|have|get|am|are|need) [^,;]*",
+    r"\b(?:in order to|to (?:make|free up|have|get) (?:some )?(?:more )?(?:room|space))\b[^,;]*",
+)
+_MANNER = (
+    r"\b(?:by|using|with|at) (?:its|the|their) (?:\w+ )?(?:handle|knob|grip)s?\b(?=\s*(?:[,;]|$))(?<!\bopen the handle)"
+    r"|\b(?:side by side|next to each other|in a (?:neat )?row) (?=in\b|into\b|on\b|onto\b)"
+)
+_GOES_ON = re.compile(r"\b(?:and|but|then|or)\b(?! (?:i|we|my|our|he|she|they|it is|there)\b)")
+_FOR = re.compile(
+    r"(?<!look )(?<!search )(?<!same )\bfor (?:(?!and\b|with\b|in\b|into\b|on\b|onto\b|to\b)[a-z'-]+ ?){1,5}"
+    r"(?=\s*(?:[,;]|$)|and\b)"
+)
+_TRADED = re.compile(r"\b(?:look|search|swap|exchang|replac|substitut|trad|wait|hold|keep|stay)")
+_REMARK = re.compile(
+    r"(?:and |but |well |so )?(?:i|we|he|she|there (?:is|are|was|were|has)|"
+    r"(?:it|they|that|this|(?:the|those|these|my|our|his|her)(?: \w+){1,2}|some\w+|every\w+|people|"
+    r"\w+s|dinner|lunch|breakfast|today|tonight) "
+    r"(?:is|are|was|were|has|have|will be|keeps?))\b"
+)
+_FIRST_PERSON = re.compile(
+    r"(?:i|we) (?:can|could|am|are) (?:not|looking)|(?:i|we) (?:need|want|have|would like|am going|am about) to\b"
+)
+
+
+def drop_asides(text: str, known: Set[str], scene: Set[str]) -> tuple[str, tuple[str, ...]]:
+    """A request without its asides, and those that are no mere courtesies; `scene` are the words of objects here."""
+    dropped: list[str] = []
+    text = _drop_courtesies(text)
+
+    def drop(found: re.Match[str], is_idle: Callable[[str], bool]) -> str:
+        if not is_idle(found[0]):
+            return found[0]
+        dropped.append(found[0].strip(" ,;"))
+        return " "
+
+    for pattern in _REASONS:
+        text = re.sub(pattern, partial(drop, is_idle=lambda said: not _GOES_ON.search(said)), text)
+    text = re.sub(
+        r"\bbefore (?:[a-z'-]+ ?){1,4}(?=\s*(?:[,;]|$))",
+        partial(drop, is_idle=lambda said: _is_idle(said.removeprefix("before "), known, scene)),
+        text,
+    )
+    text = re.sub(_MANNER, partial(drop, is_idle=bool), text)
+    text = re.sub(
+        r"\b(in|on|onto|into) the (?:very |exact )?(?:centre|middle) of (?=the\b|my\b|your\b)",
+        lambda found: f"{drop(found, bool)}{found[1]} ",
+        text,
+    )
+    if not _TRADED.search(text):
+        text = _FOR.sub(partial(drop, is_idle=lambda said: _is_idle(said.removeprefix("for "), known, scene)), text)
+    text = re.sub(
+        r"(?<!the )(?<!a )(?<!an )(?<!my )\b[a-z]+ly\b",
+        partial(drop, is_idle=lambda said: said not in known and said not in read_lexicon()["not_of_manner"]["words"]),
+        text,
+    )
+    rest, text = text, ""
+    while rest:
+        said, mark, rest = re.fullmatch(r"([^,;]*)([,;]?)\s*(.*)", rest).groups()  # type: ignore[union-attr]
+        remark = said.strip()
+        before, _, after = remark.partition(" so ")
+        is_remark = _REMARK.match(before) and _is_idle(before, known, scene)
+        if after and (is_remark or _find_topic(before, f"so {after}", known, scene) is not None):
+            remark, rest = before, f"so {after}{mark} {rest}"
+        if _REMARK.match(remark) and _is_idle(remark, known, scene):
+            dropped.append(remark)
+            rest = rest.removeprefix("so ")
+        elif rest and (topic := _find_topic(remark, rest, known, scene)) is not None:
+            dropped.append(remark)
+            rest = re.sub(r"\b(?:it|them)\b", topic, rest, count=1) if topic else rest
+            rest = rest.removeprefix("so ")
+        else:
+            text += f"{said.rstrip()} {mark} "
+    return re.sub(r"^[\s,;]+", "", text).strip(), tuple(dropped)
+
+
+def _drop_courtesies(text: str) -> str:
+    text = _SOUND.sub("", text)
+    text = re.sub(r"^i (?:think|guess|suppose|believe|reckon|figure)(?: that)? (?!not\b)", "", text)
+    text = _WISH.sub(r"i want \1 to be", text)
+    return _COURTESY.sub(lambda found: f"{found[1]}{'do not ' if found[2] else ''}", text)
+
+
+def _is_idle(said: str, known: Set[str], scene: Set[str]) -> bool:
+    """Whether words could be no part of a goal: one at least is unknown, none is of the scene, a number or weighty."""
+    spoken = {*re.findall(r"[a-z][a-z'-]*|\d+", re.sub(r"^(?:i|we) (?:can|could|do|am|are|have) not\b", "", said))}
+    strange = spoken - known
+    return (
+        bool(strange)
+        and spoken.isdisjoint({*scene, *read_lexicon()["weighty"]["words"]})
+        and not any(map(str.isdigit, spoken))
+    )
+
+
+def _find_topic(remark: str, later: str, known: Set[str], scene: Set[str]) -> str | None:
+    """What a remark about an object leaves for a later `it`: the object's phrase, or nothing; None if it is none."""
+    refers = bool(re.search(r"\b(?:it|them|they)\b", later))
+    if there := re.match(r"there (?:is|are) (?:an? |some |the )?(.*)", remark):
+        return f"the {there[1]}" if refers else None
+    words = "|".join(sorted(map(re.escape, scene)))
+    if stated := re.fullmatch(
+        rf"((?:the|my|our|this) (?:(?:{words})\b ?)+)(?:is|are|was|were|looks?|seems?|fell|has|have|got|keeps?)\b(.*)",
+        remark,
+    ):
+        is_idle = _is_idle(remark.removeprefix(stated[1]), known - {"mess", "way", "fallen"}, scene)
+        return (stated[1].strip() if refers else "") if is_idle else None
+    if not _FIRST_PERSON.match(remark) or not (
+        later.startswith("so ") or not re.match(r"\w+ (?:need|want|have|would)", remark)
+    ):
+        return None
+    phrases = re.findall(rf"\b(?:the|my|our|this|that|an?) (?:(?:{words})\b ?)+", remark)
+    if not refers:
+        return ""
+    return phrases[0].strip() if len(phrases) == 1 else None
