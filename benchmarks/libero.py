@@ -11,13 +11,13 @@ graphs are generated from it by effect; shapes, rooms, joints and handles are re
 model. No code and no setting is of a task.
 
 What is known, by the sensing:
-- *state* (the default): the poses and shapes of all things are the simulator's own.
+- *state* (the default): the poses and shapes of all objects are the simulator's own.
 - *perceived* (`--sensing perceived`): the poses of what moves, and how far joints are open, are found by the
   framework's own perception in colour and depth of LIBERO's two cameras, drawn on demand when it looks. Known
-  beforehand are names and shapes of things, and colours, of pictures of each alone; the map: where fixtures stand; and
-  which of several equal things begins where, as the task's own text says. Depth is exact, joints are measured exactly,
+  beforehand are names and shapes of objects, and colours, of pictures of each alone; the map: where fixtures stand; and
+  which of several equal objects begins where, as the task's own text says. Depth is exact, joints are measured exactly,
   two fingers feel touch; nothing says which pixel is whose.
-- *words* (`--sensing words`): nothing but the goal's words and the same cameras. A thing is sought by the colour or the
+- *words* (`--sensing words`): nothing but the goal's words and the same cameras. Objects are sought by colour or by the
   plain form that its name holds; a goal with a name that holds neither is not translated, and counts as not met.
 
 The scorer is LIBERO's predicate. Its process computes it after each session and never sends it; a line a session is

@@ -3,13 +3,13 @@
     python benchmarks/perception.py --seeds 12 --rooms 24
 
 Every scene that ships and rooms of the suite `unseen` are built with real contact physics, left to settle, and
-looked at three times by the cameras of sensors.yaml at each noise level. The error of every movable thing is that of
+looked at three times by the cameras of sensors.yaml at each noise level. The error of every movable object is that of
 its latest pose; turns that look the same count as the same. Each stated number is compared with its stated deviation:
 reliability is the share of truths within one and within two, by number, and by number and kind of body. In rooms one
-thing is left out of the inventory, and the map has fixed bodies beside where they are, some of them at a wrong height;
-rooms of a second stream have bodies of several solids, and things that begin tilted or on a board of their size. Two
+object is left out of the inventory, and the map has fixed bodies beside where they are, some of them at a wrong height;
+rooms of a second stream have bodies of several solids, and objects that begin tilted or on a board of their size. Two
 sequences follow: two like cubes 10 cm apart, of which one is moved past the other, and a cube behind a screen. A mix-up
-is a name that ends up on another thing. Frozen pictures come with new stamps while the arm moves; without noise, a
+is a name that ends up on another object. Frozen pictures come with new stamps while the arm moves; without noise, a
 still scene gives equal pictures, too. Nothing of the pipeline sees the truth.
 """
 
@@ -32,7 +32,7 @@ from benchmarks.unseen_parts.figures import find_interval
 from benchmarks.worlds.cases import Case
 from benchmarks.worlds.goals import draw_case
 from benchmarks.worlds.projects import write_case
-from benchmarks.worlds.rooms import COMPOUND, Thing
+from benchmarks.worlds.rooms import COMPOUND, SceneObject
 from benchmarks.worlds.table import render_table
 from phyagentos.bench.report import Spread, Threshold
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
@@ -46,7 +46,7 @@ from phyagentos.runtime.targets.wire import Frames
 
 ROOT = find_shipped_root()
 LOOKS = 3
-MIXED_UP_M = 0.03  # a name this far from its thing, and nearer to another one of the kind, is on the other one
+MIXED_UP_M = 0.03  # a name this far from its object, and nearer to another one of the kind, is on the other one
 LEVELS = ("none", "mild", "nominal", "harsh")
 MOVED_RAD = (0.0, 0.7, 0.0, 0.3, 0.0, 0.1, 0.0)  # of the arm, from over the table to just above it
 ROOMS_FROM, COMPOUND_FROM = 70_000, 80_000  # seeds of rooms that nothing else uses
@@ -96,7 +96,7 @@ class Tally:
     tilt_deg: list[float] = field(default_factory=list)
     fixed_mm: list[float] = field(default_factory=list)
     ms: list[float] = field(default_factory=list)
-    things: int = 0
+    objects: int = 0
     missed: list[str] = field(default_factory=list)
     mixed_up: list[str] = field(default_factory=list)
     sequences_told: int = 0
@@ -106,59 +106,59 @@ class Tally:
     suspected: list[bool] = field(default_factory=list)
 
 
-def score_scene(stage: Stage, name: str, tally: Tally, unnamed: dict[str, Thing]) -> None:
-    """Look, and compare every thing with where it is, and every number with its doubt, at first and at last."""
+def score_scene(stage: Stage, name: str, tally: Tally, unnamed: dict[str, SceneObject]) -> None:
+    """Look, and compare every object with where it is, and every number with its uncertainty, at first and at last."""
     for number in range(LOOKS):
         belief = stage.look()
         if number in (0, LOOKS - 1):
             tally.stated += compare(stage, belief, unnamed)
     tally.ms += stage.ms
-    things = stage.pipeline.inventory.things
-    for thing in things.values():
-        if thing.vessel is not None:
+    objects = stage.pipeline.inventory.objects
+    for item in objects.values():
+        if item.vessel is not None:
             continue  # the filling of a vessel is told as a whole
-        entity = belief.entities.get(thing.name)
-        position, rotation = stage.world.find(thing.name)
+        entity = belief.entities.get(item.name)
+        position, rotation = stage.world.find(item.name)
         is_found = entity is not None and entity.status is Status.SEEN
-        if not thing.template.movable:
+        if not item.template.movable:
             if entity is not None:
                 tally.fixed_mm.append(1e3 * measure_distance(entity, position))
             continue
-        tally.things += 1
+        tally.objects += 1
         if entity is None or not is_found:
-            tally.missed.append(f"{name}: {thing.name}")
+            tally.missed.append(f"{name}: {item.name}")
             continue
-        score_pose(entity, thing, position, rotation, tally)
-        if find_thief(entity, thing, things.values(), stage):
-            tally.mixed_up.append(f"{name}: {thing.name}")
+        score_pose(entity, item, position, rotation, tally)
+        if find_thief(entity, item, objects.values(), stage):
+            tally.mixed_up.append(f"{name}: {item.name}")
 
 
-def score_pose(entity: Entity, thing: ObjectModel, position: np.ndarray, rotation: np.ndarray, tally: Tally) -> None:
-    """Add one thing's errors."""
+def score_pose(entity: Entity, item: ObjectModel, position: np.ndarray, rotation: np.ndarray, tally: Tally) -> None:
+    """Add one object's errors."""
     tally.position_mm.append(1e3 * measure_distance(entity, position))
     believed = np.zeros(9)
     mujoco.mju_quat2Mat(believed, np.array(entity.pose.quaternion_wxyz))
-    turns = [believed.reshape(3, 3) @ symmetry for symmetry in thing.symmetries]
-    if thing.form is not Form.BALL:
+    turns = [believed.reshape(3, 3) @ symmetry for symmetry in item.symmetries]
+    if item.form is not Form.BALL:
         axis = [np.arccos(np.clip(turned[:, 2] @ rotation[:, 2], -1, 1)) for turned in turns]
         tally.tilt_deg.append(float(np.degrees(min(axis))))
-    if thing.form is Form.BOX:
+    if item.form is Form.BOX:
         angles = [np.arccos(np.clip((np.trace(turned.T @ rotation) - 1) / 2, -1, 1)) for turned in turns]
         tally.yaw_deg.append(float(np.degrees(min(angles))))
 
 
 def find_thief(
-    entity: Entity, thing: ObjectModel, things: Iterator[ObjectModel] | Sequence[ObjectModel], stage: Stage
+    entity: Entity, item: ObjectModel, objects: Iterator[ObjectModel] | Sequence[ObjectModel], stage: Stage
 ) -> bool:
-    """Whether a name is on another thing than its own, and does not say that it may be."""
-    own_m = measure_distance(entity, stage.world.find(thing.name)[0])
-    told = {thing.name, *entity.alternatives}
-    others = [each.name for each in things if each.template.movable and each.name not in told and each.vessel is None]
+    """Whether a name is on another object than its own, and does not say that it may be."""
+    own_m = measure_distance(entity, stage.world.find(item.name)[0])
+    told = {item.name, *entity.alternatives}
+    others = [each.name for each in objects if each.template.movable and each.name not in told and each.vessel is None]
     return own_m > MIXED_UP_M and any(measure_distance(entity, stage.world.find(each)[0]) < own_m for each in others)
 
 
 def measure_distance(entity: Entity, position: np.ndarray) -> float:
-    """Of a believed thing from a point [m]."""
+    """Of a believed object from a point [m]."""
     return float(np.linalg.norm(np.array(entity.pose.position_m) - position))
 
 
@@ -202,7 +202,7 @@ def score_prior(world: World, sensors: Sensors, prior: Prior, tally: Tally) -> N
         position, _ = world.find(name)
         own = [each for each in seen if is_unknown_object(each.name) or name in {each.name, *each.alternatives}]
         away_mm = min((1e3 * measure_distance(each, position) for each in own), default=np.inf)
-        tally.things += 1
+        tally.objects += 1
         if away_mm > 1e3 * MIXED_UP_M:
             tally.missed.append(f"{world.name}, seed {world.seed}: {name}")
         else:
@@ -248,7 +248,7 @@ def match_names(stage: Stage) -> dict[str, str]:
 
 
 def count_names(stage: Stage, real: dict[str, str], what: str, tally: Tally) -> None:
-    """One association to be judged for each name that claims to be seen, and to be of one thing."""
+    """One association to be judged for each name that claims to be seen, and to be of one object."""
     for name, body in real.items():
         entity = stage.belief.entities.get(name) if stage.belief is not None else None
         tally.sequences_told += entity is not None and bool(entity.alternatives)
@@ -277,18 +277,18 @@ def run_worlds(
     """All scenes and rooms at all levels; returns their number."""
     sensors = read_sensors(ROOT / "protocol" / "sensors.yaml")
     scenes = sorted(path.stem for path in (ROOT / "scenes" / "tabletop").glob("*.yaml"))
-    worlds: list[tuple[str, int, dict[str, Thing]]] = [
+    worlds: list[tuple[str, int, dict[str, SceneObject]]] = [
         (f"tabletop/{name}", seed, {}) for seed in range(seeds) for name in scenes
     ]
     displaced = dict[str, list[str]]()
     for case in cases:
-        plain = [thing for thing in case.room.movable if thing.form.kind in PLAIN and thing.on == "table"]
-        worlds.append((f"unseen/{case.name}", case.seed, {thing.name: thing for thing in plain[-1:]}))
-        under = {thing.on for thing in case.room.things.values() if thing.fixed}
+        plain = [item for item in case.room.movable if item.form.kind in PLAIN and item.on == "table"]
+        worlds.append((f"unseen/{case.name}", case.seed, {item.name: item for item in plain[-1:]}))
+        under = {item.on for item in case.room.objects.values() if item.fixed}
         displaced[f"unseen/{case.name}"] = [
-            thing.name
-            for thing in case.room.things.values()
-            if thing.fixed and thing.drawn_by == "point" and thing.name not in under
+            item.name
+            for item in case.room.objects.values()
+            if item.fixed and item.drawn_by == "point" and item.name not in under
         ]
     for scene, seed, unnamed in worlds:
         world = World(library, scene, seed)
@@ -334,7 +334,7 @@ def main(
             Console().print(f"{level}: {text}", style="dim")
     for prior, tally in priors.items():
         figures |= {
-            f"prior_{prior}_found": 1.0 - len(tally.missed) / max(tally.things, 1),
+            f"prior_{prior}_found": 1.0 - len(tally.missed) / max(tally.objects, 1),
             f"prior_{prior}_position_mm_median": Spread.of(tally.position_mm).median,
             f"prior_{prior}_ms_median": Spread.of(tally.ms).median,
         }
@@ -352,7 +352,7 @@ def describe(level: str, tally: Tally) -> dict[str, float]:
         for at in ("median", "p95")
     }
     figures |= {
-        f"{level}_found": 1.0 - len(tally.missed) / max(tally.things, 1),
+        f"{level}_found": 1.0 - len(tally.missed) / max(tally.objects, 1),
         f"{level}_mix_ups": float(len(tally.mixed_up)),
         f"{level}_sequence_mix_ups": float(len(tally.sequence_mix_ups)),
         f"{level}_names_told_exchangeable": float(tally.sequences_told),

@@ -4,7 +4,7 @@
                                                         # and unseen_compound (bodies of several solids)
     python -m benchmarks.unseen runs/unseen-1
 
-A seed is one goal of one to four nodes in one room of three to eight things and more. Seeds below 100 000 are for
+A seed is one goal of one to four nodes in one room of three to eight objects and more. Seeds below 100 000 are for
 development; the held-out ones begin at 1 000 000, and nothing is tuned on them. About a third of the goals carry a
 fault or an impossible detail. About a quarter of the nodes only claim something, which is false half of the time.
 
@@ -12,14 +12,14 @@ The judge (`oracle/predicates.py`) reads `scene.mjb` and `terminal.npz` with num
 `oracle/feasible.py` decides by reach, opening, free volume and friction what can be met. Both import nothing of
 the package. Where two honest judges may differ (1 mm, 1 degree, half the weight borne) a session is open: it counts
 neither for nor against a verdict. An infeasible goal is refused before motion when no session of a node that cannot be
-met moved the arm. Half of the goals with equal things say that these are interchangeable: the judge then accepts every
+met moved the arm. Half of the goals with equal objects say that these are interchangeable: the judge then accepts every
 naming. The others cannot be decided by looks: their nodes are listed, and count for false successes alone. A node that
 was never begun, behind one that cannot be met or claims what is false, is no missed first attempt; it is counted apart.
 
 What scene, goal and fault files cannot say yet is missing here: meshes and curved hollow walls (bowls, mugs and basins
 are rings of flat walls), bodies outside of the inventory (flat coloured prints are seen and not reported), glassy or
 black surfaces without depth, drawers, lids and doors of random make, volumes hidden under covers, and predicates on
-metrics. Only rooms of unseen_compound have supports of several solids and things that begin tilted.
+metrics. Only rooms of unseen_compound have supports of several solids and objects that begin tilted.
 
 The suite runs the goals; this judges every session of a run, and weighs it against what was feasible.
 """

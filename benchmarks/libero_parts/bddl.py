@@ -1,7 +1,7 @@
 """A goal in BDDL becomes a goal graph of this project: wanted effects, and what has to be so before them.
 
 BDDL is the language of BEHAVIOR, in which LIBERO states its tasks. Of a problem only `:goal` is read, and not the
-objects of interest. Where cameras have to find out which of several equal things a name stands for, `:init` is read as
+objects of interest. Where cameras have to find out which of several equal objects a name stands for, `:init` is read as
 well: the place at which the problem says that it begins. No skill is named here; the selector finds one for each wanted
 effect.
 """
@@ -25,7 +25,7 @@ WALL_S = {"wall_timeout_s": 1800.0, "preflight_s": 900.0, "heartbeat_s": 120.0, 
 """Limits by the wall clock: the target's time stands still while anything computes, however slow the machine."""
 CENTRED_M = 0.03  # off the middle of what it is put on
 TOUCH_M = 0.002  # above a surface: what leans on something else beside it is higher
-WIDE = 0.97  # of its travel: what things are put into is opened so far, though less counts as open
+WIDE = 0.97  # of its travel: what objects are put into is opened so far, though less counts as open
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +46,7 @@ class Inventory:
     regions: Mapping[str, float] = field(default_factory=dict)
 
     def find_place(self, name: str) -> str:
-        """The entity or region in which, or on which, things are put; raises `UNKNOWN_NAME`."""
+        """The entity or region in which, or on which, objects are put; raises `UNKNOWN_NAME`."""
         if name in self.regions or name in self.entities:
             return name
         if name in self.rooms:
@@ -69,12 +69,12 @@ class Inventory:
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """A wanted fact of one or two things.
+    """A wanted fact of one or two objects.
 
     Attributes:
         wanted: As a predicate of this project.
-        place: Where a thing is put; empty for the state of a joint.
-        mechanism: What opens or closes; empty where a thing is put.
+        place: Where an object is put; empty for the state of a joint.
+        mechanism: What opens or closes; empty where an object is put.
         also: What has to be so with it, for which no skill is sought.
     """
 
@@ -117,7 +117,7 @@ def read_goal(text: str) -> list[list[str]]:
 
 
 def read_places(text: str) -> dict[str, str]:
-    """Where each thing begins: the name of what it is on or in, as `:init` states it."""
+    """Where each object begins: the name of what it is on or in, as `:init` states it."""
     atoms = _find_section(parse_bddl(text), ":init") or []
     return {str(each[1]): str(each[2]) for each in atoms if isinstance(each, list) and _puts(each)}
 
@@ -151,22 +151,22 @@ def _iter_atoms(goal: Expression) -> Iterator[list[str]]:
             raise DefinitionError.of("SYNTAX", "goal", f"({found})", f"and, or {format_names(_MEANINGS)}")
 
 
-def _put_in(inventory: Inventory, thing: str, place: str) -> Effect:
+def _put_in(inventory: Inventory, item: str, place: str) -> Effect:
     there = inventory.find_place(place)
-    return Effect(f"inside({inventory.find_place(thing)}, {there})", place=inventory.rooms.get(place, there))
+    return Effect(f"inside({inventory.find_place(item)}, {there})", place=inventory.rooms.get(place, there))
 
 
-def _put_on(inventory: Inventory, thing: str, place: str) -> Effect:
+def _put_on(inventory: Inventory, item: str, place: str) -> Effect:
     """On a surface that the world marks is within the space above it, and down on it; on a room is inside it.
 
-    On a thing is on it, over its middle.
+    On an object is on it, over its middle.
     """
-    there, what = inventory.find_place(place), inventory.find_place(thing)
+    there, what = inventory.find_place(place), inventory.find_place(item)
     if place in inventory.regions:
         down = f"height({what}) <= {inventory.regions[place] + TOUCH_M:.4f}"
         return Effect(f"inside({what}, {there})", place=there, also=(down,))
     if place in inventory.rooms:
-        return _put_in(inventory, thing, place)
+        return _put_in(inventory, item, place)
     return Effect(f"on({what}, {there})", place=there, also=(f"centred({what}, {there}, {CENTRED_M})",))
 
 
@@ -190,7 +190,7 @@ def generate_graph(
 ) -> dict[str, Any]:
     """The goal graph that brings effects about.
 
-    What is put into a thing with a joint needs it open before, as wide as it goes, and closed, where that is wanted,
+    What is put into an object with a joint needs it open before, as wide as it goes, and closed, where that is wanted,
     after. Nothing else is ordered.
     """
     places = sorted({each.place for each in effects} & inventory.entities.keys())

@@ -1,6 +1,6 @@
-"""A scene file for a world that another program simulates, from the things that it describes.
+"""A scene file for a world that another program simulates, from the objects that it describes.
 
-The scene file names things, kinds and geometry for who writes or checks goals, and for perception. Where things really
+The scene file names objects, kinds and geometry for who writes or checks goals, and perception. Where objects really
 are, the target observes: of what moves freely, and of how far a joint is open, it says nothing.
 """
 
@@ -29,9 +29,9 @@ class Seen:
     """What is known of a scene beforehand for the sake of cameras.
 
     Attributes:
-        looks: Colours of each side of each thing: rows of red, green, blue and share.
-        covers: What is seen of each thing beside its solids, in its frame.
-        areas: Spans of x and y in which a thing begins.
+        looks: Colours of each side of each object: rows of red, green, blue and share.
+        covers: What is seen of each object beside its solids, in its frame.
+        areas: Spans of x and y in which an object begins.
         stand: Solids of what the robot stands on, which is seen and touched by nothing.
     """
 
@@ -58,13 +58,13 @@ def write_scene(
         regions: By name: `entity`, in whose frame are `center_m` and `half_m`.
         seen: What cameras are told beforehand.
     """
-    things = sorted(entities, key=lambda each: bool(each.part_of))
-    spans = {each.name: seen.areas.get(each.name, ANYWHERE_M) for each in things if _is_free(each)}
-    bodies = {each.name: _describe_body(each, seen.looks.get(each.part_of or each.name, ())) for each in things}
-    for each in things if seen.looks else ():
+    objects = sorted(entities, key=lambda each: bool(each.part_of))
+    spans = {each.name: seen.areas.get(each.name, ANYWHERE_M) for each in objects if _is_free(each)}
+    bodies = {each.name: _describe_body(each, seen.looks.get(each.part_of or each.name, ())) for each in objects}
+    for each in objects if seen.looks else ():
         shown = list(seen.covers.get(each.name, ()))
         if each.part_of:  # all that moves with it shows how far it has moved
-            whole = next(other for other in things if other.name == each.part_of)
+            whole = next(other for other in objects if other.name == each.part_of)
             shown = [*whole.shapes, *seen.covers.get(whole.name, ())]
         middle_m = np.array(bodies[each.name]["place"]["position_m"] if each.part_of else np.zeros(3))
         bodies[each.name]["shapes"] += [_describe_solid(shape, middle_m) | {"decor": True} for shape in shown]

@@ -35,7 +35,7 @@ class Server:
     outcomes: Path
 
     def describe(self, profile: TargetProfile, scene: str, *, looks: bool = False) -> dict[str, Any]:
-        """The task of a scene as its environment describes it, with the looks of its things where asked for."""
+        """The task of a scene as its environment describes it, with the looks of its objects where asked for."""
         channel = connect_websocket(self.endpoint)
         greet(channel, mint(self.key))
         driver = RemoteDriver(profile, channel, self.key)

@@ -95,7 +95,7 @@ def use_policy(folder: Path, graph: dict[str, Any], endpoint: str) -> None:
 
 
 def find_areas(told: dict[str, Any]) -> dict[str, list[Span]]:
-    """Spans of x and y in which each of several equal things begins, as its task says: no picture tells them apart."""
+    """Spans of x and y in which each of several equal objects begins, as its task says: no picture tells them apart."""
     places, regions = read_places(told["goal"]), {each["name"]: each for each in told["regions"]}
     kinds = Counter(each["kind"] for each in told["entities"])
     areas = {}

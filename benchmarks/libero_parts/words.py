@@ -1,4 +1,4 @@
-"""The things of a goal by the words of their names alone, for who knows nothing else of them.
+"""The objects of a goal by the words of their names alone, for who knows nothing else of them.
 
 What a camera tells by itself, without a detector that has learned more words, are colours and plain forms.
 """
@@ -13,7 +13,7 @@ from phyagentos.protocol.world.environment import UNNAMED, Entity, Pose
 
 
 def describe_names(names: Iterable[str]) -> dict[str, str]:
-    """Each name's description: `the black thing` for `black_pot_1`.
+    """Each name's description: `the black object` for `black_pot_1`.
 
     Raises:
         DefinitionError: `UNKNOWN_NAME` for each name that has neither a colour nor a form.
@@ -31,13 +31,13 @@ def describe_names(names: Iterable[str]) -> dict[str, str]:
 
 
 def generate_from_words(name: str, objective: str, scene: str, goal: str, target: str) -> dict[str, Any]:
-    """The goal graph of a goal in BDDL whose things are given by description.
+    """The goal graph of a goal in BDDL whose objects are given by description.
 
     Raises:
         DefinitionError: `UNKNOWN_NAME`, also for what opens: no word tells of a joint.
     """
     described = describe_names(term for _, *terms in read_goal(goal) for term in terms)
-    things = {each: Entity(name=each, kind=UNNAMED, pose=Pose()) for each in described}
-    inventory = Inventory(entities=things)
+    objects = {each: Entity(name=each, kind=UNNAMED, pose=Pose()) for each in described}
+    inventory = Inventory(entities=objects)
     graph = generate_graph(name, objective, scene, translate(goal, inventory), inventory, target)
     return graph | {"described": described}

@@ -28,7 +28,7 @@ def open_judge(
 
 def list_places(room: Room) -> tuple[dict[str, Box], dict[str, Box]]:
     """Interiors and regions of a room."""
-    inner = {name: thing.form.interior for name, thing in room.things.items() if thing.form.interior}
+    inner = {name: item.form.interior for name, item in room.objects.items() if item.form.interior}
     spots = {name: (spot.center_m, spot.half_m) for name, spot in room.spots.items()}
     interiors, regions = ({k: (np.array(a), np.array(b)) for k, (a, b) in each.items()} for each in (inner, spots))
     return interiors, regions
@@ -48,7 +48,7 @@ def find_broken(case: Case) -> frozenset[str]:
 def decide(judge: Judge, accept: Sequence[str], agreed: Agreed = ()) -> tuple[str, tuple[str, ...]]:
     """`met`, `unmet` or `open`, with what decided against it; no truth where nothing is asked.
 
-    Things that the goal lets stand for each other are named as is best for what is asked, all of it at once.
+    Objects that the goal lets stand for each other are named as is best for what is asked, all of it at once.
     """
     if not accept:
         return "", ()
@@ -59,7 +59,7 @@ def decide(judge: Judge, accept: Sequence[str], agreed: Agreed = ()) -> tuple[st
 
 
 def iter_named(judge: Judge, accept: Sequence[str], agreed: Agreed) -> Iterator[dict[str, float]]:
-    """The value of each predicate, under every naming of the things that stand for each other."""
+    """The value of each predicate, under every naming of the objects that stand for each other."""
     ways = ([dict(zip(names, each, strict=True)) for each in permutations(names)] for names in agreed)
     for chosen in product(*ways):
         bodies = {name: body for way in chosen for name, body in way.items()}

@@ -27,7 +27,7 @@ RIM_M, FLOOR_M, EDGE_M = 0.003, 0.010, 0.005  # as the predicates are documented
 MOVED_M, MOVED_RAD = 0.015, np.radians(10)
 UPRIGHT_RAD, FALLEN_RAD = 0.26, 0.79
 OPEN, CLOSED = 0.9, 0.1  # shares of the travel
-REST_M_S = 0.03  # faster things do not rest
+REST_M_S = 0.03  # faster objects do not rest
 TOUCH_N = 0.05
 FINGERS = ("left_finger", "right_finger")
 _RELATIONS = {ast.LtE: operator.le, ast.Lt: operator.lt, ast.GtE: operator.ge, ast.Gt: operator.gt, ast.Eq: operator.eq}
@@ -38,7 +38,7 @@ class Judge:
     """Looks at one moment of one world.
 
     Args:
-        interiors: Body -> where things are put into it, in its frame.
+        interiors: Body -> where objects are put into it, in its frame.
         regions: Region -> its box in the world.
         now: What is judged.
         before: That from which `moved` counts.
@@ -105,84 +105,84 @@ class Judge:
 
     # -- statements ----------------------------------------------------------------------------------------------------
 
-    def _is_inside(self, thing: str, place: str) -> float:
+    def _is_inside(self, item: str, place: str) -> float:
         (turn, at), (center, half) = self._frame_of(place), self._box_of(place)
         if not half.any():
             return -SURE
-        middle = turn.T @ (self._now.find_middle(thing) - at) - center
+        middle = turn.T @ (self._now.find_middle(item) - at) - center
         up = turn[:, 2]
-        low = -self._now.measure_reach(thing, -up) - float(up @ at) - center[2]
+        low = -self._now.measure_reach(item, -up) - float(up @ at) - center[2]
         slack = (*(half[:2] - abs(middle[:2])), half[2] - RIM_M - low, low + half[2] + FLOOR_M)
-        return float(min(*(each / UNIT_M for each in slack), self._rests(thing)))
+        return float(min(*(each / UNIT_M for each in slack), self._rests(item)))
 
-    def _is_on(self, thing: str, support: str) -> float:
-        weight = float(self._now.model.body_mass[self._now.find(thing)]) * 9.81
-        borne = (self._now.sum_force(thing, support)[2] / weight - 0.5) / 0.125
-        over = (self._now.measure_room(support, self._now.find_middle(thing)) + EDGE_M) / UNIT_M
-        return float(min(max(borne, -SURE), over, self._rests(thing)))
+    def _is_on(self, item: str, support: str) -> float:
+        weight = float(self._now.model.body_mass[self._now.find(item)]) * 9.81
+        borne = (self._now.sum_force(item, support)[2] / weight - 0.5) / 0.125
+        over = (self._now.measure_room(support, self._now.find_middle(item)) + EDGE_M) / UNIT_M
+        return float(min(max(borne, -SURE), over, self._rests(item)))
 
-    def _is_at(self, thing: str, place: str | Array, tol_m: float = 0.03) -> float:
-        return min((float(tol_m) - self._distance(thing, place)) / UNIT_M, self._rests(thing))
+    def _is_at(self, item: str, place: str | Array, tol_m: float = 0.03) -> float:
+        return min((float(tol_m) - self._distance(item, place)) / UNIT_M, self._rests(item))
 
-    def _is_near(self, thing: str, other: str, tol_m: float = 0.10) -> float:
-        values = [(float(tol_m) - far) / UNIT_M for far in self._list_distances(thing, other)]
+    def _is_near(self, item: str, other: str, tol_m: float = 0.10) -> float:
+        values = [(float(tol_m) - far) / UNIT_M for far in self._list_distances(item, other)]
         return _agree(values)
 
-    def _is_upright(self, thing: str) -> float:
-        return _agree([float((UPRIGHT_RAD - tilt) / UNIT_RAD) for tilt in self._list_tilts(thing)])
+    def _is_upright(self, item: str) -> float:
+        return _agree([float((UPRIGHT_RAD - tilt) / UNIT_RAD) for tilt in self._list_tilts(item)])
 
-    def _is_fallen(self, thing: str) -> float:
-        return _agree([float((tilt - FALLEN_RAD) / UNIT_RAD) for tilt in self._list_tilts(thing)])
+    def _is_fallen(self, item: str) -> float:
+        return _agree([float((tilt - FALLEN_RAD) / UNIT_RAD) for tilt in self._list_tilts(item)])
 
-    def _is_moved(self, thing: str) -> float:
-        (now, here), (then, there) = self._now.locate(thing), self._before.locate(thing)
+    def _is_moved(self, item: str) -> float:
+        (now, here), (then, there) = self._now.locate(item), self._before.locate(item)
         way = float(np.linalg.norm(here - there))
-        turns = (_measure_turn(now.T @ then), self._measure_shown_turn(thing))
+        turns = (_measure_turn(now.T @ then), self._measure_shown_turn(item))
         return _agree([float(max((way - MOVED_M) / UNIT_M, (turn - MOVED_RAD) / UNIT_RAD)) for turn in turns])
 
-    def _is_holding(self, _target: str, thing: str) -> float:
-        return SURE if self._is_held(thing) else -SURE
+    def _is_holding(self, _target: str, item: str) -> float:
+        return SURE if self._is_held(item) else -SURE
 
-    def _is_exists(self, thing: str) -> float:
-        return SURE if mujoco.mj_name2id(self._now.model, mujoco.mjtObj.mjOBJ_BODY, thing) >= 0 else -SURE
+    def _is_exists(self, item: str) -> float:
+        return SURE if mujoco.mj_name2id(self._now.model, mujoco.mjtObj.mjOBJ_BODY, item) >= 0 else -SURE
 
-    def _is_open(self, thing: str) -> float:
-        return self._measure_ajar(thing, OPEN)
+    def _is_open(self, item: str) -> float:
+        return self._measure_ajar(item, OPEN)
 
-    def _is_closed(self, thing: str) -> float:
-        return -self._measure_ajar(thing, CLOSED)
+    def _is_closed(self, item: str) -> float:
+        return -self._measure_ajar(item, CLOSED)
 
-    def _measure_ajar(self, thing: str, least: float) -> float:
+    def _measure_ajar(self, item: str, least: float) -> float:
         """How far it is open beyond a share of its travel, in tolerances."""
-        share, travel = self._now.measure_opening(thing)
-        joint = self._now.model.body_jntadr[self._now.find(thing)]
+        share, travel = self._now.measure_opening(item)
+        joint = self._now.model.body_jntadr[self._now.find(item)]
         is_slide = self._now.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
         return (share - least) * travel / (UNIT_M if is_slide else UNIT_RAD)
 
-    def _is_visible(self, thing: str) -> float:
+    def _is_visible(self, item: str) -> float:
         """Seen by a sound camera now; what another one has in view, or any had before where that counts, is open."""
         cameras = self._read_cameras()
         sound = [camera for name, camera in cameras.items() if not self._broken & {name, "*"}]
-        if max((self._see(thing, camera, self._now) for camera in sound), default=0.0) >= 0.15:
+        if max((self._see(item, camera, self._now) for camera in sound), default=0.0) >= 0.15:
             return SURE
         moments = (self._now,) if self._is_live else (self._now, self._before)
-        return 0.0 if any(self._see(thing, each, at) for each in cameras.values() for at in moments) else -SURE
+        return 0.0 if any(self._see(item, each, at) for each in cameras.values() for at in moments) else -SURE
 
     # -- numbers -------------------------------------------------------------------------------------------------------
 
-    def _measure_tilt(self, thing: str) -> tuple[float, float]:
-        own, least = self._list_tilts(thing)
+    def _measure_tilt(self, item: str) -> tuple[float, float]:
+        own, least = self._list_tilts(item)
         return (own + least) / 2, UNIT_RAD + (own - least) / 2
 
-    def _measure_height(self, thing: str) -> tuple[float, float]:
-        return self._now.find_lowest(thing), UNIT_M
+    def _measure_height(self, item: str) -> tuple[float, float]:
+        return self._now.find_lowest(item), UNIT_M
 
-    def _measure_distance(self, thing: str, other: str) -> tuple[float, float]:
-        found = self._list_distances(thing, other)
+    def _measure_distance(self, item: str, other: str) -> tuple[float, float]:
+        found = self._list_distances(item, other)
         return sum(found) / len(found), UNIT_M + (max(found) - min(found)) / 2
 
-    def _measure_speed(self, thing: str) -> tuple[float, float]:
-        return self._now.measure_speed(thing), 0.005
+    def _measure_speed(self, item: str) -> tuple[float, float]:
+        return self._now.measure_speed(item), 0.005
 
     # -- geometry ------------------------------------------------------------------------------------------------------
 
@@ -216,9 +216,9 @@ class Judge:
         axes = [each.data.geom_xmat[solids[0]].reshape(3, 3)[:, 2] for each in moments]
         return 0.0 if kind == GEOM.mjGEOM_SPHERE else float(np.arccos(min(1.0, abs(axes[0] @ axes[1]))))
 
-    def _distance(self, thing: str, place: str | Array) -> float:
-        """From the middle of a thing to a point, or to the box of a place."""
-        middle = self._now.find_middle(thing)
+    def _distance(self, item: str, place: str | Array) -> float:
+        """From the middle of an object to a point, or to the box of a place."""
+        middle = self._now.find_middle(item)
         if not isinstance(place, str):
             return float(np.linalg.norm(middle - place))
         (turn, at), (center, half) = self._frame_of(place), self._box_of(place)
@@ -227,14 +227,14 @@ class Judge:
         local = turn.T @ (middle - at) - center
         return float(np.linalg.norm(np.maximum(abs(local) - half, 0.0)))
 
-    def _list_distances(self, thing: str, other: str) -> list[float]:
+    def _list_distances(self, item: str, other: str) -> list[float]:
         """Between middles; what has an interior has two middles."""
         points = [self._now.find_middle(other)] if other not in self._regions else []
         center, half = self._box_of(other)
         if half.any():
             turn, at = self._frame_of(other)
             points.append(turn @ center + at)
-        return [float(np.linalg.norm(self._now.find_middle(thing) - point)) for point in points]
+        return [float(np.linalg.norm(self._now.find_middle(item) - point)) for point in points]
 
     def _rests(self, name: str) -> float:
         """Let go of, and not moving."""
@@ -251,8 +251,8 @@ class Judge:
         rgbd = {name: sensor["camera"] for name, sensor in sensors.items() if sensor["modality"] == "rgbd"}
         return {name: camera for name, camera in rgbd.items() if "scene_camera" not in camera}  # rooms have none
 
-    def _see(self, thing: str, camera: dict[str, object], moment: Moment) -> float:
-        """Share of points of a thing that a camera has in its picture with nothing before them."""
+    def _see(self, item: str, camera: dict[str, object], moment: Moment) -> float:
+        """Share of points of an object that a camera has in its picture with nothing before them."""
         start, look, up = (np.array(camera.get(key, (0.0, 0.0, 1.0))) for key in ("position_m", "target_m", "up"))
         if "mount" in camera:
             turn, at = moment.locate(str(camera["mount"]))
@@ -262,7 +262,7 @@ class Judge:
         width, height, fovy = (float(str(camera[key])) for key in ("width", "height", "fovy_deg"))
         high = np.tan(np.radians(fovy) / 2)
         wide = high * width / height
-        points, own, seen = list(_iter_points(thing, moment)), moment.find(thing), 0
+        points, own, seen = list(_iter_points(item, moment)), moment.find(item), 0
         for point in points:
             ray, geom = point - start, np.zeros(1, dtype=np.int32)
             depth = float(axis @ ray)
@@ -273,9 +273,9 @@ class Judge:
         return seen / len(points)
 
 
-def _iter_points(thing: str, moment: Moment) -> Iterator[Array]:
+def _iter_points(item: str, moment: Moment) -> Iterator[Array]:
     grid = np.array([[x, y, z] for x in (-0.9, 0, 0.9) for y in (-0.9, 0, 0.9) for z in (-0.9, 0, 0.9)])
-    for geom in moment.list_solids(thing):
+    for geom in moment.list_solids(item):
         turn, at = moment.data.geom_xmat[geom].reshape(3, 3), moment.data.geom_xpos[geom]
         yield from grid * moment.find_half(geom) @ turn.T + at
 

@@ -50,10 +50,10 @@ def _score_let_go(parts: Mapping[str, Any], workspace: Path, bundle: Path | None
     return {part: met and not any(_is_let_go(each, *parts[part]) for each in backs) for part, met in found.items()}
 
 
-def _is_let_go(bundle: Path, thing: str, tray: str) -> bool:
+def _is_let_go(bundle: Path, item: str, tray: str) -> bool:
     end = Moment.read(bundle)
-    touching = {end.model.body(body).name for body in end.find_touching(thing)}
-    return is_in_tray(bundle, thing, tray) and not any("finger" in name or "hand" in name for name in touching)
+    touching = {end.model.body(body).name for body in end.find_touching(item)}
+    return is_in_tray(bundle, item, tray) and not any("finger" in name or "hand" in name for name in touching)
 
 
 def _list_ended(workspace: Path) -> list[Path]:

@@ -30,10 +30,10 @@ class SkillJudge(Judge):
         is_free = self._now.find_touching(peg) <= {self._now.find(socket)}
         return _answer(rim_m - lowest_m >= deep_m and is_free and self._is_still(peg))
 
-    def _is_beside(self, thing: str, x_m: float, y_m: float, half_x_m: float, half_y_m: float) -> float:
+    def _is_beside(self, item: str, x_m: float, y_m: float, half_x_m: float, half_y_m: float) -> float:
         """At rest, with its origin outside of a rectangle."""
-        x, y, _ = self._now.locate(thing)[1]
-        return _answer((abs(x - x_m) > half_x_m or abs(y - y_m) > half_y_m) and self._is_still(thing))
+        x, y, _ = self._now.locate(item)[1]
+        return _answer((abs(x - x_m) > half_x_m or abs(y - y_m) > half_y_m) and self._is_still(item))
 
     def _is_swept(self, block: str, x_m: float, y_m: float, half_x_m: float, half_y_m: float) -> float:
         """In the sessions of the goal, a held block touched all of a rectangle of the table, by the measured joints."""
@@ -61,8 +61,8 @@ class SkillJudge(Judge):
         kept = [ball for ball in inside - {own} if touching[ball] <= {*balls, own} and self._is_still(balls[ball])]
         return _answer(len(kept) >= least)
 
-    def _is_still(self, thing: str) -> bool:
-        return self._now.measure_speed(thing) < REST_M_S
+    def _is_still(self, item: str) -> bool:
+        return self._now.measure_speed(item) < REST_M_S
 
 
 def _answer(is_so: bool | np.bool_) -> float:

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from benchmarks.perception_parts.stage import Stage
-from benchmarks.worlds.rooms import Thing
+from benchmarks.worlds.rooms import SceneObject
 from phyagentos.geometry import compute_rotation, compute_rotation_vector, turn
 from phyagentos.protocol.world.environment import Entity, Environment, Status
 from phyagentos.runtime.perception.forms import Form
@@ -25,7 +25,7 @@ class Stated:
     """One number as it is stated, against the truth.
 
     Attributes:
-        number: Which, as `thing x`.
+        number: Which, as `object x`.
         error: Its distance to the truth, in its own unit.
         std: Its stated standard deviation.
         what: Whose it is, to find it again.
@@ -39,26 +39,26 @@ class Stated:
     kind: str
 
     def is_within(self, deviations: float) -> bool:
-        """Whether the truth is so near; a number without doubt is stated as exact."""
+        """Whether the truth is so near; a number without uncertainty is stated as exact."""
         return self.error <= deviations * self.std
 
 
-def compare(stage: Stage, belief: Environment, unnamed: dict[str, Thing]) -> Iterator[Stated]:
-    """Every number of a belief that states a doubt, against the world."""
+def compare(stage: Stage, belief: Environment, unnamed: dict[str, SceneObject]) -> Iterator[Stated]:
+    """Every number of a belief that states an uncertainty, against the world."""
     inventory, where = stage.pipeline.inventory, f"{stage.world.name}:{stage.world.seed}"
     for name in stage.displaced:
         if (entity := belief.entities.get(name)) is not None and name in inventory.known:
             alone = [(np.eye(3), np.zeros(3))]
             stated = _compare_pose("map", entity, Form.FIXED, alone, *stage.world.find(name), where)
             yield from (each for each in stated if each.number in {"map z", "map tilt"})  # the others are the map's own
-    for name, thing in inventory.things.items():
+    for name, item in inventory.objects.items():
         entity = belief.entities.get(name)
-        if entity is None or entity.status is not Status.SEEN or thing.vessel is not None:
+        if entity is None or entity.status is not Status.SEEN or item.vessel is not None:
             continue
         names = (name, *entity.alternatives)
         body = min(names, key=lambda each: np.linalg.norm(stage.world.find(each)[0] - entity.pose.position_m))
-        group = "thing" if thing.template.movable else "fixed"
-        yield from _compare_pose(group, entity, thing.form, list(_iter_alike(thing)), *stage.world.find(body), where)
+        group = "thing" if item.template.movable else "fixed"
+        yield from _compare_pose(group, entity, item.form, list(_iter_alike(item)), *stage.world.find(body), where)
     for name, jointed in inventory.articulated.items():
         entity = belief.entities.get(name)
         if entity is not None and entity.status is Status.SEEN and entity.joint is not None:
@@ -95,23 +95,23 @@ def _compare_pose(
         yield Stated(f"{group} yaw", abs(float(turns[nearest][2])), entity.turn_std_rad, *what)
 
 
-def _iter_alike(thing: ObjectModel) -> Iterator[tuple[Array, Array]]:
+def _iter_alike(item: ObjectModel) -> Iterator[tuple[Array, Array]]:
     """Turns (3, 3) with shifts (3,) of a body that no look tells apart: first none, then those of its form."""
     yield np.eye(3), np.zeros(3)
     rolled = [np.eye(3)]
-    if thing.form is Form.BOX and thing.turns.shape[1] == 2:
-        axis = np.cross(*thing.turns.T)
+    if item.form is Form.BOX and item.turns.shape[1] == 2:
+        axis = np.cross(*item.turns.T)
         rolled = [turn(axis * angle) for angle in np.linspace(0.0, 2 * np.pi, ROLLS, endpoint=False)]
-    for same, roll in product(thing.symmetries, rolled):
+    for same, roll in product(item.symmetries, rolled):
         yield same @ roll, np.zeros(3)
-        yield from ((same @ turned @ roll, same @ shift) for turned, shift in thing.lookalikes)
+        yield from ((same @ turned @ roll, same @ shift) for turned, shift in item.lookalikes)
 
 
 def _tilt(rotation: Array) -> float:
     return float(np.arccos(np.clip(rotation[2, 2], -1.0, 1.0)))
 
 
-def _compare_stranger(stage: Stage, entity: Entity, unnamed: dict[str, Thing], where: str) -> Iterator[Stated]:
+def _compare_stranger(stage: Stage, entity: Entity, unnamed: dict[str, SceneObject], where: str) -> Iterator[Stated]:
     """A box of unknown form, against the box around the body that it is."""
     places = {name: stage.world.find(name) for name in unnamed}
     at = np.array(entity.pose.position_m)

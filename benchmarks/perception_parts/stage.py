@@ -56,7 +56,7 @@ class World:
         return float(self.physics.data.qpos[model.jnt_qposadr[model.body(name).jntadr[0]]])
 
     def put(self, name: str, x_m: float, y_m: float, yaw_rad: float = 0.0) -> None:
-        """Set a thing down somewhere."""
+        """Set an object down somewhere."""
         model, data = self.physics.model, self.physics.data
         address = int(model.jnt_qposadr[model.body(name).jntadr[0]])
         data.qpos[address : address + 2] = x_m, y_m

@@ -1,4 +1,4 @@
-"""Queries of three kinds for any arm: recorded pick-and-place, things in a shelf, free postures in a random clutter."""
+"""Queries of three kinds for any arm: recorded pick-and-place, objects in a shelf, free postures in random clutter."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

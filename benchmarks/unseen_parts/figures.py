@@ -55,7 +55,7 @@ class Tally:
     def met(self) -> list[SessionRecord]:
         """Sessions that clearly met their objective in truth, but for those that only asked to look again.
 
-        Where every camera lies or is dark, or a node names one of two equal things, nothing can be known: those count
+        Where every camera lies or is dark, or a node names one of two equal objects, nothing can be known: those count
         for false successes alone.
         """
         seeing = [goal for goal in self.goals if not any(fault.endswith("*") for fault in goal.faults)]
@@ -65,7 +65,7 @@ class Tally:
 
     @property
     def ambiguous(self) -> list[tuple[GoalRecord, NodeRecord]]:
-        """Nodes that name one of two things that nobody could tell apart: neither met nor missed."""
+        """Nodes that name one of two objects that nobody could tell apart: neither met nor missed."""
         return [(goal, node) for goal in self.goals for node in goal.nodes if node.is_ambiguous]
 
     @property

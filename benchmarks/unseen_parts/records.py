@@ -84,7 +84,7 @@ class NodeRecord:
 
     @property
     def is_ambiguous(self) -> bool:
-        """Whether it names one of two things that nobody could tell apart."""
+        """Whether it names one of two objects that nobody could tell apart."""
         return TWINS in self.why
 
 
@@ -225,7 +225,7 @@ def list_asked(bundle: Path, told: EpisodeSession) -> list[str]:
     """What a session was to meet: by its contract, and by the verdict, which a look gives about another session too.
 
     `moved` of that other session counts from a beginning that this bundle does not hold, and is left out; so is what is
-    said of things without a name, whose bodies nobody can tell.
+    said of objects without a name, whose bodies nobody can tell.
     """
     accept = yaml.safe_load((bundle / "contract.yaml").read_text())["session"].get("accept", [])
     judged = [each.text for each in told.criteria if each.kind == "accept"]

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from benchmarks.worlds.forms import Rng
-from benchmarks.worlds.rooms import Floor, Room, Thing
+from benchmarks.worlds.rooms import Floor, Room, SceneObject
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Case:
         faults: As in a fault file, without the pattern of the session.
         constraints: Sampled all through.
         accept: The goal's own acceptance.
-        interchangeable: Groups of equal things that may stand for each other.
+        interchangeable: Groups of equal objects that may stand for each other.
     """
 
     seed: int
@@ -63,9 +63,9 @@ class Draft:
     nodes: list[Node] = field(default_factory=list)
     used: set[str] = field(default_factory=set)
 
-    def choose(self, fits: Callable[[Thing], bool] = lambda _: True) -> Thing | None:
-        """A movable thing that no node takes up yet, and on which nothing stands."""
-        under = {thing.on for thing in self.room.movable}
+    def choose(self, fits: Callable[[SceneObject], bool] = lambda _: True) -> SceneObject | None:
+        """A movable object that no node takes up yet, and on which nothing stands."""
+        under = {item.on for item in self.room.movable}
         free = [t for t in self.room.movable if t.name not in self.used | under and fits(t)]
         if not free:
             return None

@@ -1,4 +1,4 @@
-"""What goes wrong in a goal: things, motors and cameras, as entries of a fault file."""
+"""What goes wrong in a goal: objects, motors and cameras, as entries of a fault file."""
 
 from collections.abc import Iterator
 
@@ -9,16 +9,16 @@ KINDS = ("slip", "nudge", "move", "remove", "stall", "freeze", "blackout", "misd
 
 
 def draw_faults(rng: Rng, moved: list[str]) -> Iterator[dict[str, object]]:
-    """One fault of a thing, a motor or a camera; with sensors more may lie at once."""
-    thing = moved[int(rng.integers(len(moved)))]
+    """One fault of an object, a motor or a camera; with sensors more may lie at once."""
+    item = moved[int(rng.integers(len(moved)))]
     kind = str(rng.choice(KINDS))
     near = {"gripper_near_m": round(float(rng.uniform(0.04, 0.25)), 3)}
     if kind == "slip":
-        yield {"kind": kind, "object": thing, "when": {"lifted_m": round(float(rng.uniform(0.05, 0.12)), 3)}}
+        yield {"kind": kind, "object": item, "when": {"lifted_m": round(float(rng.uniform(0.05, 0.12)), 3)}}
     elif kind in {"nudge", "move", "remove"}:
-        yield {"kind": kind, "object": thing, "when": near}
+        yield {"kind": kind, "object": item, "when": near}
     elif kind == "stall":
-        yield {"kind": kind, "joint": f"joint{int(rng.integers(1, 7))}", "object": thing, "when": near}
+        yield {"kind": kind, "joint": f"joint{int(rng.integers(1, 7))}", "object": item, "when": near}
     else:
         cameras = list(rng.choice([*CAMERAS, "*"], size=int(rng.integers(1, 3)), replace=False))
         for camera in cameras:
@@ -42,10 +42,10 @@ def _draw_lie(kind: str, camera: str, rng: Rng) -> dict[str, object]:
 
 
 def find_struck(fault: dict[str, object]) -> str:
-    """What a fault strikes: a thing, a camera (`*`: every one) or a joint."""
+    """What a fault strikes: an object, a camera (`*`: every one) or a joint."""
     return str(fault.get("joint") or fault.get("object") or fault.get("camera"))
 
 
 def is_lasting(fault: dict[str, object]) -> bool:
-    """Whether a fault may leave a goal that nobody could meet: the thing is gone, or no camera is to be believed."""
+    """Whether a fault may leave a goal that nobody could meet: the object is gone, or no camera is to be believed."""
     return fault["kind"] == "remove" or fault.get("camera") == "*"

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from benchmarks.worlds.cases import Case
-from benchmarks.worlds.rooms import TABLE_RGB, TABLE_X_M, TABLE_Y_M, Room, Thing
+from benchmarks.worlds.rooms import TABLE_RGB, TABLE_X_M, TABLE_Y_M, Room, SceneObject
 
 FOLDER = "unseen"
 
@@ -33,7 +33,7 @@ def render_scene(room: Room, name: str) -> dict[str, Any]:
         "wood": {"rgba": [*TABLE_RGB, 1.0], "surface": "wood"},
         "floor": {"rgba": [0.82, 0.84, 0.87, 1.0]},
     }
-    materials |= {t.name: {"rgba": [*t.rgb, 1.0], "surface": t.surface} for t in room.things.values()}
+    materials |= {t.name: {"rgba": [*t.rgb, 1.0], "surface": t.surface} for t in room.objects.values()}
     materials |= {f"print_{i}": {"rgba": [*one.rgb, 1.0]} for i, one in enumerate(room.prints)}
     top: list[dict[str, object]] = [{"kind": "box", "size_m": [*half, 0.02]}]
     for index, one in enumerate(room.prints):
@@ -44,15 +44,15 @@ def render_scene(room: Room, name: str) -> dict[str, Any]:
         "table": _fix("table", "wood", [*center, -0.02], top),
         "floor": _fix("floor", "floor", [0.4, 0.0, -0.77], [{"kind": "box", "size_m": [3.0, 3.0, 0.02]}]),
     }
-    bodies |= {thing.name: _render_thing(thing) for thing in room.things.values()}
+    bodies |= {item.name: _render_object(item) for item in room.objects.values()}
     return {
         "scene": f"{FOLDER}/{name}",
         "description": f"A room drawn from seed {room.seed}.",
         "materials": materials,
         "areas": {
-            f"place_of_{thing.name}": {"x_m": [thing.at_m[0]] * 2, "y_m": [thing.at_m[1]] * 2}
-            for thing in room.things.values()
-            if thing.drawn_by == "area"
+            f"place_of_{item.name}": {"x_m": [item.at_m[0]] * 2, "y_m": [item.at_m[1]] * 2}
+            for item in room.objects.values()
+            if item.drawn_by == "area"
         },
         "bodies": bodies,
         "regions": {
@@ -67,7 +67,7 @@ def render_scene(room: Room, name: str) -> dict[str, Any]:
 
 def _even_out(room: Room, friction: tuple[float, float]) -> dict[str, object]:
     """The same friction for every pair of surfaces in the room."""
-    surfaces = sorted({"wood", "rubber", *(thing.surface for thing in room.things.values())})
+    surfaces = sorted({"wood", "rubber", *(item.surface for item in room.objects.values())})
     return {f"{one}|{other}": list(friction) for one, other in combinations_with_replacement(surfaces, 2)}
 
 
@@ -75,12 +75,12 @@ def _fix(kind: str, material: str, at: list[float], shapes: list[dict[str, objec
     return {"kind": kind, "fixed": True, "material": material, "place": {"position_m": at}, "shapes": shapes}
 
 
-def _render_thing(thing: Thing) -> dict[str, object]:
-    body: dict[str, object] = {"kind": thing.form.kind, "color": thing.color, "material": thing.name}
-    if thing.fixed:
+def _render_object(item: SceneObject) -> dict[str, object]:
+    body: dict[str, object] = {"kind": item.form.kind, "color": item.color, "material": item.name}
+    if item.fixed:
         body["fixed"] = True
     else:
-        body |= {"mass_kg": thing.mass_kg, "grip_span": list(thing.grip)}
+        body |= {"mass_kg": item.mass_kg, "grip_span": list(item.grip)}
     body["shapes"] = [
         {
             "kind": solid.kind,
@@ -88,23 +88,23 @@ def _render_thing(thing: Thing) -> dict[str, object]:
             "position_m": [float(value) for value in solid.at_m],
             "euler_rad": [float(value) for value in solid.euler_rad],
         }
-        for solid in thing.form.solids
+        for solid in item.form.solids
     ]
-    if thing.form.interior:
-        center, half = thing.form.interior
+    if item.form.interior:
+        center, half = item.form.interior
         body["interior"] = {"center_m": [float(v) for v in center], "half_m": [float(v) for v in half]}
-    body["place"] = _render_place(thing)
+    body["place"] = _render_place(item)
     return body
 
 
-def _render_place(thing: Thing) -> dict[str, object]:
-    x, y, z = (float(value) for value in thing.at_m)
-    yaw: object = [-3.14159, 3.14159] if thing.yaw_rad is None else thing.yaw_rad
-    if any(thing.euler_rad):
-        return {"position_m": [x, y, z], "yaw_rad": yaw, "euler_rad": list(thing.euler_rad)}
-    if thing.drawn_by == "area":
-        return {"area": f"place_of_{thing.name}", "position_m": [0.0, 0.0, z], "yaw_rad": yaw}
-    if thing.drawn_by == "frame":
+def _render_place(item: SceneObject) -> dict[str, object]:
+    x, y, z = (float(value) for value in item.at_m)
+    yaw: object = [-3.14159, 3.14159] if item.yaw_rad is None else item.yaw_rad
+    if any(item.euler_rad):
+        return {"position_m": [x, y, z], "yaw_rad": yaw, "euler_rad": list(item.euler_rad)}
+    if item.drawn_by == "area":
+        return {"area": f"place_of_{item.name}", "position_m": [0.0, 0.0, z], "yaw_rad": yaw}
+    if item.drawn_by == "frame":
         origin = ((TABLE_X_M[0] + TABLE_X_M[1]) / 2, (TABLE_Y_M[0] + TABLE_Y_M[1]) / 2, -0.02)
         local = [a - b for a, b in zip((x, y, z), origin, strict=True)]
         return {"frame": "table", "position_m": local, "yaw_rad": yaw}

@@ -25,7 +25,7 @@ CORNERS = tuple(product((-1, 1), repeat=2))
 
 @dataclass(frozen=True, slots=True)
 class Solid:
-    """One primitive, in the frame of its thing; sizes are half extents as in MuJoCo."""
+    """One primitive, in the frame of its object; sizes are half extents as in MuJoCo."""
 
     kind: str
     size_m: tuple[float, ...]
@@ -50,21 +50,21 @@ class Solid:
         return volumes[self.kind]
 
     def list_corners(self) -> Array:
-        """(8, 3) of that box, in the frame of the thing."""
+        """(8, 3) of that box, in the frame of the object."""
         return np.array(list(product((-1, 1), repeat=3))) * self.half_m @ rotate(self.euler_rad).T + self.at_m
 
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """One thing's form.
+    """One object's form.
 
     Attributes:
         kind: One of `KINDS`.
         grip_m: Least level width at which two parallel fingers can take it, at a rim or a neck, too [m]; there is no
-            room for a finger between a thing and what it lies on.
+            room for a finger between an object and what it lies on.
         top_m: Radius of the flat, level surface on its top; 0 where nothing can stand [m].
         stands: Whether upright means something.
-        interior: Centre and half extents of where things can be put into it.
+        interior: Centre and half extents of where objects can be put into it.
     """
 
     kind: str
@@ -133,7 +133,7 @@ def draw_bar(rng: Rng) -> Form:
 
 
 def draw_slab(rng: Rng) -> Form:
-    """A thin thing that lies flat, 12 to 15 mm high."""
+    """A thin object that lies flat, 12 to 15 mm high."""
     return make_box(rng.uniform(0.045, 0.110), rng.uniform(0.030, 0.070), rng.uniform(0.012, 0.015), "slab")
 
 
@@ -282,7 +282,7 @@ def make_shelf(x: float, y: float, height: float) -> Form:
 
 
 def draw_support(kind: str, rng: Rng) -> Form:
-    """A fixed body of two and more solids that touch or overlap, to stand things on or to put them into."""
+    """A fixed body of two and more solids that touch or overlap, to stand objects on or to put them into."""
     x, y, z, thin = rng.uniform((0.065, 0.065, 0.05, 0.003), (0.10, 0.09, 0.13, 0.006))
     parts, boards, rim, wall = int(rng.integers(2, 5)), int(rng.integers(2, 5)), 0.012, 0.03
     boxes: dict[str, Sequence[Block]] = {
@@ -335,5 +335,5 @@ def _iter_walls(x: float, y: float, low: float, half: float) -> Iterator[Block]:
 
 
 def make_riser(x: float, y: float, height: float) -> Form:
-    """A solid block to stand things on; its origin is its foot."""
+    """A solid block to stand objects on; its origin is its foot."""
     return Form("riser", (Solid("box", (x / 2, y / 2, height / 2), (0, 0, height / 2)),), min(x, y), min(x, y) / 2)

@@ -190,14 +190,14 @@ def draw_hinged(seed: int, rng: Rng, *, opens: bool) -> Instance:
     draw: Callable[..., Any] = draw_lid if rng.random() < 0.5 else draw_door
     is_lid = draw is draw_lid
     spans = ((0.0, 0.0) if is_lid else (0.05, 0.25)) if opens else ((0.9, 1.0) if is_lid else (0.5, 0.9))
-    bodies, thing, handle = draw(rng, spans)
+    bodies, item, handle = draw(rng, spans)
     word = "open" if opens else "closed"
     return Instance(
         skill="open_hinged" if opens else "close_hinged",
         seed=seed,
         bodies=bodies,
-        arguments={"object": thing, "handle": handle},
-        accept=(f"{word}({thing})",),
+        arguments={"object": item, "handle": handle},
+        accept=(f"{word}({item})",),
     )
 
 
@@ -365,7 +365,7 @@ def draw_block_or_can(rng: Rng, at: tuple[float, float], yaw: float) -> dict[str
 
 
 def draw_under(seed: int, rng: Rng) -> Instance:
-    """A thing under a board on two walls, too low for a hand from above, is put onto a pad."""
+    """An object under a board on two walls, too low for a hand from above, is put onto a pad."""
     wide, deep, tall = rng.uniform(0.17, 0.22), rng.uniform(0.05, 0.08), rng.uniform(0.08, 0.1)
     side, away, turn = float(rng.choice([1, -1])), rng.uniform(0.48, 0.58), rng.uniform(0.3, 0.7)
     x, y, yaw = away * np.cos(turn), side * away * np.sin(turn), side * turn + rng.uniform(-0.15, 0.15)
@@ -425,7 +425,7 @@ DRAWERS: Mapping[str, Callable[[int, Rng], Instance]] = {
 
 
 def draw(skill: str, seed: int, *, spoilt: bool = False) -> Instance:
-    """The instance of a seed; a spoilt one cannot be met: stuck joints, heavy things, bowls without room."""
+    """The instance of a seed; a spoilt one cannot be met: stuck joints, heavy objects, bowls without room."""
     instance = DRAWERS[skill](seed, np.random.default_rng([seed, *skill.encode()]))
     if not spoilt:
         return instance

@@ -1,7 +1,7 @@
 """An independent check of plans: sessions as changes of poses, judged by geometry and the predicates of verdicts.
 
-It shares no code with the planner. A thing is put where boxes find room, a drawer carries what is in it, and before a
-thing is taken nothing may be on it and nothing may hide it. What a session does is read from its skill's name.
+It shares no code with the planner. An object is put where boxes find room, a drawer carries what is in it, and before a
+object is taken nothing may be on it and nothing may hide it. What a session does is read from its skill's name.
 """
 
 import itertools
@@ -23,7 +23,7 @@ from phyagentos.protocol.world.environment import Entity, Environment
 from phyagentos.protocol.world.mechanisms import compute_motion
 from phyagentos.protocol.world.truth import Truth
 
-GAP_M = 0.002  # between two things side by side
+GAP_M = 0.002  # between two objects side by side
 STEP_M = 0.005
 ORDERS_MAX = 24  # linear orders of one graph that are tried
 
@@ -44,7 +44,7 @@ class Kinematics:
         return parse_predicate(text).evaluate(view).truth is Truth.TRUE
 
     def list_movable(self) -> list[str]:
-        """Things that a hand can carry."""
+        """Objects that a hand can carry."""
         return [n for n, e in self.world.entities.items() if e.movable and not e.mechanism and not e.part_of]
 
     def take(self, name: str) -> None:
@@ -70,7 +70,7 @@ class Kinematics:
             raise Invalid(f"{place} takes nothing in")
 
     def put_on(self, name: str, support: str) -> None:
-        """Onto a thing: in the middle of a movable one, where there is room on a fixed one."""
+        """Onto an object: in the middle of a movable one, where there is room on a fixed one."""
         self.take(name)
         below = self.world.entities[support]
         (left, right), (back, front), (_, top) = (compute_extent(below, axis) for axis in AXES)
@@ -107,14 +107,14 @@ class Kinematics:
 
     def execute(self, skill: str, arguments: Mapping[str, Any]) -> None:
         """One session."""
-        thing = arguments.get("object", "")
+        item = arguments.get("object", "")
         match skill:
             case "pick_and_place" | "insert":
-                self.put_inside(thing, arguments.get("destination") or arguments["socket"])
+                self.put_inside(item, arguments.get("destination") or arguments["socket"])
             case "stack" | "unstack":
-                self.put_on(thing, arguments["support"])
+                self.put_on(item, arguments["support"])
             case "put_at" | "set_aside":
-                self.put_at(thing, arguments["to"], arguments["support"])
+                self.put_at(item, arguments["to"], arguments["support"])
             case "open_drawer" | "close_drawer":
                 if self.world.entities[arguments["handle"]].part_of != arguments["drawer"]:
                     raise Invalid("a handle of another thing")
@@ -149,7 +149,7 @@ class Kinematics:
 
 
 def _overlap(one: Entity, other: Entity) -> bool:
-    """Whether boxes about two things, as wide as their diagonals allow, touch at the same height."""
+    """Whether boxes about two objects, as wide as their diagonals allow, touch at the same height."""
     if one.name == other.name:
         return False
     for a, b in ((one, other), (other, one)):

@@ -116,7 +116,7 @@ def _drawer(chance: random.Random) -> tuple[Scene, DrawGoal]:
     scene = _read("drawer")
     bodies = scene["bodies"]
     bodies["drawer"]["joint"]["opening"] = [0.0, 0.0]
-    for solid in bodies["cabinet"]["shapes"][1:]:  # a higher one, for things that a hand can take out from above
+    for solid in bodies["cabinet"]["shapes"][1:]:  # a higher one, for objects that a hand can take out from above
         solid["position_m"][2] += 0.03 if solid["size_m"][2] < 0.01 else 0.015
         solid["size_m"][2] += 0.0 if solid["size_m"][2] < 0.01 else 0.015
     for name in ("green_cube", "blue_cube"):
@@ -230,7 +230,7 @@ def _fill_trays(chance: random.Random, count: int) -> tuple[Scene, list[str], li
 
 
 def _walk(kinematics: Kinematics, chance: random.Random, names: list[str], places: list[str], moves: int) -> Goal:
-    """Where things are after some valid moves."""
+    """Where objects are after some valid moves."""
     texts = [f"{rel}({a}, {b})" for a in names for b in sorted({*names, *places} - {a}) for rel in ("inside", "on")]
     texts = [text for text in texts if not text.startswith("on(") or not text.endswith("_tray)")]
     initial = {text for text in texts if kinematics.holds(text)}

@@ -1,4 +1,4 @@
-"""Rooms, drawn from a seed: a table, supports and vessels at any yaw, things of twelve kinds, in colours that are near.
+"""Rooms, drawn from a seed: a table, supports and vessels at any yaw, objects of twelve kinds, in near colours.
 
 All poses are in the frame of the robot's base, z = 0 is the top of the table. A room is its own truth for the judge and
 for `feasible`; `scene_file` writes it down as the scene that a robot gets.
@@ -38,7 +38,7 @@ COLORS: dict[str, tuple[float, float, float]] = {
     "white": (0.90, 0.90, 0.87),
     "grey": (0.45, 0.46, 0.48),
 }
-TWINS_SHARE = 0.3  # of rooms in which two equal things may stand
+TWINS_SHARE = 0.3  # of rooms in which two equal objects may stand
 GAP_M = 0.022  # between what stands beside each other
 BAND_M = (0.36, 0.68)  # distance from the base of what is meant to be had
 SIDE_RAD = 1.15  # to either side of straight ahead
@@ -52,12 +52,12 @@ class Style:
     """What rooms are made of.
 
     Attributes:
-        friction: Least and greatest of things against the pads.
+        friction: Least and greatest of objects against the pads.
         is_even: Whether every pair of surfaces has this friction, too.
         vessels: Kinds of one to three of the fixed bodies.
-        kinds: Of things.
-        tilted: Share of the things that begin neither upright nor level.
-        paired: Share of the things that come with a thin board of their footprint.
+        kinds: Of objects.
+        tilted: Share of the objects that begin neither upright nor level.
+        paired: Share of the objects that come with a thin board of their footprint.
         weights: Of the kinds of nodes, as `goals.NODES` lists them.
     """
 
@@ -81,7 +81,7 @@ COMPOUND = Style(
 
 
 @dataclass(frozen=True, slots=True)
-class Thing:
+class SceneObject:
     """One body of a room.
 
     Attributes:
@@ -149,31 +149,31 @@ class Room:
     """One world.
 
     Attributes:
-        things: Bodies by name, fixed ones first.
+        objects: Bodies by name, fixed ones first.
         spots: Named regions.
         prints: Distractors outside the inventory.
         friction: Of every pair of surfaces, for a table of extremes; None where each pair has its own.
     """
 
     seed: int
-    things: dict[str, Thing]
+    objects: dict[str, SceneObject]
     spots: dict[str, Spot]
     prints: tuple[Print, ...]
     friction: tuple[float, float] | None = None
 
     @property
-    def movable(self) -> list[Thing]:
+    def movable(self) -> list[SceneObject]:
         """What a robot may move, in the order of the file."""
-        return [thing for thing in self.things.values() if not thing.fixed]
+        return [item for item in self.objects.values() if not item.fixed]
 
     @property
-    def vessels(self) -> list[Thing]:
-        """Fixed things with an interior."""
-        return [thing for thing in self.things.values() if thing.fixed and thing.form.interior]
+    def vessels(self) -> list[SceneObject]:
+        """Fixed objects with an interior."""
+        return [item for item in self.objects.values() if item.fixed and item.form.interior]
 
     def change(self, name: str, **changes: object) -> "Room":
-        """The same room with one thing changed."""
-        return replace(self, things=self.things | {name: replace(self.things[name], **changes)})  # type: ignore[arg-type]
+        """The same room with one object changed."""
+        return replace(self, objects=self.objects | {name: replace(self.objects[name], **changes)})  # type: ignore[arg-type]
 
 
 class Floor:
@@ -197,71 +197,71 @@ class Floor:
 
 
 def draw_room(seed: int, rng: Rng, style: Style = USUAL) -> tuple[Room, Floor]:
-    """A room of three to eight things, and the places of it that are taken."""
-    floor, things = Floor(rng), dict[str, Thing]()
-    for thing in _draw_fixed(rng, floor, style, things):
-        things[_name(things, f"{thing.color}_{thing.form.kind}")] = thing
-    things = {name: replace(thing, name=name) for name, thing in things.items()}
+    """A room of three to eight objects, and the places of it that are taken."""
+    floor, objects = Floor(rng), dict[str, SceneObject]()
+    for item in _draw_fixed(rng, floor, style, objects):
+        objects[_name(objects, f"{item.color}_{item.form.kind}")] = item
+    objects = {name: replace(item, name=name) for name, item in objects.items()}
     spots = dict[str, Spot]()
     if rng.random() < 0.5 and (place := floor.find(0.08)):
         spots["spot"] = Spot("spot", (*place, 0.06), (0.06, 0.06, 0.06))
     used: list[tuple[float, float, float]] = []
     for _ in range(int(rng.integers(3, 9))):
-        for thing in _draw_thing(rng, floor, things, used, style):
-            name = _name(things, f"{thing.color}_{thing.form.kind}")
-            things[name] = replace(thing, name=name)
-            used.append(thing.rgb)
+        for item in _draw_object(rng, floor, objects, used, style):
+            name = _name(objects, f"{item.color}_{item.form.kind}")
+            objects[name] = replace(item, name=name)
+            used.append(item.rgb)
     made = np.random.default_rng([20_261_015, seed, 3])
-    things = {name: replace(thing, surface=draw_surface(thing.form.kind, made)) for name, thing in things.items()}
+    objects = {name: replace(item, surface=draw_surface(item.form.kind, made)) for name, item in objects.items()}
     extreme = style.friction if style.is_even else None
-    room = Room(seed, things, spots, tuple(_draw_prints(rng)), extreme)
+    room = Room(seed, objects, spots, tuple(_draw_prints(rng)), extreme)
     own = np.random.default_rng([20_261_015, seed, 2])
     return room if own.random() < TWINS_SHARE else _distinguish(room, own), floor
 
 
 def draw_surface(kind: str, rng: Rng) -> str:
-    """What a thing of some kind is made of."""
+    """What an object of some kind is made of."""
     usual = {"can": "metal", "bottle": "glass", "mug": "ceramic", "plate": "ceramic", "bowl": "ceramic", "box": "card"}
     others = ["wood", "plastic", "metal", "rubber"]
     return usual[kind] if kind in usual and rng.random() < 0.5 else str(rng.choice(others, p=[0.35, 0.45, 0.15, 0.05]))
 
 
-def find_twin(room: Room, thing: Thing) -> Thing | None:
-    """A movable thing that nobody could tell from this one: equal in form and colour."""
-    alike = (o for o in room.movable if o.name != thing.name and (o.form, o.rgb) == (thing.form, thing.rgb))
-    return None if thing.fixed else next(alike, None)
+def find_twin(room: Room, item: SceneObject) -> SceneObject | None:
+    """A movable object that nobody could tell from this one: equal in form and colour."""
+    alike = (o for o in room.movable if o.name != item.name and (o.form, o.rgb) == (item.form, item.rgb))
+    return None if item.fixed else next(alike, None)
 
 
 def list_twins(room: Room) -> tuple[tuple[str, ...], ...]:
-    """Groups of movable things that nobody could tell from each other."""
-    groups: list[list[Thing]] = []
-    for thing in room.movable:
-        own = next((group for group in groups if (group[0].form, group[0].rgb) == (thing.form, thing.rgb)), None)
-        groups.append([thing]) if own is None else own.append(thing)
-    return tuple(tuple(thing.name for thing in group) for group in groups if len(group) > 1)
+    """Groups of movable objects that nobody could tell from each other."""
+    groups: list[list[SceneObject]] = []
+    for item in room.movable:
+        own = next((group for group in groups if (group[0].form, group[0].rgb) == (item.form, item.rgb)), None)
+        groups.append([item]) if own is None else own.append(item)
+    return tuple(tuple(item.name for item in group) for group in groups if len(group) > 1)
 
 
 def _distinguish(room: Room, rng: Rng) -> Room:
-    """The same room, in which the second of two equal things has a colour of its own."""
-    things = dict[str, Thing]()
-    for thing in room.things.values():
-        if find_twin(Room(0, things | {thing.name: thing}, {}, ()), thing):
-            others = [color for color in COLORS if color != thing.color]
+    """The same room, in which the second of two equal objects has a colour of its own."""
+    objects = dict[str, SceneObject]()
+    for item in room.objects.values():
+        if find_twin(Room(0, objects | {item.name: item}, {}, ()), item):
+            others = [color for color in COLORS if color != item.color]
             color = others[int(rng.integers(len(others)))]
-            thing = replace(thing, color=color, rgb=COLORS[color])
-            thing = replace(thing, name=_name(things | room.things, f"{color}_{thing.form.kind}"))
-        things[thing.name] = thing
-    return replace(room, things=things)
+            item = replace(item, color=color, rgb=COLORS[color])
+            item = replace(item, name=_name(objects | room.objects, f"{color}_{item.form.kind}"))
+        objects[item.name] = item
+    return replace(room, objects=objects)
 
 
-def _name(things: dict[str, Thing], wish: str) -> str:
+def _name(objects: dict[str, SceneObject], wish: str) -> str:
     """A name that is free; numbers are no endings, for the solids of a body are numbered so."""
     lettered = (wish + ending for ending in ("", *(f"_{letter}" for letter in "bcdefghijklm")))
-    return next(name for name in lettered if name not in things)
+    return next(name for name in lettered if name not in objects)
 
 
-def _draw_fixed(rng: Rng, floor: Floor, style: Style, things: dict[str, Thing]) -> Iterator[Thing]:
-    """One to three vessels, and perhaps a shelf or a block to stand things on."""
+def _draw_fixed(rng: Rng, floor: Floor, style: Style, objects: dict[str, SceneObject]) -> Iterator[SceneObject]:
+    """One to three vessels, and perhaps a shelf or a block to stand objects on."""
     kinds = list(rng.choice(style.vessels, size=int(rng.integers(1, 4))))
     kinds += ["shelf"] * (rng.random() < 0.25) + ["riser"] * (rng.random() < 0.4)
     for kind in kinds:
@@ -274,12 +274,12 @@ def _draw_fixed(rng: Rng, floor: Floor, style: Style, things: dict[str, Thing]) 
         rgb = (pale[0], pale[1], pale[2])
         drawn_by = str(rng.choice(["point", "area", "frame"], p=[0.90, 0.05, 0.05]))
         yaw = float(rng.uniform(-np.pi, np.pi))
-        yield (one := Thing("", form, (*place, 0.0), yaw, color, rgb, fixed=True, drawn_by=drawn_by))
+        yield (one := SceneObject("", form, (*place, 0.0), yaw, color, rgb, fixed=True, drawn_by=drawn_by))
         if kind == "riser" and style.paired and rng.random() < 0.5:
             x, y, z = form.span_m
             board, rgb = make_box(x, y, rng.uniform(*PAIR_M), "board"), (rgb[1], rgb[2], rgb[0])
             at_m = (*place, float(z) + board.bottom_m)
-            under = next(reversed(things))
+            under = next(reversed(objects))
             yield replace(one, form=board, at_m=at_m, color="pale", rgb=rgb, drawn_by="point", on=under)
 
 
@@ -312,17 +312,17 @@ def draw_mass(form: Form, rng: Rng) -> float:
     return round(float(np.clip(form.volume_m3 * np.exp(rng.uniform(np.log(200), np.log(2500))), 0.004, 2.5)), 4)
 
 
-def _draw_thing(
+def _draw_object(
     rng: Rng,
     floor: Floor,
-    things: dict[str, Thing],
+    objects: dict[str, SceneObject],
     used: list[tuple[float, float, float]],
     style: Style,
-) -> Iterator[Thing]:
+) -> Iterator[SceneObject]:
     """One object; or two alike; or one that leans on the edge of a slab; or one with a board of its footprint."""
     one, mood = _draw_one(str(rng.choice(style.kinds)), rng, used, style), rng.random()
     if style.paired and mood < style.paired and one.form.stands | (one.form.top_m > 0):
-        yield from _pair(rng, floor, one, things)
+        yield from _pair(rng, floor, one, objects)
         return
     if style.tilted and mood < style.paired + style.tilted and one.form.kind != "ball":
         swing = rng.choice([0.0, np.pi / 2, np.pi]) if one.form.solids[0].kind == "box" else 0.0
@@ -331,19 +331,19 @@ def _draw_thing(
         yield from _lean(rng, floor, one)
         return
     for _ in range(2 if mood > 0.88 else 1):
-        if (placed := _place(rng, floor, one, things)) is not None:
+        if (placed := _place(rng, floor, one, objects)) is not None:
             yield placed
 
 
-def _draw_one(kind: str, rng: Rng, used: list[tuple[float, float, float]], style: Style) -> Thing:
+def _draw_one(kind: str, rng: Rng, used: list[tuple[float, float, float]], style: Style) -> SceneObject:
     friction, form = style.friction, DRAWS[kind](rng) if kind in DRAWS else draw_compound(kind, rng)
     (color, rgb), mass = draw_color(rng, used), draw_mass(form, rng)
     low = float(rng.uniform(friction[0], max(friction[0], friction[1] - 0.05)))
     grip = (round(low, 3), round(min(low + 0.05, friction[1]), 3))
-    return Thing("", form, (0.0, 0.0, 0.0), None, color, rgb, mass_kg=mass, grip=grip)
+    return SceneObject("", form, (0.0, 0.0, 0.0), None, color, rgb, mass_kg=mass, grip=grip)
 
 
-def _pair(rng: Rng, floor: Floor, one: Thing, things: dict[str, Thing]) -> Iterator[Thing]:
+def _pair(rng: Rng, floor: Floor, one: SceneObject, objects: dict[str, SceneObject]) -> Iterator[SceneObject]:
     """An object, and a thin board of its footprint: under it, or elsewhere."""
     x, y, _ = one.form.span_m
     board = make_box(float(x), float(y), rng.uniform(*PAIR_M), "board")
@@ -353,26 +353,26 @@ def _pair(rng: Rng, floor: Floor, one: Thing, things: dict[str, Thing]) -> Itera
     at_m, mass = (*place, board.bottom_m + 0.001), draw_mass(board, rng)
     yield (under := replace(one, form=board, at_m=at_m, yaw_rad=yaw, color=color, rgb=rgb, mass_kg=mass))
     if rng.random() < 0.5:
-        yield replace(one, at_m=(*place, under.top_m + one.rise_m + 0.001), yaw_rad=yaw, on=next(reversed(things)))
+        yield replace(one, at_m=(*place, under.top_m + one.rise_m + 0.001), yaw_rad=yaw, on=next(reversed(objects)))
     elif place := floor.find(one.form.radius_m):
         yield replace(one, at_m=(*place, one.rise_m + 0.001))
 
 
 def add_leaning(room: Room, floor: Floor, rng: Rng, style: Style) -> tuple[Room, str]:
-    """The room with a small thing that leans on the edge of a slab, and its name; empty where there is no place."""
-    one, things = _draw_one("cube", rng, [], style), dict(room.things)
-    for thing in _lean(rng, floor, one):
-        name = _name(things, f"{thing.color}_{thing.form.kind}")
-        things[name] = replace(thing, name=name)
-    found = next(reversed(things)) if len(things) > len(room.things) else ""
-    return replace(room, things=things), found
+    """The room with a small object that leans on the edge of a slab, and its name; empty where there is no place."""
+    one, objects = _draw_one("cube", rng, [], style), dict(room.objects)
+    for item in _lean(rng, floor, one):
+        name = _name(objects, f"{item.color}_{item.form.kind}")
+        objects[name] = replace(item, name=name)
+    found = next(reversed(objects)) if len(objects) > len(room.objects) else ""
+    return replace(room, objects=objects), found
 
 
-def _place(rng: Rng, floor: Floor, one: Thing, things: dict[str, Thing]) -> Thing | None:
+def _place(rng: Rng, floor: Floor, one: SceneObject, objects: dict[str, SceneObject]) -> SceneObject | None:
     """On the table, or on a free support, or in a vessel."""
-    taken = {thing.on for thing in things.values()}
+    taken = {item.on for item in objects.values()}
     tops = {"shelf", "riser", "tray", "board", *SUPPORTS} - {"steps", "basin", "crate"}
-    free = [t for t in things.values() if t.fixed and t.name not in taken and t.form.kind in tops]
+    free = [t for t in objects.values() if t.fixed and t.name not in taken and t.form.kind in tops]
     if free and rng.random() < 0.25:
         under = free[int(rng.integers(len(free)))]
         room = min(under.form.interior[1][:2]) if under.form.interior else under.form.top_m
@@ -384,8 +384,8 @@ def _place(rng: Rng, floor: Floor, one: Thing, things: dict[str, Thing]) -> Thin
     return replace(one, at_m=(*place, one.rise_m + 0.001)) if place else None
 
 
-def _lean(rng: Rng, floor: Floor, one: Thing) -> Iterator[Thing]:
-    """A slab, and a thing whose middle is just past the slab's edge, so that it comes to lean on it."""
+def _lean(rng: Rng, floor: Floor, one: SceneObject) -> Iterator[SceneObject]:
+    """A slab, and an object whose middle is just past the slab's edge, so that it comes to lean on it."""
     slab = DRAWS["slab"](rng)
     reach = slab.span_m[0] / 2 + one.form.span_m[0]
     place = floor.find(float(reach) + 0.01)
@@ -393,7 +393,7 @@ def _lean(rng: Rng, floor: Floor, one: Thing) -> Iterator[Thing]:
         return
     yaw = float(rng.uniform(-np.pi, np.pi))
     color, rgb = draw_color(rng, [])
-    under = Thing("", slab, (*place, slab.bottom_m + 0.001), yaw, color, rgb, mass_kg=0.3, grip=one.grip)
+    under = SceneObject("", slab, (*place, slab.bottom_m + 0.001), yaw, color, rgb, mass_kg=0.3, grip=one.grip)
     yield under
     past = slab.span_m[0] / 2 + rng.uniform(0.1, 0.4) * one.form.span_m[0]
     x, y = place[0] + past * np.cos(yaw), place[1] + past * np.sin(yaw)

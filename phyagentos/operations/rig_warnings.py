@@ -14,7 +14,7 @@ from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.errors import Problem, format_names
 from phyagentos.protocol.documents.schema import Address, Located
 from phyagentos.protocol.predicates import syntax
-from phyagentos.protocol.predicates.builtins import DOUBT_STDS
+from phyagentos.protocol.predicates.builtins import UNCERTAINTY_STDS
 from phyagentos.protocol.predicates.library import get_predicate_library
 from phyagentos.protocol.predicates.predicate import find_entities, find_formula
 from phyagentos.protocol.settings.sensors import WORLD, CameraSettings, Sensors
@@ -114,7 +114,7 @@ def _iter_of_body(name: str, located: Located, path: Address, rig: Rig) -> Itera
         hint = "Move it, or place a camera in sensors.yaml; a camera on a hand looks only where that reaches."
         seeing = f"a place in view of one of {format_names(rig.cameras)}"
         yield located.problem("NOT_OBSERVED", path, f"{name!r}, which no standing camera sees", seeing, hint)
-    apart_m = max(DOUBT_STDS * math.sqrt(2.0) * rig.estimate_std(name), ALIKE_M)
+    apart_m = max(UNCERTAINTY_STDS * math.sqrt(2.0) * rig.estimate_std(name), ALIKE_M)
     if others := find_alike(rig.scene, name, apart_m) - find_alike(rig.scene, name):
         sides = f"sides that differ by less than {format_length(apart_m)}, which is what these cameras resolve"
         found = f"{name!r}, which has the colours of {format_names(others)} and {sides}"
@@ -123,7 +123,7 @@ def _iter_of_body(name: str, located: Located, path: Address, rig: Rig) -> Itera
 
 
 def _iter_of_number(compared: syntax.Compare, located: Located, path: Address, rig: Rig) -> Iterator[Problem]:
-    """Of what is never below zero no bound within its doubt is surely kept; no measured number equals another."""
+    """Of what is never below zero no bound within its uncertainty is surely kept; no measured number equals another."""
     call, bound = compared.left, compared.bound
     if not isinstance(call, syntax.Call) or not isinstance(bound, float):
         return
@@ -132,11 +132,11 @@ def _iter_of_number(compared: syntax.Compare, located: Located, path: Address, r
         return
     names = [each.text for each in call.terms if isinstance(each, syntax.Name) and each.text in rig.scene.bodies]
     estimate = rig.estimate_turn_std if definition.unit == "rad" else rig.estimate_std
-    doubt = DOUBT_STDS * math.hypot(*map(estimate, names))
-    if doubt > 0.0 and (compared.relation == "==" or (compared.relation in UNDER and bound <= doubt)):
-        limit, least = NUMBERS[definition.unit](bound, doubt)
+    uncertainty = UNCERTAINTY_STDS * math.hypot(*map(estimate, names))
+    if uncertainty > 0.0 and (compared.relation == "==" or (compared.relation in UNDER and bound <= uncertainty)):
+        limit, least = NUMBERS[definition.unit](bound, uncertainty)
         expected = f"more than ±{least}, as well as these cameras measure {' and '.join(names)} at best"
-        wanted = "Compare it with < or >" if compared.relation == "==" else f"Write more than {doubt:.2g}"
+        wanted = "Compare it with < or >" if compared.relation == "==" else f"Write more than {uncertainty:.2g}"
         hint = f"{wanted}, or place a camera nearer in sensors.yaml."
         found = f"{compared.relation} {limit} in {syntax.render(compared)!r}"
         yield located.problem("UNDECIDABLE", path, found, expected, hint)
@@ -144,11 +144,11 @@ def _iter_of_number(compared: syntax.Compare, located: Located, path: Address, r
 
 def _iter_of_call(call: syntax.Call, located: Located, path: Address, rig: Rig) -> Iterator[Problem]:
     names = [each.text for each in call.terms if isinstance(each, syntax.Name) and each.text in rig.scene.bodies]
-    doubt_m = DOUBT_STDS * math.hypot(*map(rig.estimate_std, names))
+    uncertainty_m = UNCERTAINTY_STDS * math.hypot(*map(rig.estimate_std, names))
     definition = get_predicate_library().find(call.name)
     for argument, term in zip(definition.arguments if definition else (), call.terms, strict=False):
-        if argument.name in LENGTHS and isinstance(term, syntax.Number) and term.value <= doubt_m:
-            tolerance, least = compare_lengths(term.value, doubt_m)
+        if argument.name in LENGTHS and isinstance(term, syntax.Number) and term.value <= uncertainty_m:
+            tolerance, least = compare_lengths(term.value, uncertainty_m)
             expected = f"more than ±{least}, as well as these cameras place {' and '.join(names)} at best"
-            hint = f"Write more than {doubt_m:.2g}, or place a camera nearer in sensors.yaml."
+            hint = f"Write more than {uncertainty_m:.2g}, or place a camera nearer in sensors.yaml."
             yield located.problem("UNDECIDABLE", path, f"{tolerance} in {syntax.render(call)!r}", expected, hint)

@@ -170,7 +170,7 @@ def _judge(text: str, found: "PerceivedBag", target: str) -> Criterion:
     astray = [each for each in unsure if each in named] or (unsure if len(unsure) == len(placed) else [])
     fingers = "is between the fingers, and joint states do not tell whether it is held"
     once = "was seen once, which does not show that it rests"
-    doubts = [
+    uncertainties = [
         *(f"{each.name} {fingers}" for each in named if each.name == found.between_fingers),
         *(f"{each.name} {once}" for each in named if each.movable and each.still_since_s is None),
         *(
@@ -179,8 +179,8 @@ def _judge(text: str, found: "PerceivedBag", target: str) -> Criterion:
             for each in astray
         ),
     ]
-    if doubts:
-        return make_unknown(text, "accept", AFTER, doubts[0])
+    if uncertainties:
+        return make_unknown(text, "accept", AFTER, uncertainties[0])
     return evaluate_on(text, "accept", View(now=now, initial=initial, target=target), AFTER)
 
 

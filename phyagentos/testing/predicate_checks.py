@@ -4,7 +4,7 @@ from phyagentos.protocol.predicates.library import ArgumentKind, FactUnknown, Pr
 from phyagentos.protocol.predicates.view import View
 from phyagentos.testing.worlds import make_world
 
-THINGS = {ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE, ArgumentKind.TARGET}
+OBJECTS = {ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE, ArgumentKind.TARGET}
 
 
 def check_predicate(definition: PredicateDefinition) -> None:
@@ -17,7 +17,7 @@ def check_predicate(definition: PredicateDefinition) -> None:
     if not definition.by_name or not definition.arguments:
         return
     arguments = [
-        f"absent_{argument.name}" if argument.kind in THINGS else argument.default or 1.0
+        f"absent_{argument.name}" if argument.kind in OBJECTS else argument.default or 1.0
         for argument in definition.arguments
     ]
     try:

@@ -14,7 +14,7 @@ from phyagentos.geometry import as_pose, to_child, to_parent
 from phyagentos.pictures.playback import Playback
 from phyagentos.protocol.documents.packed_files import check_picture
 from phyagentos.protocol.documents.regular_files import read_regular
-from phyagentos.protocol.predicates.predicate import find_things
+from phyagentos.protocol.predicates.predicate import find_objects
 from phyagentos.protocol.sessions.evidence import PICTURE_AFTER, Bundle
 from phyagentos.protocol.sessions.looks import LookRole, StoredFrame
 from phyagentos.protocol.sessions.verdicts import Criterion
@@ -44,8 +44,8 @@ def find_judged(bundle: Bundle, criterion: Criterion, playback: Playback | None)
     quantity, world = find_deciding(criterion), bundle.after
     if not quantity or world is None:
         return None
-    things = (str(criterion.measured.get("for")), *find_things(criterion.text, world))
-    entities = [world.entities[each] for each in dict.fromkeys(things) if each in world.entities][:SHOWN]
+    objects = (str(criterion.measured.get("for")), *find_objects(criterion.text, world))
+    entities = [world.entities[each] for each in dict.fromkeys(objects) if each in world.entities][:SHOWN]
     for picture, frame in _list_views(bundle, entities[0].name, playback) if entities else ():
         boxes = {each.name: box for each in entities if (box := _find_box(frame, each))}
         if entities[0].name in boxes:

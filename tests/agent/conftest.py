@@ -219,10 +219,10 @@ def bottle() -> Entity:
 
 
 def make_world(**more: Any) -> Environment:
-    things = [*(tray(n, y) for n, y in TRAYS.items()), *(cube(n, 0.4, y) for n, y in CUBES.items()), bottle()]
+    objects = [*(tray(n, y) for n, y in TRAYS.items()), *(cube(n, 0.4, y) for n, y in CUBES.items()), bottle()]
     arm = TargetState(q_rad=(0.0,), qd_rad_s=(0.0,), gripper_width_m=0.08, tcp=Pose())
     facts = {"time_s": 0.0, "scene": "table", "episode": "e", "revision": 1, "sensing": "truth"}
-    return Environment(**(facts | {"entities": {e.name: e for e in things}, "targets": {"panda": arm}} | more))
+    return Environment(**(facts | {"entities": {e.name: e for e in objects}, "targets": {"panda": arm}} | more))
 
 
 def change(world: Environment, name: str, **more: Any) -> Environment:

@@ -260,11 +260,11 @@ def trees(draw, depth=3):
         after = draw(st.lists(st.sampled_from(names[:index]), unique=True)) if index else []
         edges = [draw(st.sampled_from([each, {"node": each, "on": "failure"}])) for each in after]
         if depth > 1 and draw(st.booleans()):
-            thing = draw(st.sampled_from([*CUBES, "${thing}"]))
-            sessions[name] = {"include": draw(trees(depth=depth - 1)), "with": {"thing": thing}, "after": edges}
+            item = draw(st.sampled_from([*CUBES, "${thing}"]))
+            sessions[name] = {"include": draw(trees(depth=depth - 1)), "with": {"thing": item}, "after": edges}
         else:
-            thing = draw(st.sampled_from(["${thing}", *CUBES]))
-            sessions[name] = {"skill": "pick", "with": {"object": thing}, "after": edges}
+            item = draw(st.sampled_from(["${thing}", *CUBES]))
+            sessions[name] = {"skill": "pick", "with": {"object": item}, "after": edges}
     return {
         "goal": "tree",
         "objective": "${thing}",
@@ -275,11 +275,11 @@ def trees(draw, depth=3):
     }
 
 
-def expand(tree, thing, prefix="", before=(), failed=()):
-    """What a tree means, said again: node -> thing, whom it waits for, whose failure it waits for."""
+def expand(tree, item, prefix="", before=(), failed=()):
+    """What a tree means, said again: node -> object, whom it waits for, whose failure it waits for."""
     found, groups = {}, {}
     for name, node in tree["sessions"].items():
-        value = node["with"].get("thing", node["with"].get("object")).replace("${thing}", thing)
+        value = node["with"].get("thing", node["with"].get("object")).replace("${thing}", item)
         edges = [(each, "success") if isinstance(each, str) else (each["node"], each["on"]) for each in node["after"]]
         after = [set(groups[each]) for each, on in edges if on == "success"] or ([] if edges else list(before))
         lost = [*(frozenset(groups[each]) for each, on in edges if on == "failure"), *failed]
@@ -304,12 +304,12 @@ def find_waits(meant):
 
 @pytest.mark.slow
 @settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(tree=trees(), thing=st.sampled_from(CUBES))
-def test_every_tree_expands_to_what_it_means_and_its_bundle_to_the_same(catalogue, tmp_path, tree, thing):
+@given(tree=trees(), item=st.sampled_from(CUBES))
+def test_every_tree_expands_to_what_it_means_and_its_bundle_to_the_same(catalogue, tmp_path, tree, item):
     file = tmp_path / "tree.yaml"
     file.write_text(yaml.safe_dump(tree, sort_keys=False))
-    meant = expand(tree, thing)
-    given = {"parameters.thing.default": thing}
+    meant = expand(tree, item)
+    given = {"parameters.thing.default": item}
     if not nx.is_directed_acyclic_graph(find_waits(meant)):
         with pytest.raises(DefinitionError, match="CYCLE"):
             read_goal_graph(file, catalogue, given)

@@ -95,9 +95,9 @@ def test_a_context_keeps_its_budget_its_order_and_its_items_whole(sections, purp
 
 @pytest.mark.parametrize("hostile", HOSTILE)
 def test_a_name_from_the_world_stays_inside_its_value(hostile):
-    things = {hostile: {"kind": hostile, "relations": [f"on({hostile}, table)"], "more": {hostile: hostile}}}
-    context = build_context("plan", [Section("world", things)], 8_000)
-    assert read_back(context.text) == {"world": things}
+    objects = {hostile: {"kind": hostile, "relations": [f"on({hostile}, table)"], "more": {hostile: hostile}}}
+    context = build_context("plan", [Section("world", objects)], 8_000)
+    assert read_back(context.text) == {"world": objects}
     assert [line for line in context.text.split("\n") if line.startswith("#")] == ["# Context for plan", "## world"]
     assert len(re.findall(r"^(?:```|~~~)", context.text, re.MULTILINE)) == 2
     front = yaml.safe_load(split_front_matter(context.text, "context")[0])

@@ -55,7 +55,7 @@ def test_a_bundle_recorded_before_leaves_declared_their_roles_tells_the_same_sta
     assert ManipulationTimeline.of(msgspec.structs.replace(bundle, trace=tuple(earlier)), "red_cube").stage is stage
 
 
-def test_what_was_done_to_a_thing_in_the_way_is_not_done_to_the_object():
+def test_what_was_done_to_an_object_in_the_way_is_not_done_to_the_object():
     """A can was moved out of the tray, and `red_cube was put down and then moved 0.6 m` was the cause."""
     made = (
         make_event(0, "p/room", Role.PLAN_ROOM, numbers={"things": ["can"]}),

@@ -21,14 +21,14 @@ def shipped() -> Catalogue:
     return Catalogue.read(Library.open(find_shipped_root()))
 
 
-def test_what_stands_on_a_thing_fills_it_and_what_stands_beside_it_does_not():
+def test_what_stands_on_an_object_fills_it_and_what_stands_beside_it_does_not():
     slab = Entity(
         name="slab", kind="slab", pose=Pose((0.5, 0.0, 0.01)), shapes=(Shape(ShapeKind.BOX, (0.05, 0.03, 0.01)),)
     )
     cube = (Shape(ShapeKind.BOX, (0.015, 0.015, 0.015)),)
     at = {"on": (0.52, 0.0, 0.035), "edge": (0.56, 0.0, 0.035), "beside": (0.5, 0.06, 0.015), "high": (0.5, 0.0, 0.09)}
-    things = (Entity(name=name, kind="cube", pose=Pose(place), shapes=cube) for name, place in at.items())
-    assert set(find_filling(make_table_world(slab, *things), "slab")) == {"on", "edge"}
+    objects = (Entity(name=name, kind="cube", pose=Pose(place), shapes=cube) for name, place in at.items())
+    assert set(find_filling(make_table_world(slab, *objects), "slab")) == {"on", "edge"}
     assert find_filling(make_table_world(slab), "table") == []  # what is fixed is large
 
 

@@ -42,7 +42,7 @@ def test_the_same_snapshots_give_the_same_verdict(bundle):
     assert [each.kind for each in again.criteria] == ["requires", "accept", "hold"]
 
 
-def test_a_thing_that_is_perceived_elsewhere_changes_acceptance_verdict_and_snapshot(bundle):
+def test_an_object_that_is_perceived_elsewhere_changes_acceptance_verdict_and_snapshot(bundle):
     again = judge(bundle, after=BEFORE)
     assert again.verdict == "failure"
     assert "environment_after.json: red_cube perceived otherwise" in again.differences

@@ -250,7 +250,7 @@ def test_outputs_flow_along_data_edges_and_fan_out_waits(make_stage, write_graph
 
 @pytest.mark.parametrize(("code", "tried"), [("NOT_GRASPABLE", ["green", "r1"]), ("NO_SPACE", ["green"])])
 def test_a_destination_without_room_is_no_reason_to_try_other_means(make_stage, library, tidy, code, tried):
-    """A skill that promised the same was tried there, and moved things for nothing."""
+    """A skill that promised the same was tried there, and moved objects for nothing."""
     add_skills(library, {"slide": SKILLS["pick_and_place"].replace("tree: pick_and_place", "tree: slide")})
     report = make_stage(refuse={"green": Problem(code=code, address="dry run")}).pursue(tidy)
 

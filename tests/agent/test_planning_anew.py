@@ -64,7 +64,7 @@ def test_no_plan_is_made_once_the_replans_are_spent(make_stage, write_graph):
     assert [session.node for session in stage.runtime.ran] == ["red"]
 
 
-def test_what_stands_on_a_thing_is_moved_before_another_way_is_tried(make_stage, row):
+def test_what_stands_on_an_object_is_moved_before_another_way_is_tried(make_stage, row):
     world = put(make_world(), "yellow_cube", (0.4, 0.3, 0.06))
     stage = make_stage({"red": no_way}, world=world)
     report = stage.pursue(row)

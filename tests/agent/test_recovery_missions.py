@@ -245,7 +245,7 @@ def test_what_was_met_in_the_way_is_told(make_stage, two):
     assert "the planner met yellow_cube in the way" in replan.reason
 
 
-def test_a_remainder_that_loses_the_thing_gives_the_node_back_to_its_own_skill(make_stage, two):
+def test_a_remainder_that_loses_the_object_gives_the_node_back_to_its_own_skill(make_stage, two):
     stage = make_stage({"green": lose_runner, "green.r1": let_fall})
     assert stage.pursue(two).verdict == "success"
     assert [session.skill for session in stage.runtime.ran[:3]] == ["pick_and_place", "place", "pick_and_place"]
@@ -273,12 +273,12 @@ def test_what_preflight_does_not_see_is_looked_at_and_then_tried_again(make_stag
 
 
 @pytest.mark.parametrize(("code", "looks"), [("NOT_GRASPABLE", False), ("TOO_WIDE", False), ("NO_FREE_SITE", True)])
-def test_nobody_looks_for_a_thing_that_cannot_be_carried(make_stage, two, code, looks):
+def test_nobody_looks_for_an_object_that_cannot_be_carried(make_stage, two, code, looks):
     stage = make_stage(world=hide(make_world(), "red_cube"), refuse={"red": Problem(code=code, address="dry run")})
     assert any(session.skill == "inspect" for session in stage.pursue(two).sessions) == looks
 
 
-def test_what_the_goal_asks_of_a_thing_that_was_never_perceived_stays_unknown_and_says_so(make_stage, write_graph):
+def test_what_the_goal_asks_of_an_object_that_was_never_perceived_stays_unknown_and_says_so(make_stage, write_graph):
     graph = write_graph(TWO.replace("BUDGET", "").replace("accept: [", 'accept: ["upright(bottle)", '))
     refused = Problem(code="OBJECT_GONE", address="parameters.object", found="bottle was never perceived")
     stage = make_stage(world=remove(make_world(sensing="perceived"), "bottle"), refuse={"red.r1": refused})

@@ -52,10 +52,10 @@ def make_box(name: str, position: tuple[float, float, float], half: float = 0.02
     return Entity(name=name, kind="cube", pose=Pose(position_m=position), shapes=shapes, **more)
 
 
-def make_table_world(*things: Entity) -> Environment:
+def make_table_world(*objects: Entity) -> Environment:
     arm = TargetState(q_rad=(), qd_rad_s=(), gripper_width_m=0.08, tcp=Pose())
     return make_world(
-        *(msgspec.structs.replace(each, observed_at_s=10.0) for each in (make_table(), *things)),
+        *(msgspec.structs.replace(each, observed_at_s=10.0) for each in (make_table(), *objects)),
         time_s=10.0,
         episode="g",
         regions={"zone": Region(name="zone", pose=Pose(position_m=(0.5, -0.3, 0.04)), half_m=(0.08, 0.08, 0.06))},
@@ -90,7 +90,7 @@ def make_case(catalogue: Catalogue, cause: Cause, **more: Any) -> Case:
 
 
 def met(name: str, count: int = 9) -> tuple[TraceEvent, ...]:
-    """The planner met this thing in the way."""
+    """The planner met this object in the way."""
     numbers = {"rejected": {f"hand|{name}": count, "ik": 2}}
     return (TraceEvent(tick=1, time_s=1.0, path="a/plan", leaf="plan_grasp", status="FAILURE", numbers=numbers),)
 
@@ -136,7 +136,7 @@ LOOKS = tuple(
     )
     for n in (1, 2)
 )
-PLACING = (  # the thing was taken and lifted, and no way to its place was found
+PLACING = (  # the object was taken and lifted, and no way to its place was found
     make_event("plan_grasp", labels=["yaw+000", "yaw+090"]),
     make_event("move_to", label="yaw+000"),
     make_event("close_gripper"),
@@ -262,7 +262,7 @@ def test_a_policy_that_names_no_beginning_is_tried_again_from_where_it_is(shippe
         (None, 0.0, None, None),
     ],
 )
-def test_a_policy_that_missed_a_thing_is_shown_it_aside_by_as_much(shipped, missed, moved_m, aimed, expected):
+def test_a_policy_that_missed_an_object_is_shown_it_aside_by_as_much(shipped, missed, moved_m, aimed, expected):
     case = make_case(learn(shipped, aim="near"), Cause.SAFETY_STOP, contract=TO_TRAY)
     parameters = case.session.parameters | ({"near": aimed} if aimed else {})
     session = msgspec.structs.replace(case.session, parameters=parameters)
@@ -299,7 +299,7 @@ def test_a_refusal_is_no_repetition_once_a_preparation_has_moved_something(shipp
 
 
 def make_full_tray(**more: Any) -> dict[str, Any]:
-    """A shallow tray, and a tall thing in it, which leaves no room."""
+    """A shallow tray, and a tall object in it, which leaves no room."""
     floor = (Shape(kind=ShapeKind.BOX, size_m=(0.07, 0.07, 0.0025)),)
     inside = Interior((0.0, 0.0, 0.01), (0.07, 0.07, 0.01))
     tray = make_box("tray", (0.5, 0.25, 0.0), shapes=floor, movable=False, interior=inside)

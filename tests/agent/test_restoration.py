@@ -82,14 +82,14 @@ def see(now):
         (make_session("pick_and_place", object="green_cube", destination="green_tray", near="red_cube"), True),
         (make_session("pick_and_place", object="red_cube", destination="green_tray"), False),
         (make_session("pick", object="red_cube"), False),
-        (make_session("learned", "inside(red_cube, green_tray)", thing="red_cube"), False),
-        (make_session("learned", "moved(red_cube)", thing="red_cube"), False),
-        (make_session("learned", "not moved(red_cube)", thing="red_cube"), True),
-        (make_session("learned", "visible(red_cube)", thing="red_cube"), True),
-        (make_session("learned", "upright(red_cube)", thing="green_cube"), True),
+        (make_session("learned", "inside(red_cube, green_tray)", item="red_cube"), False),
+        (make_session("learned", "moved(red_cube)", item="red_cube"), False),
+        (make_session("learned", "not moved(red_cube)", item="red_cube"), True),
+        (make_session("learned", "visible(red_cube)", item="red_cube"), True),
+        (make_session("learned", "upright(red_cube)", item="green_cube"), True),
     ],
 )
-def test_a_later_node_takes_a_thing_up_again_by_what_it_is_to_bring_about(catalogue, later, is_undone):
+def test_a_later_node_takes_an_object_up_again_by_what_it_is_to_bring_about(catalogue, later, is_undone):
     promises = {name: skill.guarantees for name, skill in catalogue.skills.items()} | {"learned": ()}
     finished = {"red": make_session("pick_and_place", "inside(red_cube, red_tray)", object="red_cube"), "later": later}
     now = put(hold(make_world()), "red_cube", AWAY)
@@ -97,7 +97,7 @@ def test_a_later_node_takes_a_thing_up_again_by_what_it_is_to_bring_about(catalo
     assert ("red" in find_regressions(finished, after.__getitem__, promises, see(now))) == is_undone
 
 
-def test_only_a_node_that_comes_after_takes_a_thing_up_again(catalogue):
+def test_only_a_node_that_comes_after_takes_an_object_up_again(catalogue):
     promises = {name: skill.guarantees for name, skill in catalogue.skills.items()}
     finished = {
         tray: make_session("pick_and_place", f"inside(red_cube, {tray})", object="red_cube", destination=tray)
@@ -144,7 +144,7 @@ CARRY = "      {0}: {{skill: pick_and_place, with: {{object: red_cube, destinati
         pytest.param("[red_tray]", {"verdict": "success", "replans": 0}, id="a later node carries it on"),
     ],
 )
-def test_a_thing_in_another_place_is_undone_unless_a_later_node_carried_it_there(
+def test_an_object_in_another_place_is_undone_unless_a_later_node_carried_it_there(
     make_stage, write_graph, after, expected
 ):
     graph = write_graph(HEAD + CARRY.format("red_tray", "[]") + CARRY.format("green_tray", after))

@@ -61,7 +61,7 @@ def test_arguments_that_contradict_the_promise_rule_a_skill_out(catalogue):
         select(Promise(guarantees="inside(red_cube, red_tray)"), "any", {"object": "blue_cube"}, catalogue)
 
 
-def test_a_promise_of_several_things_needs_them_all(catalogue):
+def test_a_promise_of_several_objects_needs_them_all(catalogue):
     wanted = Promise(guarantees="inside(red_cube, red_tray) and visible(red_cube)")
     with pytest.raises(DefinitionError, match=r"pick_and_place: it does not guarantee visible\(red_cube\)"):
         select(wanted, "any", {}, catalogue)

@@ -72,10 +72,10 @@ def test_success_needs_every_criterion_to_be_true():
 
 def perceive(world, *hidden):
     """The world as cameras know it, without what is hidden."""
-    things = {
+    objects = {
         name: msgspec.structs.replace(entity, visible=name not in hidden) for name, entity in world.entities.items()
     }
-    return msgspec.structs.replace(world, sensing="perceived", entities=things)
+    return msgspec.structs.replace(world, sensing="perceived", entities=objects)
 
 
 DONE, MISSED = put(make_world(), "red_cube", IN_TRAY), put(make_world(), "red_cube", AWAY)
@@ -346,7 +346,7 @@ def test_the_child_requires_what_the_node_itself_does_whatever_the_world_is_now(
     assert _revise(Cause.OBJECT_MOVED, requires=(stood,)).requires == (stood, "visible(red_cube)")
 
 
-def test_alike_things_end_a_session_at_once_with_their_names():
+def test_alike_objects_end_a_session_at_once_with_their_names():
     world = put(make_world(), "red_cube", IN_TRAY)
     pair = {"red_cube": "blue_cube", "blue_cube": "red_cube"}
     doubtful = {n: msgspec.structs.replace(world.entities[n], alternatives=(other,)) for n, other in pair.items()}

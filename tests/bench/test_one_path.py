@@ -51,7 +51,7 @@ pytestmark = pytest.mark.journey
 
 
 def copy_library(folder):
-    """The counter's, with a skill that names a thing and a place, as experience does."""
+    """The counter's, with a skill that names an object and a place, as experience does."""
     shutil.copytree(ROOT / "benchmarks" / "library", folder)
     skill = folder / "skills" / "advance" / "SKILL.md"
     text = skill.read_text().replace("tree: advance\n", f"tree: advance\n{PARAMETERS}")

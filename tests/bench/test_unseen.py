@@ -17,7 +17,7 @@ from benchmarks.worlds.cases import Case, Node
 from benchmarks.worlds.files import render_scene
 from benchmarks.worlds.forms import Form, Solid, make_box, make_vessel
 from benchmarks.worlds.goals import draw_case
-from benchmarks.worlds.rooms import COMPOUND, Room, Thing
+from benchmarks.worlds.rooms import COMPOUND, Room, SceneObject
 from benchmarks.worlds.trials import draw as draw_trial
 from phyagentos.bench.records import EpisodeRecord
 from phyagentos.operations.lint import lint_paths
@@ -40,7 +40,7 @@ def test_what_begins_tilted_is_not_to_be_kept_upright_all_through():
     """Such a goal is broken before anything moves: it was counted as one that can be met."""
     cases = [draw_case(seed, COMPOUND) for seed in range(1_005_118, 1_005_122)]
     kept = [text for case in cases for text in case.constraints if text.startswith("upright(")]
-    tilted = {thing.name for case in cases for thing in case.room.movable if any(thing.euler_rad)}
+    tilted = {item.name for case in cases for item in case.room.movable if any(item.euler_rad)}
     assert "yellow_can" in tilted
     assert not [text for text in kept if text[len("upright(") : -1] in tilted]
 
@@ -67,14 +67,14 @@ def test_judge_and_feasibility_import_nothing_of_the_package(module):
 # -- feasible ----------------------------------------------------------------------------------------------------------
 
 
-def make_thing(name="thing", form=None, at=(0.5, 0.0), **rest):
+def make_object(name="thing", form=None, at=(0.5, 0.0), **rest):
     form = form or make_box(0.04, 0.04, 0.04)
-    return Thing(name, form, (*at, form.bottom_m), None, "red", (0.8, 0.1, 0.1), **rest)
+    return SceneObject(name, form, (*at, form.bottom_m), None, "red", (0.8, 0.1, 0.1), **rest)
 
 
-def find_why(thing, node, *others):
-    tray = make_thing("tray", make_vessel(0.12, 0.16, 0.02, "tray"), (0.5, 0.3), fixed=True)
-    room = Room(0, {each.name: each for each in (tray, thing, *others)}, {}, ())
+def find_why(item, node, *others):
+    tray = make_object("tray", make_vessel(0.12, 0.16, 0.02, "tray"), (0.5, 0.3), fixed=True)
+    room = Room(0, {each.name: each for each in (tray, item, *others)}, {}, ())
     return list_obstacles(Case(0, room, (node,)), node)
 
 
@@ -82,66 +82,66 @@ PUT = Node("n1", "pick_and_place", {"object": "thing", "destination": "tray"}, (
 
 
 @pytest.mark.parametrize(
-    ("thing", "said"),
+    ("item", "said"),
     [
-        (make_thing(), None),
-        (make_thing(form=make_box(0.079, 0.11, 0.05)), None),
-        (make_thing(form=make_box(0.081, 0.11, 0.05)), "81 mm wide"),
-        (make_thing(at=(0.8, 0.3)), None),
-        (make_thing(at=(0.8, 0.5)), "0.94 m from the base"),
-        (make_thing(mass_kg=2.3, grip=(0.9, 1.0)), "the arm carries 2.27 kg"),
-        (make_thing(mass_kg=2.2, grip=(0.12, 0.15)), "friction of both fingers"),
-        (make_thing(mass_kg=2.2, grip=(0.12, 0.16)), None),
+        (make_object(), None),
+        (make_object(form=make_box(0.079, 0.11, 0.05)), None),
+        (make_object(form=make_box(0.081, 0.11, 0.05)), "81 mm wide"),
+        (make_object(at=(0.8, 0.3)), None),
+        (make_object(at=(0.8, 0.5)), "0.94 m from the base"),
+        (make_object(mass_kg=2.3, grip=(0.9, 1.0)), "the arm carries 2.27 kg"),
+        (make_object(mass_kg=2.2, grip=(0.12, 0.15)), "friction of both fingers"),
+        (make_object(mass_kg=2.2, grip=(0.12, 0.16)), None),
     ],
 )
-def test_reach_opening_payload_and_friction_decide(thing, said):
-    found = find_why(thing, PUT)
+def test_reach_opening_payload_and_friction_decide(item, said):
+    found = find_why(item, PUT)
     assert (said is None) == (found == [])
     assert said is None or said in found[0]
 
 
 def test_volume_decides_and_a_ball_may_sink_between_walls():
-    long = make_thing(form=make_box(0.03, 0.05, 0.25))
-    wide = make_thing(form=make_box(0.125, 0.07, 0.125))
+    long = make_object(form=make_box(0.03, 0.05, 0.25))
+    wide = make_object(form=make_box(0.125, 0.07, 0.125))
     assert find_why(long, PUT) == []
-    assert "does not go into" in "".join(find_why(make_thing(form=make_box(0.075, 0.21, 0.21)), PUT))
+    assert "does not go into" in "".join(find_why(make_object(form=make_box(0.075, 0.21, 0.21)), PUT))
     assert find_why(wide, PUT) == []
-    assert find_why(make_thing(form=Form("ball", (Solid("sphere", (0.035,)),), 0.07)), PUT) == []
+    assert find_why(make_object(form=Form("ball", (Solid("sphere", (0.035,)),), 0.07)), PUT) == []
 
 
 def test_a_vessel_that_is_filled_for_good_is_infeasible_and_one_with_a_cube_is_not():
-    block = make_thing("filling", make_box(0.116, 0.156, 0.03), (0.5, 0.3), on="tray")
-    assert "filled by filling" in find_why(make_thing(), PUT, block)[0]
-    ball = make_thing(form=Form("ball", (Solid("sphere", (0.012,)),), 0.024))
+    block = make_object("filling", make_box(0.116, 0.156, 0.03), (0.5, 0.3), on="tray")
+    assert "filled by filling" in find_why(make_object(), PUT, block)[0]
+    ball = make_object(form=Form("ball", (Solid("sphere", (0.012,)),), 0.024))
     assert "filled by filling" in find_why(ball, PUT, block)[0]  # it would lie on top
-    assert find_why(make_thing(), PUT, make_thing("cube", at=(0.5, 0.3), on="tray")) == []
+    assert find_why(make_object(), PUT, make_object("cube", at=(0.5, 0.3), on="tray")) == []
 
 
 def test_nothing_stands_on_a_ball():
     node = Node("n1", "stack", {"object": "thing", "support": "ball"}, ("on(thing, ball)",))
-    ball = make_thing("ball", Form("ball", (Solid("sphere", (0.03,)),), 0.06), (0.4, 0.1))
-    assert "no level top" in find_why(make_thing(), node, ball)[0]
+    ball = make_object("ball", Form("ball", (Solid("sphere", (0.03,)),), 0.06), (0.4, 0.1))
+    assert "no level top" in find_why(make_object(), node, ball)[0]
 
 
-def test_four_things_that_cover_more_than_a_flat_tray_have_no_room():
-    things = [make_thing(f"box_{letter}", make_box(0.079, 0.079, 0.09), (0.4, 0.1)) for letter in "abcd"]
-    nodes = tuple(replace(PUT, arguments={"object": each.name, "destination": "tray"}) for each in things)
-    tray = make_thing("tray", make_vessel(0.12, 0.16, 0.02, "tray"), (0.5, 0.3), fixed=True)
-    room = Room(0, {each.name: each for each in (tray, *things)}, {}, ())
+def test_four_objects_that_cover_more_than_a_flat_tray_have_no_room():
+    objects = [make_object(f"box_{letter}", make_box(0.079, 0.079, 0.09), (0.4, 0.1)) for letter in "abcd"]
+    nodes = tuple(replace(PUT, arguments={"object": each.name, "destination": "tray"}) for each in objects)
+    tray = make_object("tray", make_vessel(0.12, 0.16, 0.02, "tray"), (0.5, 0.3), fixed=True)
+    room = Room(0, {each.name: each for each in (tray, *objects)}, {}, ())
     assert list_obstacles(Case(0, room, nodes[:2]), nodes[0]) == []
     assert "have no room" in "".join(list_obstacles(Case(0, room, (*nodes, nodes[0])), nodes[0]))
-    deep = make_thing("tray", make_vessel(0.12, 0.16, 0.1, "bin"), (0.5, 0.3), fixed=True)
-    assert list_obstacles(Case(0, replace(room, things=room.things | {"tray": deep}), nodes), nodes[0]) == []
+    deep = make_object("tray", make_vessel(0.12, 0.16, 0.1, "bin"), (0.5, 0.3), fixed=True)
+    assert list_obstacles(Case(0, replace(room, objects=room.objects | {"tray": deep}), nodes), nodes[0]) == []
 
 
-def test_a_name_of_one_of_two_equal_things_is_left_open():
-    room = Room(0, {each.name: each for each in (make_thing("thing"), make_thing("other"))}, {}, ())
+def test_a_name_of_one_of_two_equal_objects_is_left_open():
+    room = Room(0, {each.name: each for each in (make_object("thing"), make_object("other"))}, {}, ())
     assert find_ambiguity(Case(0, room, (PUT,)), PUT) == "thing looks as other does"
     room = room.change("other", rgb=(0.1, 0.1, 0.8))
     assert find_ambiguity(Case(0, room, (PUT,)), PUT) == ""
 
 
-def test_one_thing_is_not_in_two_vessels():
+def test_one_object_is_not_in_two_vessels():
     both = replace(PUT, accept=("inside(thing, tray)", "inside(thing, bin)"))
     assert "cannot be in" in find_contradiction(Case(0, Room(0, {}, {}, ()), (both,)))
     assert find_contradiction(Case(0, Room(0, {}, {}, ()), (replace(both, is_claim=True),))) == ""

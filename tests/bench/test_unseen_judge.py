@@ -8,7 +8,7 @@ from benchmarks.oracle.acceptance import list_places
 from benchmarks.oracle.moment import Moment
 from benchmarks.oracle.predicates import Judge
 from benchmarks.worlds.forms import Form, Solid, make_box, make_vessel
-from benchmarks.worlds.rooms import Room, Spot, Thing
+from benchmarks.worlds.rooms import Room, SceneObject, Spot
 
 pytestmark = pytest.mark.sim
 
@@ -48,9 +48,9 @@ MODEL = mujoco.MjModel.from_xml_string(
     + "".join(render(name, form) for name, form in FORMS.items())
     + "</worldbody><actuator><motor joint='l'/><motor joint='r'/></actuator></mujoco>"
 )
-THINGS = {name: Thing(name, form, (0, 0, 0), None, "red", (1, 0, 0)) for name, form in FORMS.items()}
-THINGS["tray"] = Thing("tray", TRAY, (0.5, 0.3, 0), 0.0, "blue", (0, 0, 1), fixed=True)
-ROOM = Room(0, THINGS, {"spot": Spot("spot", (0.5, -0.3, 0.06), (0.06, 0.06, 0.06))}, ())
+OBJECTS = {name: SceneObject(name, form, (0, 0, 0), None, "red", (1, 0, 0)) for name, form in FORMS.items()}
+OBJECTS["tray"] = SceneObject("tray", TRAY, (0.5, 0.3, 0), 0.0, "blue", (0, 0, 1), fixed=True)
+ROOM = Room(0, OBJECTS, {"spot": Spot("spot", (0.5, -0.3, 0.06), (0.06, 0.06, 0.06))}, ())
 HOME = {
     "cube": (0.4, 0.0, 0.02),
     "block": (0.6, 0.0, 0.01),
@@ -62,7 +62,7 @@ ON_SIDE = (np.cos(np.pi / 4), 0, np.sin(np.pi / 4), 0)
 
 
 def make_state(*, settles_s=0.3, opening_m=0.0, quats=None, speeds=None, grips=False, **places):
-    """(n,) state vector after things have been put somewhere and come to rest."""
+    """(n,) state vector after objects have been put somewhere and come to rest."""
     data = mujoco.MjData(MODEL)
     for name, at in (HOME | places).items():
         first = MODEL.jnt_qposadr[MODEL.body(name).jntadr[0]]

@@ -72,7 +72,7 @@ def test_a_goal_becomes_predicates_of_this_project_in_its_order(goal, expected):
     assert wanted(goal) == expected
 
 
-def test_on_a_thing_asks_for_its_middle_as_well_and_no_skill_for_that():
+def test_on_an_object_asks_for_its_middle_as_well_and_no_skill_for_that():
     found = graph("(And (On coin slab) (In gem crate_room))")
     centred = "centred(coin, slab, 0.03)"
 
@@ -81,7 +81,7 @@ def test_on_a_thing_asks_for_its_middle_as_well_and_no_skill_for_that():
     assert len(found["sessions"]) == 2
 
 
-def test_on_a_surface_asks_that_a_thing_comes_down_to_it():
+def test_on_a_surface_asks_that_an_object_comes_down_to_it():
     """A bowl that leaned on its neighbour, 2.4 mm above the surface, was on it for us and not for the scorer."""
     assert graph("(And (On gem desk_left_half))")["accept"] == ["inside(gem, desk_left_half)", "height(gem) <= 0.7020"]
 
@@ -145,7 +145,7 @@ def test_what_is_put_behind_a_joint_needs_it_open_before_and_closed_after(goal):
 
 
 @pytest.mark.parametrize(("joint", "opens_further"), [(0.0, True), (0.92, True), (0.98, False)])
-def test_what_things_are_put_into_is_opened_as_wide_as_it_goes(joint, opens_further):
+def test_what_objects_are_put_into_is_opened_as_wide_as_it_goes(joint, opens_further):
     """A bowl did not pass between the front of a drawer that was 92 % open and the handles above it."""
     drawer = msgspec.structs.replace(INVENTORY.entities["desk_drawer"], joint=joint)
     inventory = replace(INVENTORY, entities={**INVENTORY.entities, "desk_drawer": drawer})

@@ -1,4 +1,4 @@
-"""What a scene file of a foreign world says: shapes and looks, and not where things are that cameras must find."""
+"""What a scene file of a foreign world says: shapes and looks, and not where objects are that cameras must find."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from phyagentos.runtime.perception.inventory import build_inventory
 BOX = (Shape(ShapeKind.BOX, (0.02, 0.03, 0.04)),)
 SLIDE = Mechanism("slide", (0.0, -1.0, 0.0), 0.2, Pose((0.5, 0.3, 0.1)), opens_at=0.6, closes_at=0.05)
 ROOM = Interior((0.0, 0.0, 0.0), (0.1, 0.1, 0.05))
-THINGS = [
+OBJECTS = [
     Entity(name="gem", kind="stone", pose=Pose((0.123, 0.456, 0.789)), shapes=BOX, datum_m=(0.0, 0.0, 0.0)),
     Entity(name="desk", kind="fixture", pose=Pose((0.7, 0.0, -0.1)), shapes=BOX, movable=False),
     Entity(name="knob", kind="handle", pose=Pose((0.5, 0.3, 0.1)), shapes=BOX, part_of="tray"),
@@ -25,11 +25,11 @@ LOOK = [[(0.8, 0.1, 0.1, 1.0)]]
 
 
 def write(seen):
-    text = write_scene("s", "", THINGS, MARKS, seen)
+    text = write_scene("s", "", OBJECTS, MARKS, seen)
     return text, SceneSpec.model_validate(yaml.safe_load(text))
 
 
-def test_it_does_not_tell_where_free_things_are_or_how_far_a_joint_is_open():
+def test_it_does_not_tell_where_free_objects_are_or_how_far_a_joint_is_open():
     text, spec = write(Seen(looks={"gem": LOOK, "tray": LOOK}))
 
     assert "0.123" not in text
@@ -42,9 +42,9 @@ def test_it_does_not_tell_where_free_things_are_or_how_far_a_joint_is_open():
 
 
 def test_what_may_be_anywhere_is_in_the_way_of_nothing_whatever_is_drawn():
-    """Two things were drawn into each other at one height, and a task was refused before it began."""
+    """Two objects were drawn into each other at one height, and a task was refused before it began."""
     crowd = [Entity(name=f"gem{number}", kind="stone", pose=Pose(), shapes=BOX) for number in range(30)]
-    spec = SceneSpec.model_validate(yaml.safe_load(write_scene("s", "", [*THINGS, *crowd], MARKS, Seen())))
+    spec = SceneSpec.model_validate(yaml.safe_load(write_scene("s", "", [*OBJECTS, *crowd], MARKS, Seen())))
 
     heights = [body.place.position_m[2] for body in spec.bodies.values() if body.place.area]
     assert len(heights) == len(set(heights)) == 31
@@ -55,7 +55,7 @@ def test_perception_is_told_what_is_seen_and_planning_only_what_touches():
     _, spec = write(Seen(looks={"gem": LOOK, "tray": LOOK}, covers={"gem": [cover]}, stand=BOX))
     inventory = build_inventory(spec)
 
-    gem, knob = inventory.things["gem"], inventory.things["knob"]
+    gem, knob = inventory.objects["gem"], inventory.objects["knob"]
     assert (len(gem.solids.kinds), len(gem.template.shapes)) == (2, 1)
     assert gem.template.datum_m == (0.0, 0.0, 0.0)
     assert np.array_equal(gem.look[0], LOOK[0])
@@ -70,7 +70,7 @@ PROBLEM = """(define (problem p) (:objects ruby_1 ruby_2 opal - stone)
   (:init (On ruby_1 left_half) (On ruby_2 opal) (On opal right_half) (Open tray)) (:goal (And (On opal ruby_1))))"""
 
 
-def test_of_equal_things_the_problem_tells_which_begins_where():
+def test_of_equal_objects_the_problem_tells_which_begins_where():
     assert read_places(PROBLEM) == {"ruby_1": "left_half", "ruby_2": "opal", "opal": "right_half"}
     region = {"pose": {"position_m": [0.5, 0.1, 0.0]}, "half_m": [0.1, 0.02, 0.01]}
     other = {"pose": {"position_m": [0.5, -0.4, 0.0]}, "half_m": [0.1, 0.02, 0.01]}

@@ -1,4 +1,4 @@
-"""A goal of which nothing is known but its words: which things they tell, and that the rest is said, not guessed."""
+"""A goal of which nothing is known but its words: which objects they tell, and that the rest is said, not guessed."""
 
 import pytest
 import yaml

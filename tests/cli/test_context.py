@@ -37,9 +37,9 @@ def workspace(replanned, furnished):
     for name in (place.skill_registry.name, place.target_registry.name, place.safety.name):
         shutil.copyfile(furnished / name, place.root / name)
     place.safety.write_text(place.safety.read_text().replace("\n  panda:", "\n  arm:"))  # the target of the goal
-    things = [Entity(name=name, kind="cube", pose=Pose((0.5, 0.1, 0.02))) for name in ("blue_cube", "red_cube")]
+    objects = [Entity(name=name, kind="cube", pose=Pose((0.5, 0.1, 0.02))) for name in ("blue_cube", "red_cube")]
     world = Environment(
-        time_s=1.0, scene="tabletop", episode="e", revision=3, sensing="truth", entities={e.name: e for e in things}
+        time_s=1.0, scene="tabletop", episode="e", revision=3, sensing="truth", entities={e.name: e for e in objects}
     )
     publish(place.environment, render_environment(world))
     scope = Scope(skill="pick_and_place")

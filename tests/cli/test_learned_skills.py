@@ -25,7 +25,7 @@ CLEAR = {"skill": "set_aside", "purpose": "clear", "parameters": MOVED}
 
 def make_chain(number, lesson=""):
     """A first attempt that was prepared; without a lesson, after a failure."""
-    failed = make_episode(ok=False, thing="cube", cause="NO_PLAN", parameters=GIVEN)
+    failed = make_episode(ok=False, item="cube", cause="NO_PLAN", parameters=GIVEN)
     clear = replace(make_episode(parent=failed, session=f"c{number}", **CLEAR), features=POST)
     again = make_episode(parent=replace(failed, session=f"c{number}"), parameters=GIVEN)
     if not lesson:

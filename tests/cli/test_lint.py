@@ -235,7 +235,7 @@ def test_a_kind_is_found_by_name_then_keys_then_folder(write, name, text, kind):
     assert find_kind(write(name, text)) is kind
 
 
-def test_one_of_two_alike_things_is_warned_of_with_both_names(paos, write):
+def test_one_of_two_alike_objects_is_warned_of_with_both_names(paos, write):
     shipped = read("scenes/tabletop/cubes_and_trays.yaml")
     write(
         "scenes/alike.yaml",

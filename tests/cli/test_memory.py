@@ -18,7 +18,7 @@ def remembered(tmp_path):
     workspace = Workspace.create(tmp_path / "w", Library(()))
     memory = Memory(workspace.memory, clock=SystemClock(), by="test", durable=False)
     pair = make_correction()
-    memory.record([*pair, *make_correction(thing="tin", ok=False), make_episode(thing="cube")])
+    memory.record([*pair, *make_correction(item="tin", ok=False), make_episode(item="cube")])
     return workspace.root, pair
 
 

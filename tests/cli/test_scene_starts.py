@@ -47,7 +47,7 @@ def write_scene(tmp_path):
 
 
 @pytest.mark.sim
-def test_a_thing_inside_the_robot_is_told_with_the_link(write_scene):
+def test_an_object_inside_the_robot_is_told_with_the_link(write_scene):
     path = write_scene(BLOCK, "place: {position_m: [0.0, 0.0, 0.1]}")
     problems = [str(each) for each in find_start_problems(path, 0, ROBOT) if each.kind == "overlap"]
     assert "inside of 'link0', which is the robot's; expected bodies that touch at most" in problems[0]
@@ -62,7 +62,7 @@ def test_a_thing_inside_the_robot_is_told_with_the_link(write_scene):
         ("cameras:", LID, "block", "hidden by lid (overhead"),
     ],
 )
-def test_why_a_thing_is_not_seen_is_told_with_its_place(write_scene, old, new, name, reason):
+def test_why_an_object_is_not_seen_is_told_with_its_place(write_scene, old, new, name, reason):
     spec, sensors = read_scene(write_scene(old, new)), read_sensors(ROOT / "protocol/sensors.yaml")
     told = explain_unseen(spec, name, 0, ROBOT, sensors)
     assert told.startswith(f"The scene starts {name} at (")
@@ -70,7 +70,7 @@ def test_why_a_thing_is_not_seen_is_told_with_its_place(write_scene, old, new, n
 
 
 @pytest.mark.journey
-def test_the_reason_why_a_thing_is_not_seen_names_the_pictures_that_were_looked_at(write_scene, tmp_path):
+def test_the_reason_why_an_object_is_not_seen_names_the_pictures_that_were_looked_at(write_scene, tmp_path):
     """Of the refused session, and of the look that went to find it: what the cameras gave, pixel by pixel."""
     graph = write_scene("cameras:", LID).parents[1] / "clear.yaml"
     graph.write_text(GRAPH, encoding="utf-8")

@@ -142,7 +142,7 @@ def test_a_window_is_that_part_of_the_whole_and_thinned_has_its_middles(cameras)
 
 
 @pytest.mark.sim
-def test_the_look_of_a_thing_is_its_own_colours_without_those_of_what_stands_around(cameras):
+def test_the_look_of_an_object_is_its_own_colours_without_those_of_what_stands_around(cameras):
     made, data = cameras
     sides = made.photograph(data, [2], data.xpos[1], 0.18)
 

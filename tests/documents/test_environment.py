@@ -1,4 +1,4 @@
-"""ENVIRONMENT.md tells where things are, by the same predicates as verdicts."""
+"""ENVIRONMENT.md tells where objects are, by the same predicates as verdicts."""
 
 import msgspec
 import pytest
@@ -64,7 +64,7 @@ ENVIRONMENT = Environment(
 )
 
 
-def test_the_environment_tells_where_things_are():
+def test_the_environment_tells_where_objects_are():
     text = render_environment(ENVIRONMENT)
 
     for line in (

@@ -64,7 +64,7 @@ def test_an_action_is_the_set_point_in_force_one_step_later(stored, fps, every):
         np.testing.assert_allclose(each.state[:, :-1], measured[::every][:n_steps], atol=1e-6)
 
 
-def test_a_parameter_names_the_thing_of_each_session(stored):
+def test_a_parameter_names_the_object_of_each_session(stored):
     data = read(stored, entities=("object",))
     for each in data.episodes:
         named = read(stored, entities=(VERIFIED[each.session],))

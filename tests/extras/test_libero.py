@@ -49,7 +49,7 @@ def test_a_task_is_done_and_its_own_scorer_agrees(tmp_path, pytestconfig, sensin
         assert '"success"' not in path.read_text(), f"{path.name} tells what the scorer says"
 
 
-def test_no_file_of_the_project_names_a_task_or_thing_of_it(pytestconfig):
+def test_no_file_of_the_project_names_a_task_or_object_of_it(pytestconfig):
     found = subprocess.run(
         [pytestconfig.option.libero_python, "-c", NAMES], capture_output=True, text=True, check=True
     ).stdout

@@ -73,7 +73,7 @@ def test_a_shipped_goal_graph_is_met_and_its_frames_give_the_same_verdicts(plane
 
 
 def assert_it_is_the_carton_that_lies_in_the_tray(bundle):
-    """In the simulator's own state, where the thing has a name."""
+    """In the simulator's own state, where the object has a name."""
     model = mujoco.MjModel.from_binary_path(str(bundle / "scene.mjb"))
     data = mujoco.MjData(model)
     data.qpos[:] = np.load(bundle / "terminal.npz")["qpos"]

@@ -145,8 +145,8 @@ def test_a_policy_server(stand):
 def detect_by_colour():
     """The replies of a detector that knows the colours of the scene."""
     inventory = build_inventory(read_scene(Library.open().get_scene(SCENE)))
-    palette, things = Palette(inventory.palette), [thing for thing in inventory.things.values() if thing.colors]
-    colors = {f"{thing.template.color} {thing.template.kind}".strip(): thing.colors[0] for thing in things}
+    palette, objects = Palette(inventory.palette), [item for item in inventory.objects.values() if item.colors]
+    colors = {f"{item.template.color} {item.template.kind}".strip(): item.colors[0] for item in objects}
 
     def encode(mask):
         png = cv2.imencode(".png", mask.astype(np.uint8) * 255)[1].tobytes()

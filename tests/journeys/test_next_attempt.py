@@ -1,4 +1,4 @@
-"""A policy that comes down beside the thing: its next attempt begins at home, and with the thing shown aside."""
+"""A policy that comes down beside the object: its next attempt begins at home, and with the object shown aside."""
 
 import json
 from pathlib import Path
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.journey
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "projects" / "10_train_policy"
 ERROR_M = np.array([-0.022, 0.018, 0.0])  # of what it has learned
-WAY = ((80, 0.1), (50, 0.0))  # rows, and the height over the thing after them [m]
+WAY = ((80, 0.1), (50, 0.0))  # rows, and the height over the object after them [m]
 CLOSE, LIFT, CHUNK = 30, 40, 100
 SKILL = {
     "skill": "grip",
@@ -78,8 +78,8 @@ class Gripping:
         return self.rows[begin:end], end >= len(self.rows)
 
     def plan(self, request):
-        tool, (thing,) = request.observations["tool_pose"], request.observations["environment_state"]
-        places = [tool[:3], *(thing[:3] + ERROR_M + (0.0, 0.0, up_m) for _, up_m in WAY)]
+        tool, (item,) = request.observations["tool_pose"], request.observations["environment_state"]
+        places = [tool[:3], *(item[:3] + ERROR_M + (0.0, 0.0, up_m) for _, up_m in WAY)]
         legs = [*zip(places, places[1:], [rows for rows, _ in WAY], strict=False)]
         legs += [(places[-1], places[-1], CLOSE), (places[-1], places[-1] + (0.0, 0.0, 0.08), LIFT)]
         rows = np.vstack([start + smooth(count) * (end - start) for start, end, count in legs])

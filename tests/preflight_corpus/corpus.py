@@ -1,6 +1,6 @@
 """The corpus: one misconfiguration a YAML file, carried through lint, compilation and preflight as a run would be.
 
-A case takes a goal graph that fits, edits one thing, and names the codes that must come out, all of them and no other:
+A case takes a goal graph that fits, edits one object, and names the codes that must come out, all of them and no other:
 
     name: velocity_wider_than_the_arm
     side: safety
@@ -277,7 +277,7 @@ class RecordedWorld:
         self._world = world
 
     def enter(self, scene: Scene) -> None:
-        """One scene was recorded; its unnamed things have the names that the goal gives them."""
+        """One scene was recorded; its unnamed objects have the names that the goal gives them."""
         named = name_described(self._world.entities, scene.described)
         self._world = msgspec.structs.replace(self._world, entities=named)
 

@@ -56,7 +56,7 @@ def test_a_real_robot_without_a_driver_is_refused_before_anything_starts(tmp_pat
 
 
 @pytest.mark.journey
-def test_a_thing_out_of_reach_and_a_place_beyond_the_workspace_stop_only_their_own_sessions(tmp_path):
+def test_an_object_out_of_reach_and_a_place_beyond_the_workspace_stop_only_their_own_sessions(tmp_path):
     report, codes, received = run(tmp_path, [FAR_CUBE, CLOSED_TRAY])
 
     assert codes == {"tidy.red": {"OUT_OF_REACH"}, "tidy.blue": {"OUT_OF_REACH"}}

@@ -25,9 +25,9 @@ def tray(name: str = "tray", x: float = 0.5, y: float = 0.0, **more: Any) -> Ent
     return Entity(name=name, **(facts | more))
 
 
-def world(*things: Entity, **more: Any) -> Environment:
+def world(*objects: Entity, **more: Any) -> Environment:
     facts = {"time_s": 10.0, "scene": "s", "episode": "e", "revision": 1, "sensing": "truth"}
-    return Environment(**(facts | {"entities": {thing.name: thing for thing in things}} | more))
+    return Environment(**(facts | {"entities": {item.name: item for item in objects}} | more))
 
 
 def value(text: str, now: Environment, initial: Environment | None = None, target: str | None = "arm") -> Evaluation:

@@ -52,7 +52,7 @@ def make_scene(bodies, regions=None):
         ({"shapes": [*CUBE["shapes"], {"kind": "sphere", "size_m": [0.002], "decor": True}]}, False),  # a mark
     ],
 )
-def test_things_are_alike_by_form_and_colour(change, is_alike):
+def test_objects_are_alike_by_form_and_colour(change, is_alike):
     scene = make_scene({"a": CUBE, "b": CUBE | change, "c": {**CUBE, "material": "blue"}})
     assert find_alike(scene, "a") == (frozenset({"b"}) if is_alike else frozenset())
 

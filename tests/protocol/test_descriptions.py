@@ -1,4 +1,4 @@
-"""Things that are given by description: words, what they fit, and which thing gets the name."""
+"""Objects that are given by description: words, what they fit, and which object gets the name."""
 
 import pytest
 
@@ -51,7 +51,7 @@ def test_what_is_seen_in_doubt_may_fit_and_what_is_not_in_sight_does_not():
     assert fitting == {"unknown_1": Truth.TRUE, "unknown_2": Truth.UNKNOWN, "unknown_3": Truth.UNKNOWN}
 
 
-def test_the_one_thing_that_fits_gets_the_name_and_its_measured_solid():
+def test_the_one_object_that_fits_gets_the_name_and_its_measured_solid():
     after = name_all(make(1), make(2, "green", "can"), parcel="a red box", tin="the can")
     assert sorted(after) == ["parcel", "tin"]
     assert (after["parcel"].kind, after["parcel"].described) == ("box", "a red box")

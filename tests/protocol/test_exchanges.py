@@ -1,4 +1,4 @@
-"""Predicates about things that nothing tells apart: a value only where every naming gives the same one."""
+"""Predicates about objects that nothing tells apart: a value only where every naming gives the same one."""
 
 import pytest
 
@@ -14,7 +14,7 @@ IN_TRAY = {"x": 0.5, "z": 0.03}
 
 
 def twins(a, b, *others, **more):
-    """A world of a tray, a and b that look alike, and other things."""
+    """A world of a tray, a and b that look alike, and other objects."""
     return world(tray(), cube("a", **(AB[0] | a)), cube("b", **(AB[1] | b)), *others, **more)
 
 
@@ -33,7 +33,7 @@ def twins(a, b, *others, **more):
         "visible(a) and inside(a, tray)",
     ],
 )
-def test_what_depends_on_the_name_of_one_of_two_alike_things_is_unknown(text):
+def test_what_depends_on_the_name_of_one_of_two_alike_objects_is_unknown(text):
     found = value(text, twins(IN_TRAY, {"x": 0.0}, cube("c", x=0.1)))
     assert (found.truth, found.alternatives) == (Truth.UNKNOWN, ("a", "b"))
     assert found.because.startswith("a and b look alike: ")
@@ -90,7 +90,7 @@ def test_what_the_hand_holds_may_be_the_twin():
 
 
 @pytest.mark.parametrize(("named_at_s", "moved"), [(1.0, Truth.FALSE), (8.0, Truth.UNKNOWN)])
-def test_a_naming_that_followed_the_things_since_the_beginning_tells_whether_they_moved(named_at_s, moved):
+def test_a_naming_that_followed_the_objects_since_the_beginning_tells_whether_they_moved(named_at_s, moved):
     facts = {"named_at_s": named_at_s}
     now = twins({"x": 0.0} | facts, {"x": 0.3} | facts)
     initial = twins({"x": 0.0, "observed_at_s": 5.0}, {"x": 0.3, "observed_at_s": 5.0}, time_s=5.0)
@@ -99,7 +99,7 @@ def test_a_naming_that_followed_the_things_since_the_beginning_tells_whether_the
     assert truth("moved(*)", now, initial) is moved
 
 
-def test_names_by_agreement_are_as_believed_and_follow_the_things():
+def test_names_by_agreement_are_as_believed_and_follow_the_objects():
     now = twins(IN_TRAY, {"x": 0.0})
 
     def judge(text, initial=None, agreed=(("a", "b"),)):

@@ -1,4 +1,4 @@
-"""Slides and hinges: a point of a thing that is moved by an amount shows that amount."""
+"""Slides and hinges: a point of an object that is moved by an amount shows that amount."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A scene that a robot's profile places keeps its things, and everything that it stands on, in order."""
+"""A scene that a robot's profile places keeps its objects, and everything that it stands on, in order."""
 
 import itertools
 import math
@@ -20,7 +20,7 @@ SPEC = read_scene(LIBRARY.get_scene(SCENE))
 
 
 @given(scale=st.floats(0.5, 1.2), x=st.floats(-0.3, 0.3), z=st.floats(-0.2, 0.2))
-def test_things_keep_their_size_and_trays_do_not(scale, x, z):
+def test_objects_keep_their_size_and_trays_do_not(scale, x, z):
     placed = place_scene(SPEC, ScenePlacement(scale=scale, move_m=(x, 0.0, z)))
 
     assert placed.bodies["red_cube"].shapes == SPEC.bodies["red_cube"].shapes

@@ -1,4 +1,4 @@
-"""Whether a robot is in a posture that its profile names: by the joints as measured, and within their doubt."""
+"""Whether a robot is in a posture that its profile names: by the joints as measured, and within their uncertainty."""
 
 import pytest
 
@@ -43,7 +43,7 @@ def test_a_posture_that_a_target_does_not_have_is_unknown_and_says_which_there_a
     assert value("in_posture(arm, fist)", look(0.5)).truth is Truth.UNKNOWN  # a joint that was not measured
 
 
-def test_a_posture_is_no_thing_of_the_world_and_passes():
+def test_a_posture_is_no_object_of_the_world_and_passes():
     predicate = parse_predicate("in_posture(arm, fist) and not visible(cube)")
     assert list(iter_entities(predicate)) == ["cube"]
     assert list(iter_postures(predicate.text)) == [("arm", "fist")]

@@ -117,7 +117,7 @@ def test_what_is_inside_of_a_shallow_container_is_not_on_what_that_stands_on(sen
     assert (truth("on(a, card)", on_card), truth("on(a, table)", on_card)) == (Truth.TRUE, Truth.FALSE)
 
 
-def test_what_may_still_be_between_two_things_leaves_it_open():
+def test_what_may_still_be_between_two_objects_leaves_it_open():
     now = world(flat("lower", 0.002), flat("upper", 0.006, status=Status.HIDDEN), cube("a", 0.3, 0.0, 0.028))
     perceived = msgspec.structs.replace(now, sensing="perceived")
     assert truth("on(a, lower)", perceived) is Truth.UNKNOWN
@@ -138,7 +138,7 @@ def test_the_allowed_gap_is_the_stated_doubt(gap_m, expected):
     ["on(a, b)", "above(a, b)", "inside(a, tray)", "upright(a)", "fallen(a)", "near(a, b)", "at(a, (0.3, 0, 0.06))"],
 )
 @pytest.mark.parametrize("negate", ["", "not "])
-def test_a_lasting_fact_about_a_thing_that_moves_is_unknown_until_it_rests(text, negate):
+def test_a_lasting_fact_about_an_object_that_moves_is_unknown_until_it_rests(text, negate):
     at = {"b": cube("b", 0.3), "tray": tray()}
     for more, moves in (
         ({"speed_m_s": 0.1}, True),
@@ -154,7 +154,7 @@ def test_a_lasting_fact_about_a_thing_that_moves_is_unknown_until_it_rests(text,
     assert (truth(f"{negate}{text}", carried) is Truth.UNKNOWN) is ("b" in text.split("(")[1])
 
 
-def test_a_passing_fact_about_a_thing_that_moves_is_known():
+def test_a_passing_fact_about_an_object_that_moves_is_known():
     now = world(cube("a", 0.3, speed_m_s=0.1), cube("b", 0.5))
     assert [truth(text, now, now) for text in ("visible(a)", "exists(a)", "not moved(a)", "speed(a) > 0.05")] == [
         Truth.TRUE

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyagentos.protocol.predicates.builtins import DOUBT_STDS, MOVED_M, PERCEIVED_STD_M
+from phyagentos.protocol.predicates.builtins import MOVED_M, PERCEIVED_STD_M, UNCERTAINTY_STDS
 from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.environment import (
     Mechanism,
@@ -34,7 +34,7 @@ def seen(x: float, y: float = 0.0, z: float = 0.03, std_m: float = 0.0, **more):
 @given(st.sampled_from(TEXTS), SHIFTS, SHIFTS, STDS, st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 def test_a_pose_that_is_off_by_less_than_is_stated_never_turns_a_verdict_over(text, x, y, std_m, dx, dy, dz):
     length = max(1.0, (dx * dx + dy * dy + dz * dz) ** 0.5)
-    off = [DOUBT_STDS * std_m * each / length * 0.999 for each in (dx, dy, dz)]
+    off = [UNCERTAINTY_STDS * std_m * each / length * 0.999 for each in (dx, dy, dz)]
     before = seen(0.5, 0.0)
     real = world(cube("a", 0.5 + x, y, 0.03), cube("b", 0.5, 0.1), tray())
     told = truth(text, seen(0.5 + x + off[0], y + off[1], 0.03 + off[2], std_m), before)
@@ -71,7 +71,7 @@ def test_a_middle_near_an_edge_is_not_surely_over_it(y, expected):
     assert truth("on(a, b)", stacked) is expected
 
 
-def test_a_fixed_thing_that_was_measured_has_a_doubt():
+def test_a_fixed_object_that_was_measured_has_a_doubt():
     measured = tray(position_std_m=0.006)
     assert truth("inside(a, tray)", world(cube("a", 0.58, 0.0, 0.03), tray(), sensing="perceived")) is Truth.TRUE
     assert truth("inside(a, tray)", world(cube("a", 0.58, 0.0, 0.03), measured, sensing="perceived")) is Truth.UNKNOWN
@@ -136,7 +136,7 @@ def test_force_and_width_tell_that_something_is_held_and_perception_tells_what(f
         ({"looks": 0}, "no look has shown a in the hand since it was lifted"),
     ],
 )
-def test_fingers_that_touch_something_near_a_thing_do_not_show_that_they_hold_it(more, because):
+def test_fingers_that_touch_something_near_an_object_do_not_show_that_they_hold_it(more, because):
     found = value("holding(arm, a)", holding(40.0, **(IN_HAND | more)))
     assert found.truth is Truth.UNKNOWN
     assert because in found.because
@@ -152,7 +152,7 @@ def test_the_lowest_point_of_what_is_stated_to_lie_flat_is_as_doubtful_as_that(l
 @pytest.mark.parametrize(
     ("width_m", "above_m", "expected"), [(0.041, 0.0, "unknown"), (0.08, 0.0, "true"), (0.041, 0.13, "true")]
 )
-def test_fingers_as_far_apart_as_a_thing_between_them_is_wide_may_still_hold_it(width_m, above_m, expected):
+def test_fingers_as_far_apart_as_an_object_between_them_is_wide_may_still_hold_it(width_m, above_m, expected):
     hand = msgspec.structs.replace(holding(0.0, width_m).targets["arm"], tcp=Pose((0.5, 0.0, 0.03 + above_m)))
     now = world(cube("a", 0.5, 0.0, 0.03), tray(), sensing="perceived", targets={"arm": hand})
     assert truth("inside(a, tray)", now) == expected
@@ -228,7 +228,7 @@ def test_a_turn_that_few_pixels_show_is_no_turn(std_rad, expected):
 
 
 @pytest.mark.parametrize(("tilt_rad", "expected"), [(0.05, Truth.TRUE), (1.57, Truth.UNKNOWN)])
-def test_a_thing_of_which_another_pose_fits_as_well_is_not_known_to_have_turned(tilt_rad, expected):
+def test_an_object_of_which_another_pose_fits_as_well_is_not_known_to_have_turned(tilt_rad, expected):
     """`moved(red_ell): turned 149.9 degrees`: it was seen the wrong way round at first, half in the picture."""
     half_turn = Pose((0.5, 0.0, 0.03), (0.0, 0.0, 0.0, 1.0))
     ell = (Shape(ShapeKind.BOX, (0.04, 0.01, 0.01)), Shape(ShapeKind.BOX, (0.01, 0.02, 0.01), Pose((0.03, 0.03, 0.0))))
@@ -276,7 +276,7 @@ ACROSS = Pose((0, 0, 0.02), (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)))
 HAND_ACROSS = msgspec.structs.replace(holding(8.0, 0.004).targets["arm"], tcp=ACROSS)
 BALL = cube("a", 0.5, 0.0, 0.035, shapes=(Shape(ShapeKind.SPHERE, (0.033,)),))
 ON_ITS_CAP = TargetState(q_rad=(), qd_rad_s=(), gripper_width_m=0.032, tcp=Pose((0.5, 0.0, 0.072)), grip_force_n=4.0)
-BARELY = MOVED_M - PERCEIVED_STD_M * DOUBT_STDS
+BARELY = MOVED_M - PERCEIVED_STD_M * UNCERTAINTY_STDS
 UNNAMED = world(cube("a"), cube("unknown_1", 0.2, kind="unknown"), tray(), sensing="perceived")
 NOISE = world(cube("a"), tray(), sensing="perceived")
 GONE = world(cube("a"), cube("unknown_1", kind="unknown", status=Status.GONE), tray(), sensing="perceived")

@@ -221,7 +221,7 @@ def test_an_unseen_missing_or_stale_fact_is_unknown_with_the_reason(text, now, i
     assert because in found.because
 
 
-def test_fixed_things_do_not_age():
+def test_fixed_objects_do_not_age():
     now = world(tray(observed_at_s=0.0), cube("a", 0.5, 0.0, 0.03))
     assert truth("inside(a, tray)", now) is Truth.TRUE
 
@@ -233,7 +233,7 @@ def test_count_counts_true_ones_and_unknown_ones_leave_it_open(least, expected):
     assert (found.truth, found.measured) == (expected, {"count": 2, "unknown": 1})
 
 
-def test_a_free_star_means_every_other_movable_thing():
+def test_a_free_star_means_every_other_movable_object():
     before = world(tray(), cube("a"), cube("b", 0.2))
     after = world(tray(x=0.9), cube("a", 0.5), cube("b", 0.2))
     assert truth("not moved(*)", after, before) is Truth.FALSE

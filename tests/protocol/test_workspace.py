@@ -86,7 +86,7 @@ def list_files(root):
     return {path.relative_to(root).as_posix(): path.read_bytes() for path in root.rglob("*") if path.is_file()}
 
 
-def test_the_first_root_wins_and_things_are_never_mixed(workspace):
+def test_the_first_root_wins_and_objects_are_never_mixed(workspace):
     copies = set(list_files(workspace.library_root))
 
     assert copies == {

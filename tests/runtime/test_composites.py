@@ -47,7 +47,7 @@ def test_a_condition_reads_the_world_through_keys_of_the_tree(build_bench, sessi
 def test_home_is_planned_with_what_the_fingers_hold_though_no_port_names_it(
     build_bench, session, plant, doubles, profile
 ):
-    """The held thing was an obstacle in contact with the fingers: the arm found no way out of its own hand."""
+    """The held object was an obstacle in contact with the fingers: the arm found no way out of its own hand."""
     target = doubles.PerfectTarget(profile, [doubles.make_cube()], graspable="red_cube")
     target.q = target.q_d = target.q + 0.1
     bench = build_bench(target, planner := doubles.ScriptedPlanner(), library=plant(["close_gripper", "move_home"]))

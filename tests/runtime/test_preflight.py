@@ -294,7 +294,7 @@ ALIKE = {
         (("exists(cube)",), (), False),
     ],
 )
-def test_a_session_that_asks_which_of_two_alike_things_is_which_is_refused(accept, agreed, is_refused):
+def test_a_session_that_asks_which_of_two_alike_objects_is_which_is_refused(accept, agreed, is_refused):
     session = make_session(accept=accept, interchangeable=agreed)
     now = msgspec.structs.replace(NOW, entities=ALIKE)
 
@@ -318,10 +318,10 @@ def test_a_name_by_description_that_nothing_got_is_refused_with_what_there_is(fo
     scene = Scene(name="s", seed=0, episode="e", described={"parcel": "a red box"})
     session = make_session(scene=scene, parameters={"object": "parcel"})
     names = [f"unknown_{number}" for number in (1, 2)]
-    things = [
+    objects = [
         Entity(name=n, kind=UNNAMED, pose=Pose(), color="red", form=f) for n, f in zip(names, forms, strict=False)
     ]
-    now = msgspec.structs.replace(NOW, entities={each.name: each for each in things})
+    now = msgspec.structs.replace(NOW, entities={each.name: each for each in objects})
 
     problems = make_preflight().find_world_problems(session, describe(), now)
 
@@ -340,7 +340,7 @@ def test_a_name_by_description_that_nothing_got_is_refused_with_what_there_is(fo
         (("inside(cube, left)", "inside(cube, nowhere)"), False),
     ],
 )
-def test_a_thing_that_is_wanted_in_two_places_at_once_is_refused(accept, apart):
+def test_an_object_that_is_wanted_in_two_places_at_once_is_refused(accept, apart):
     half, interior = (0.1, 0.1, 0.1), Interior((0.0, 0.0, 0.05), (0.1, 0.05, 0.05))
     regions = {
         name: Region(name=name, pose=Pose((x, 0.0, 0.0)), half_m=half)

@@ -392,7 +392,7 @@ def test_what_the_tree_moves_out_of_the_destination_is_no_obstacle(more, is_move
     assert all(("can" in {e.name for e in each.world.entities}) is not is_moved for each in planner.asked[is_moved:])
 
 
-def test_where_a_thing_lies_once_it_is_let_go_is_not_known_beforehand():
+def test_where_an_object_lies_once_it_is_let_go_is_not_known_beforehand():
     (found,) = examine(make_world(held_by="panda"), Oracle(FindGrasps=refuse("NOT_GRASPABLE")), make_session(1))
 
     assert [trial.motion for trial in found.trials] == []

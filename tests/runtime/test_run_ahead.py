@@ -107,18 +107,18 @@ class Glancing(GroundTruthWorldModel):
     is_sure = staticmethod(lambda _number: True)
     planned = 0
 
-    def plan_confirmation(self, things, time_s):
+    def plan_confirmation(self, objects, time_s):
         self.planned += 1
         self.expected_s = time_s
-        return ConfirmationCapture(things, wire.Capture(cameras=("overhead",)), None)
+        return ConfirmationCapture(objects, wire.Capture(cameras=("overhead",)), None)
 
     def read_confirmation(self, glance, frames):
         assert self.step.time_s == pytest.approx(self.expected_s)
         assert [type(each) for each in frames] == [wire.Frames]
         world = self._describe(self._handle.step)
-        names = glance.things if self.is_sure(self.planned) is True else ()
-        things = {name: make_cube(name) for name in names}
-        return None if self.is_sure(self.planned) is None else msgspec.structs.replace(world, entities=things)
+        names = glance.objects if self.is_sure(self.planned) is True else ()
+        objects = {name: make_cube(name) for name in names}
+        return None if self.is_sure(self.planned) is None else msgspec.structs.replace(world, entities=objects)
 
 
 @pytest.fixture

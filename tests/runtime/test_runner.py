@@ -475,9 +475,9 @@ def test_what_lies_in_a_vessel_is_in_the_way_unless_the_vessel_is_moved(
     build_bench, build_session, doubles, taken, in_the_way
 ):
     box = doubles.make_cube("box", interior=Interior((0.0, 0.0, 0.05), (0.1, 0.1, 0.1)))
-    things = [box, doubles.make_cube(), doubles.make_cube("blue_cube")]
+    objects = [box, doubles.make_cube(), doubles.make_cube("blue_cube")]
     planner = doubles.ScriptedPlanner(answer=doubles.refuse)
-    bench = build_bench(doubles.PerfectTarget(build_bench().target.profile, things), planner)
+    bench = build_bench(doubles.PerfectTarget(build_bench().target.profile, objects), planner)
     bench.run(build_session(skill="pick", parameters={"object": taken}))
 
     names = {entity.name for entity in planner.requests[0].world.entities}

@@ -179,7 +179,7 @@ def test_the_attempt_after_a_failed_one_sets_down_what_that_held_and_takes_it_ag
     assert falls["green_cube"] < 0.02, falls  # set down, not dropped from where it was held
 
 
-def test_what_slips_out_while_it_is_set_down_leaves_the_hand_free_for_the_next_thing(build_world, build):
+def test_what_slips_out_while_it_is_set_down_leaves_the_hand_free_for_the_next_object(build_world, build):
     bench = build_world({"kind": "slip", "object": "green_cube", "when": {"session": "*.2"}})
     for number, (before, given) in enumerate([("pick", {"object": "green_cube"}), ("home", {})]):
         assert bench.run(build(before, 6, number, **given)).ended is Ended.COMPLETED
@@ -220,7 +220,7 @@ def test_a_level_transport_keeps_the_vessel_upright(build_world, build):
     assert carried.numbers["worst_tilt_rad"] <= 0.08 < carried.numbers["unshaped_worst_tilt_rad"]
 
 
-def test_a_session_whose_thing_is_pulled_at_ends_and_is_judged_by_its_force(build_world, build):
+def test_a_session_whose_object_is_pulled_at_ends_and_is_judged_by_its_force(build_world, build):
     bench = build_world({"kind": "move", "object": "red_cube", "when": {"lifted_m": 0.03}})
     session = build("pick_and_place", 2, object="red_cube", destination="red_tray")
     execution, held = judge_gently(bench, msgspec.structs.replace(session, hold=(GENTLE,)))

@@ -79,7 +79,7 @@ def test_an_overflow_of_the_queue_wakes(folder):
         assert watch.wait(SOON_S) is True
 
 
-def test_it_waits_together_with_other_things(folder):
+def test_it_waits_together_with_other_objects(folder):
     with Watch([folder]) as watch:
         assert select.select([watch], [], [], 0)[0] == []
         create(folder)

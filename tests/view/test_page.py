@@ -107,7 +107,7 @@ def test_panels_say_what_the_documents_say(reported, panel, said):
     assert [words for words in said if words not in shown] == []
 
 
-def test_frames_show_where_things_were_seen_in_them(documents, access):
+def test_frames_show_where_objects_were_seen_in_them(documents, access):
     folder = documents.workspace.evidence_of("tidy-7.a")
     keep_look(folder, "start", {"top": b"PNG", "left": b"PNG"}, time_s=0.5)
     world = json.loads((folder / "environment_before.json").read_text())

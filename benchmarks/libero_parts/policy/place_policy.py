@@ -1,4 +1,4 @@
-"""The policy that puts one thing into or onto another, for `paos policy serve`: ONNX, its rows followed within limits.
+"""The policy that puts one object into or onto another, for `paos policy serve`: ONNX, its rows followed within limits.
 
 paos policy serve skills/place_learned/SKILL.md place_policy.py:PlacePolicy --endpoint openpi://127.0.0.1:8010
 """

@@ -1,4 +1,4 @@
-"""Trains a policy that puts one thing into or onto another, on exported data sets of verified sessions; writes ONNX.
+"""Trains a policy that puts one object into or onto another, on exported data sets of verified sessions; writes ONNX.
 
     python -m benchmarks.libero_parts.policy.train_place DATASET… --to place.onnx [--steps 8000] [--seed 0]
 

@@ -1,4 +1,4 @@
-"""A slide with a thing on it, served from any Python that has `websockets` and `msgpack`.
+"""A slide with an object on it, served from any Python that has `websockets` and `msgpack`.
 
 python slide.py --port 7000 < KEY
 """

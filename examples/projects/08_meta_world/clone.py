@@ -25,12 +25,12 @@ NAMES = ("w1", "b1", "w2", "b2", "w3", "b3")
 
 
 def describe(seen: Array) -> Array:
-    """Features (..., 26) of observations (..., 39): hand, fingers, thing, goal, and how they lie to each other."""
-    hand, fingers, thing, goal = seen[..., :3], seen[..., 3:4], seen[..., 4:11], seen[..., 36:39]
+    """Features (..., 26) of observations (..., 39): hand, fingers, object, goal, and how they lie to each other."""
+    hand, fingers, item, goal = seen[..., :3], seen[..., 3:4], seen[..., 4:11], seen[..., 36:39]
     moved = (seen[..., :3] - seen[..., 18:21], seen[..., 4:7] - seen[..., 22:25])
-    apart = (thing[..., :3] - hand, goal - hand, goal - thing[..., :3])
+    apart = (item[..., :3] - hand, goal - hand, goal - item[..., :3])
     far = np.linalg.norm(apart[0], axis=-1, keepdims=True)
-    return np.concatenate((hand, fingers, thing[..., :3], goal, *apart, *(10.0 * each for each in moved), far), axis=-1)
+    return np.concatenate((hand, fingers, item[..., :3], goal, *apart, *(10.0 * each for each in moved), far), axis=-1)
 
 
 def apply(net: dict[str, Array], seen: Array) -> Array:

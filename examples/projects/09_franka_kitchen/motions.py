@@ -122,7 +122,7 @@ class Motion:
             self._go(goal, max(1, int(np.ceil(far_s / STEP_S))))
 
     def grip(self, width_m: float, steps: int = 6) -> None:
-        """Bring both fingers there; a thing between them is pressed."""
+        """Bring both fingers there; an object between them is pressed."""
         self.q[FINGERS] = width_m
         self._go(self.q, steps)
 

@@ -2,7 +2,7 @@
 
 What an episode's seed decides (poses, weights, friction) is never read: poses and shapes come from the estimate, weight
 and grip are the middle of the declared spans. Penetrations are resolved before simulation, for a solver would throw
-such a body away. A small thing that lies and one that stands on its rim look nearly alike, but only one of the two fits
+such a body away. A small object that lies and one that stands on its rim look nearly alike, but only one of both fits
 between its support and the height at which it was seen. So it is stood on each of its sides in turn; the side that
 leaves it nearest to where it was seen is believed.
 """
@@ -28,10 +28,10 @@ from phyagentos.runtime.drivers.mujoco.world import SimulatedWorld
 
 Array = NDArray[np.float64]
 
-SETTLE_S = 0.3  # of simulated time, within which a thing a millimetre inside its support comes to rest
+SETTLE_S = 0.3  # of simulated time, within which an object a millimetre inside its support comes to rest
 SUNK_M = 0.004  # depths and calibration err by less than this
 REACH_M = 0.1  # how far above its place a side is tried
-CLIMB_M = 0.015  # a thing that would have to rise by more stands beside the other one
+CLIMB_M = 0.015  # an object that would have to rise by more stands beside the other one
 HALVINGS = 12  # of that: a fortieth of a millimetre
 
 

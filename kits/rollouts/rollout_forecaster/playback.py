@@ -1,9 +1,9 @@
 """A rehearsal's recording, played open-loop in many imagined worlds at once, each judged by the contract at its end.
 
 The raw states become snapshots by the code that also makes the observation of a real session. The recording is not
-corrected on the way: a leaf that would have measured a held thing anew does not, so a chance is estimated rather too
-low than too high. Until the robot first comes near a thing, worlds differ only in where things are, so that a world is
-composed of the recorded robot and the drawn things.
+corrected on the way: a leaf that would have measured a held object anew does not, so a chance is estimated rather too
+low than too high. Until the robot first comes near an object, worlds differ only in where objects are, and a world is
+composed of the recorded robot and the drawn objects.
 
 Enough rollouts have been seen when Wald's sequential probability ratio test on their successes says so ("Sequential
 Tests of Statistical Hypotheses", 1945, doi:10.1214/aoms/1177731118). Two chances are distinguished, one below the
@@ -36,7 +36,7 @@ from rollout_forecaster.uncertainty import ImaginedStart
 
 SAMPLE_S = 0.1  # conditions are sampled as in a real session, at 10 Hz of simulated time
 _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
-NEAR_M = 0.03  # more than what a pose is wrong by, at three standard deviations of a thing that is seen badly
+NEAR_M = 0.03  # more than what a pose is wrong by, at three standard deviations of an object that is seen badly
 ERROR = 0.1  # chance of stopping on the wrong side at most, of each kind; whole rollouts make it less
 BELOW, ABOVE = 0.2, 0.1  # how far from the threshold the two chances lie at most
 TINY = 1e-6  # keeps logarithms finite
@@ -44,7 +44,7 @@ TINY = 1e-6  # keeps logarithms finite
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rollout:
-    """Samples of one imagined world: what was held, and the world after its things had come to rest and at the end.
+    """Samples of one imagined world: what was held, and the world after its objects had come to rest and at the end.
 
     `violated` is the first condition that did not hold all through; empty when all did.
     """
@@ -67,7 +67,7 @@ class Playback:
         rest_steps, stride = (round(span_s / model.opt.timestep) for span_s in (SETTLE_S, SAMPLE_S))
         self._head = SharedPrefix(rehearsal, rest_steps)
         self._controls = rehearsal.controls[self._head.steps :]
-        if not self._head.steps:  # the robot waits until the things have come to rest
+        if not self._head.steps:  # the robot waits until the objects have come to rest
             self._controls = np.concatenate((np.repeat(rehearsal.controls[:1], rest_steps, axis=0), self._controls))
         last = len(self._controls) - 1
         self._chosen = [*range(rest_steps - 1, last, stride), last]
@@ -121,7 +121,7 @@ def _enter(state: Array, physics: Physics) -> None:
 def find_cause(rollout: Rollout, nominal: Rollout, rehearsal: Rehearsal) -> str:
     """Coded cause why a world's end does not meet the contract; empty when it does.
 
-    A grasp is judged by comparison with the nominal rollout: where that held the thing, this world should.
+    A grasp is judged by comparison with the nominal rollout: where that held the object, this world should.
     """
     session = rehearsal.session
     view = View(now=rollout.terminal, initial=rollout.initial, target=session.target)
@@ -133,13 +133,13 @@ def find_cause(rollout: Rollout, nominal: Rollout, rehearsal: Rehearsal) -> str:
         return ""
     if cause := _judge_grasp(rollout, nominal):
         return cause
-    thing = session.find_object(rollout.initial)
+    item = session.find_object(rollout.initial)
     about = {name for text in failed for name in iter_entities(parse_predicate(text))}
-    if any(_has_moved(name, rollout) and not _has_moved(name, nominal) for name in about - {thing}):
+    if any(_has_moved(name, rollout) and not _has_moved(name, nominal) for name in about - {item}):
         return "OBJECT_MOVED"  # what was to stay where it was
-    if any(_has_been_on(name, thing, rollout) for name in about - {thing}):
-        return "LOAD_LOST"  # what was to travel with the thing
-    return "PLACED_WRONG" if any(_has_moved(name, rollout) for name in {thing, *about}) else "WITHOUT_EFFECT"
+    if any(_has_been_on(name, item, rollout) for name in about - {item}):
+        return "LOAD_LOST"  # what was to travel with the object
+    return "PLACED_WRONG" if any(_has_moved(name, rollout) for name in {item, *about}) else "WITHOUT_EFFECT"
 
 
 def _judge_grasp(rollout: Rollout, nominal: Rollout) -> str:
@@ -150,11 +150,11 @@ def _judge_grasp(rollout: Rollout, nominal: Rollout) -> str:
     return "GRASP_LOST" if any(lost & set(found) for found in rollout.held) else "GRASP_MISSED"
 
 
-def _has_been_on(load: str, thing: object, rollout: Rollout) -> bool:
-    if thing not in rollout.initial.entities or load not in rollout.initial.entities:
+def _has_been_on(load: str, item: object, rollout: Rollout) -> bool:
+    if item not in rollout.initial.entities or load not in rollout.initial.entities:
         return False
     view = View(now=rollout.initial, initial=rollout.initial, target=None)
-    return evaluate(make_call(Meaning.ON, load, str(thing)), view).truth is Truth.TRUE
+    return evaluate(make_call(Meaning.ON, load, str(item)), view).truth is Truth.TRUE
 
 
 def _has_moved(name: object, rollout: Rollout) -> bool:
@@ -167,7 +167,7 @@ def _has_moved(name: object, rollout: Rollout) -> bool:
 class SharedPrefix:
     """The beginning that all worlds of a recording share: `steps` physics steps that need not be played.
 
-    Drawn things take `settle_steps` to come to rest, before anything is near them. With conditions that must hold all
+    Drawn objects take `settle_steps` to come to rest, before anything is near them. With conditions that must hold all
     through, nothing is left out.
     """
 
@@ -196,17 +196,17 @@ class SharedPrefix:
         return put
 
     def _find_near(self, states: Array) -> int:
-        """Index of the first state in which the robot is near a thing; that of the last one when none is."""
+        """Index of the first state in which the robot is near an object; that of the last one when none is."""
         model = copy.copy(self._model)
-        of_things = np.isin(model.geom_bodyid, self._bodies)
-        model.geom_margin[of_things] += NEAR_M
+        of_objects = np.isin(model.geom_bodyid, self._bodies)
+        model.geom_margin[of_objects] += NEAR_M
         data = mujoco.MjData(model)
         for index, state in enumerate(states):
             mujoco.mj_setState(model, data, state, _FULL)
             mujoco.mj_kinematics(model, data)
             mujoco.mj_collision(model, data)
-            is_thing = of_things[data.contact.geom[: data.ncon]]
-            if (is_thing[:, 0] != is_thing[:, 1]).any():
+            is_object = of_objects[data.contact.geom[: data.ncon]]
+            if (is_object[:, 0] != is_object[:, 1]).any():
                 return index
         return len(states) - 1
 

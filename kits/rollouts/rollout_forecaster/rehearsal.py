@@ -39,7 +39,7 @@ from phyagentos.runtime.targets.wire import RecordedFault
 from rollout_forecaster.estimate import Array, BelievedWorld, believe_scene, settle_estimate
 
 STATE_STEPS = 25  # between two recorded states
-REST_S = 0.3  # of simulated time, within which released things come to rest
+REST_S = 0.3  # of simulated time, within which released objects come to rest
 
 _FULL = mujoco.mjtState.mjSTATE_FULLPHYSICS
 

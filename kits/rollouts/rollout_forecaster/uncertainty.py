@@ -1,7 +1,7 @@
 """Distributions of the unknown properties of a world, all stated here, each with its reason.
 
-The inventory's declared spans come first; without one, a thing has small spans around its entry. How a payload hangs in
-the fingers is no draw of its own: it follows from where the thing was when they closed.
+The inventory's declared spans come first; without one, objects have small spans around theirs. How a payload hangs in
+the fingers is no draw of its own: it follows from where the object was when they closed.
 """
 
 import copy
@@ -23,7 +23,7 @@ from rollout_forecaster.estimate import Array
 POSITION_STD_M = {"truth": 0.0005, "perceived": 0.002}  # where the estimate states none: what a depth camera leaves
 TURN_STD_RAD = {"truth": 0.004, "perceived": 0.03}  # an edge of 4 cm whose end is seen 1 mm askew is turned by 0.03 rad
 CALIBRATION_STD_M = {"truth": 0.0, "perceived": 0.001}  # of the cameras: moves everything alike
-CONFIDENCE_MIN = 0.25  # a thing seen this badly is placed four times worse than one seen well; not more
+CONFIDENCE_MIN = 0.25  # an object seen this badly is placed four times worse than one seen well; not more
 MASS_SHARE = 0.10  # a label gives the nominal mass; contents and wear change it by a tenth
 FRICTION_SHARE = 0.20  # between handbook values of the same pair of dry materials
 PAD_SHARE = 0.15  # rubber pads wear and take up dust
@@ -58,7 +58,7 @@ def draw_start(
     data = mujoco.MjData(model)
     mujoco.mj_setState(model, data, start, mujoco.mjtState.mjSTATE_INTEGRATION)
     _draw_robot(model, profile, rng)
-    _draw_things(model, data, spec, environment, _find_pads(model, profile), rng)
+    _draw_objects(model, data, spec, environment, _find_pads(model, profile), rng)
     state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
     mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     mujoco.mj_setConst(model, data)  # what follows from the masses; it uses the data as scratch
@@ -77,7 +77,7 @@ def _draw_robot(model: mujoco.MjModel, profile: TargetProfile, rng: np.random.Ge
     _scale_friction(model, _find_pads(model, profile), 1.0 + PAD_SHARE * rng.uniform(-1.0, 1.0))
 
 
-def _draw_things(
+def _draw_objects(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     spec: SceneSpec,
@@ -97,10 +97,10 @@ def _draw_things(
 
 
 def _compute_deviation(entity: Entity, sensing: str) -> Array:
-    """(3,) standard deviations of x, y [m] and yaw [rad] of one thing."""
-    doubt = 1.0 / max(entity.confidence, CONFIDENCE_MIN)
-    place_m = entity.position_std_m or doubt * POSITION_STD_M[sensing]
-    turn_rad = entity.turn_std_rad or doubt * TURN_STD_RAD[sensing]
+    """(3,) standard deviations of x, y [m] and yaw [rad] of one object."""
+    uncertainty = 1.0 / max(entity.confidence, CONFIDENCE_MIN)
+    place_m = entity.position_std_m or uncertainty * POSITION_STD_M[sensing]
+    turn_rad = entity.turn_std_rad or uncertainty * TURN_STD_RAD[sensing]
     return np.array([place_m, place_m, turn_rad])
 
 
@@ -112,7 +112,7 @@ def _displace(model: mujoco.MjModel, data: mujoco.MjData, name: str, offset: Arr
 
 
 def _weigh(model: mujoco.MjModel, name: str, body: Body, pads: NDArray[np.intp], shares: Array, ranks: Array) -> None:
-    """Mass and friction of one thing; a declared span of friction is that against the `pads`, where they make pairs.
+    """Mass and friction of one object; a declared span of friction is that against the `pads`, where they make pairs.
 
     `shares` (2,) in -1..1 scale the nominal ones without a declared span; `ranks` (2,) in 0..1 are places in its spans.
     """

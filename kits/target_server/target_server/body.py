@@ -42,7 +42,7 @@ class State:
         q: (n_joints,) positions, `qd` velocities.
         tcp_m: (3,) where the tool is, in the world [m]; `tcp_wxyz` how it is turned.
         width_m: Opening of its gripper [m].
-        holding: Names of the things that its gripper holds, where it can tell.
+        holding: Names of the objects that its gripper holds, where it can tell.
         fingers_touching: How many of its fingers touch something that is none of them, where it has sensors of touch.
         grip_force_n: Force that presses its fingers together, by their motor [N]; None where it is not measured.
         base: Where it stands, x and y [m], and its heading [rad]; None where it is fixed.
@@ -103,7 +103,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Entity:
-    """A thing as the body's simulation knows it.
+    """An object as the body's simulation knows it.
 
     Attributes:
         shapes: Maps with `kind` (`box`, `sphere`, `cylinder`, `capsule`), `size_m`, its half extents, and `pose`.
@@ -137,7 +137,7 @@ class Body(ABC):
         tcp_m: (3,) the tool with all joints at zero [m].
         width_max_m: Widest opening of its gripper [m].
         is_realtime: Whether its time goes on by itself; without a command in time it is halted then (`DEADMAN`).
-        has_truth: Whether `list_entities` says where things are.
+        has_truth: Whether `list_entities` says where objects are.
         cameras: Names of its RGB-D cameras, as in sensors.yaml of the framework's side.
         procedures: What it does by itself when `call` starts it, while set-points hold its joints still.
         tools: By name; each takes its arguments and gives (media type, bytes) by file name. None moves the body.
@@ -180,7 +180,7 @@ class Body(ABC):
         """The present."""
 
     def list_entities(self) -> Sequence[Entity]:
-        """The ground truth of things, where `has_truth`."""
+        """The ground truth of objects, where `has_truth`."""
         return ()
 
     def list_regions(self) -> Sequence[Mapping[str, Any]]:

@@ -1,4 +1,4 @@
-"""Any Gymnasium environment as a target: set-points become actions, what is observed becomes joints and things.
+"""Any Gymnasium environment as a target: set-points become actions, what is observed becomes joints and objects.
 
     python -m target_server.gymnasium_body < KEY_AND_SETTINGS        # two lines: the key, the settings as JSON
 
@@ -67,7 +67,7 @@ class Gripper:
 
 
 @dataclass(frozen=True)
-class Thing:
+class SceneObject:
     """An entity: where it is stands at three places of the observation from `observation` on, or is fixed.
 
     Attributes:
@@ -127,7 +127,7 @@ class Settings:
     seed_argument: str = ""
     scene_argument: str = ""
     gripper: Gripper | None = None
-    entities: Mapping[str, Thing] = field(default_factory=dict)
+    entities: Mapping[str, SceneObject] = field(default_factory=dict)
     regions: Mapping[str, Zone] = field(default_factory=dict)
     signals: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     still: float = 0.01
@@ -138,10 +138,10 @@ class Settings:
 def make_settings(given: Mapping[str, Any]) -> Settings:
     """Settings from plain data; raises TypeError for a key that is not known or missing."""
     joints = {name: Motor(**each) for name, each in given["joints"].items()}
-    things = {name: Thing(**each) for name, each in given.get("entities", {}).items()}
+    objects = {name: SceneObject(**each) for name, each in given.get("entities", {}).items()}
     zones = {name: Zone(**each) for name, each in given.get("regions", {}).items()}
     gripper = Gripper(**given["gripper"]) if given.get("gripper") else None
-    return Settings(**{**given, "joints": joints, "entities": things, "regions": zones, "gripper": gripper})
+    return Settings(**{**given, "joints": joints, "entities": objects, "regions": zones, "gripper": gripper})
 
 
 class GymnasiumBody(Body):
@@ -292,9 +292,9 @@ class GymnasiumBody(Body):
         so_far = bool(self._outcome["success"]) or is_met
         self._outcome = {"success": so_far, "at_end": is_met, "completed": completed}
 
-    def _measure_opening(self, thing: Thing) -> float:
-        assert thing.joint is not None
-        share = (float(self._seen[thing.joint]) - thing.closed) / (thing.opened - thing.closed)
+    def _measure_opening(self, item: SceneObject) -> float:
+        assert item.joint is not None
+        share = (float(self._seen[item.joint]) - item.closed) / (item.opened - item.closed)
         return min(max(share, 0.0), 1.0)
 
     def _read_q(self) -> list[float]:

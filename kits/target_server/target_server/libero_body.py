@@ -26,8 +26,16 @@ from numpy.typing import NDArray
 
 from target_server.body import Body, Entity, Joint, Picture, State, Window
 from target_server.mujoco_cameras import VISIBLE_GROUPS, Cameras, Sensor
-from target_server.mujoco_things import Joint as JointOfThing
-from target_server.mujoco_things import Mark, Solid, Thing, cover_seen, list_things, narrow_turned, to_quaternion
+from target_server.mujoco_objects import Joint as JointOfObject
+from target_server.mujoco_objects import (
+    Mark,
+    SceneObject,
+    Solid,
+    cover_seen,
+    list_objects,
+    narrow_turned,
+    to_quaternion,
+)
 from target_server.server import main
 from target_server.wire import Refusal
 
@@ -153,10 +161,10 @@ class LiberoBody(Body):
 
     def list_entities(self) -> Sequence[Entity]:
         held = self._list_held(self._list_touched())
-        return [self._read_entity(each, held) for each in self._things]
+        return [self._read_entity(each, held) for each in self._objects]
 
     def list_regions(self) -> Sequence[Mapping[str, Any]]:
-        return [self._place(thing, mark) for thing in self._things for mark in thing.regions]
+        return [self._place(item, mark) for item in self._objects for mark in item.regions]
 
     def capture(self, cameras: Sequence[str], windows: Mapping[str, Window], every: int) -> Sequence[Picture]:
         return self._cameras.capture(self._data, self.time_s, cameras, windows, every)
@@ -262,9 +270,9 @@ class LiberoBody(Body):
             for name, each in {**inner.objects_dict, **inner.fixtures_dict}.items()
             if hasattr(each, "category_name")
         }
-        self._things = list_things(model, data, roots, kinds, frozenset(inner.object_sites_dict), ROBOT)
+        self._objects = list_objects(model, data, roots, kinds, frozenset(inner.object_sites_dict), ROBOT)
         made = {**inner.objects_dict, **inner.fixtures_dict}
-        self._ends = {each.name: find_ends(each.joint, made[each.owner]) for each in self._things if each.joint}
+        self._ends = {each.name: find_ends(each.joint, made[each.owner]) for each in self._objects if each.joint}
         low, high = zip(*(model.joint(name).range for name in ARM), strict=True)
         self.joints = [
             Joint(name.removeprefix("robot0_"), float(a), float(b), velocity, axis, anchor_m, slides=False)
@@ -326,7 +334,7 @@ class LiberoBody(Body):
     def _choose_grip(self) -> float:
         """1 closes, -1 opens, by a fixed step of the opening that the motors have as their aim; 0 leaves it.
 
-        Their aim is not brought further into a thing than their full force needs, so that they let go at once.
+        Their aim is not brought further into an object than their full force needs, so that they let go at once.
         """
         aim_m = WIDTH_M * (1.0 + float(self._env.env.robots[0].gripper.current_action[0])) / 2.0
         wanted_m = max(self._width_m, self.read().width_m - SQUEEZE_M)
@@ -343,7 +351,7 @@ class LiberoBody(Body):
             return ()
         return tuple(
             each.name
-            for each in self._things
+            for each in self._objects
             if each.movable and all(not geoms.isdisjoint(each.geoms) for geoms in touched)
         )
 
@@ -354,55 +362,55 @@ class LiberoBody(Body):
         if jaws.isdisjoint(pairs.ravel().tolist()):
             return touched
         for one, other in (*pairs.tolist(), *pairs[:, ::-1].tolist()):
-            for jaw, things in zip(self._jaws, touched, strict=True):
+            for jaw, objects in zip(self._jaws, touched, strict=True):
                 if one in jaw and other not in jaws:
-                    things.add(other)
+                    objects.add(other)
         return touched
 
-    def _locate(self, thing: Thing) -> tuple[Array, Array]:
-        """Position (3,) and rotation (3, 3) of a thing."""
-        position_m = self._base.T @ (self._data.xpos[thing.body] - self._base_m)
-        return position_m, self._base.T @ self._data.xmat[thing.body].reshape(3, 3)
+    def _locate(self, item: SceneObject) -> tuple[Array, Array]:
+        """Position (3,) and rotation (3, 3) of an object."""
+        position_m = self._base.T @ (self._data.xpos[item.body] - self._base_m)
+        return position_m, self._base.T @ self._data.xmat[item.body].reshape(3, 3)
 
-    def _read_entity(self, thing: Thing, held: Sequence[str]) -> Entity:
-        position_m, rotation = self._locate(thing)
+    def _read_entity(self, item: SceneObject, held: Sequence[str]) -> Entity:
+        position_m, rotation = self._locate(item)
         more: dict[str, Any] = {}
-        if thing.movable:
-            more["speed_m_s"] = float(np.linalg.norm(self._data.cvel[thing.body][3:]))
-        if thing.name == thing.owner:
+        if item.movable:
+            more["speed_m_s"] = float(np.linalg.norm(self._data.cvel[item.body][3:]))
+        if item.name == item.owner:
             more["datum_m"] = (0.0, 0.0, 0.0)
-        if thing.name in held:
+        if item.name in held:
             more["held_by"] = self.target
-        if (room := thing.interior) is not None:
+        if (room := item.interior) is not None:
             half_m = np.abs(room.rotation) @ narrow_turned(room.half_m, rotation @ room.rotation)
             more["interior"] = {"center_m": room.center_m.tolist(), "half_m": half_m.tolist()}
-        if (joint := thing.joint) is not None:
+        if (joint := item.joint) is not None:
             share = (float(self._data.qpos[joint.address]) - joint.closed) / (joint.opened - joint.closed)
             more["joint"] = min(max(share, 0.0), 1.0)
             more["mechanism"] = {
                 "kind": joint.kind, "axis": joint.axis.tolist(), "travel": joint.travel,
-                "anchor_m": joint.anchor_m.tolist(), "closed": self._place_closed(thing), **self._ends[thing.name],
+                "anchor_m": joint.anchor_m.tolist(), "closed": self._place_closed(item), **self._ends[item.name],
             }  # fmt: skip
-        if thing.part_of:
-            more["part_of"] = thing.part_of
+        if item.part_of:
+            more["part_of"] = item.part_of
         x, y, z = position_m.tolist()
         a, b, c, d = to_quaternion(rotation)
-        shapes = [each.encode() for each in thing.solids]
-        return Entity(thing.name, thing.kind, (x, y, z), (a, b, c, d), thing.movable, shapes, more)
+        shapes = [each.encode() for each in item.solids]
+        return Entity(item.name, item.kind, (x, y, z), (a, b, c, d), item.movable, shapes, more)
 
-    def _place_closed(self, thing: Thing) -> dict[str, Any]:
+    def _place_closed(self, item: SceneObject) -> dict[str, Any]:
         """Pose of what has a joint when it is closed."""
-        joint = thing.joint
+        joint = item.joint
         assert joint is not None
         self._scratch.qpos[:] = self._data.qpos
         self._scratch.qpos[joint.address] = joint.closed
         mujoco.mj_kinematics(self._model, self._scratch)
-        position_m = self._base.T @ (self._scratch.xpos[thing.body] - self._base_m)
-        rotation = self._base.T @ self._scratch.xmat[thing.body].reshape(3, 3)
+        position_m = self._base.T @ (self._scratch.xpos[item.body] - self._base_m)
+        rotation = self._base.T @ self._scratch.xmat[item.body].reshape(3, 3)
         return {"position_m": position_m.tolist(), "quaternion_wxyz": to_quaternion(rotation)}
 
-    def _place(self, thing: Thing, mark: Mark) -> dict[str, Any]:
-        position_m, rotation = self._locate(thing)
+    def _place(self, item: SceneObject, mark: Mark) -> dict[str, Any]:
+        position_m, rotation = self._locate(item)
         turned = rotation @ mark.rotation
         pose = {
             "position_m": (position_m + rotation @ mark.center_m).tolist(),
@@ -411,22 +419,22 @@ class LiberoBody(Body):
         return {"name": mark.name, "pose": pose, "half_m": narrow_turned(mark.half_m, turned).tolist()}
 
     def _describe_scene(self, arguments: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
-        """The task in its own words, and every thing with its geometry."""
+        """The task in its own words, and every object with its geometry."""
         self._open(str(arguments.get("scene") or self._scene))
         self.load(self._scene, int(arguments.get("seed", 0)), b"")
-        marks = [(thing, mark) for thing in self._things for mark in thing.marks]
+        marks = [(item, mark) for item in self._objects for mark in item.marks]
         told = {
             "language": self._task,
             "goal": self._bddl.read_text(encoding="utf-8"),
             "states": len(self._states),
             "entities": [each.encode() for each in self.list_entities()],
             "regions": self.list_regions(),
-            "owners": {each.name: each.owner for each in self._things},
-            "marks": {mark.name: self._describe_mark(thing, mark) for thing, mark in marks},
+            "owners": {each.name: each.owner for each in self._objects},
+            "marks": {mark.name: self._describe_mark(item, mark) for item, mark in marks},
             "tool": self._describe_tool(),
         }
         if arguments.get("looks"):
-            shown = [each for each in self._things if each.bodies and each.movable]
+            shown = [each for each in self._objects if each.bodies and each.movable]
             told["looks"] = {each.name: self._photograph(each) for each in shown}
             told["covers"] = {
                 each.name: [solid.encode() for solid in cover_seen(self._model, self._data, each, VISIBLE_GROUPS[0])]
@@ -436,20 +444,20 @@ class LiberoBody(Body):
             told["hand"] = self._describe_body(HAND)
         return {"scene.json": ("application/json", json.dumps(told).encode())}
 
-    def _describe_mark(self, thing: Thing, mark: Mark) -> dict[str, Any]:
-        """Where it is in the frame of its thing."""
-        turned = self._locate(thing)[1] @ mark.rotation
+    def _describe_mark(self, item: SceneObject, mark: Mark) -> dict[str, Any]:
+        """Where it is in the frame of its object."""
+        turned = self._locate(item)[1] @ mark.rotation
         half_m = np.abs(mark.rotation) @ narrow_turned(mark.half_m, turned)
         place = {"center_m": mark.center_m.tolist(), "half_m": half_m.tolist()}
-        return {"entity": thing.name, "is_surface": mark.is_surface, **place}
+        return {"entity": item.name, "is_surface": mark.is_surface, **place}
 
-    def _photograph(self, thing: Thing) -> list[list[list[float]]]:
-        """The colours of a thing, of pictures that are taken of it beforehand."""
-        geoms = [geom for body in thing.bodies for geom in self._list_geoms(body)]
-        corners_m = np.concatenate([solid.corners_m for solid in thing.solids])
+    def _photograph(self, item: SceneObject) -> list[list[list[float]]]:
+        """The colours of an object, of pictures that are taken of it beforehand."""
+        geoms = [geom for body in item.bodies for geom in self._list_geoms(body)]
+        corners_m = np.concatenate([solid.corners_m for solid in item.solids])
         low_m, high_m = corners_m.min(axis=0), corners_m.max(axis=0)
-        turn = self._data.xmat[thing.body].reshape(3, 3)
-        center_m = self._data.xpos[thing.body] + turn @ ((low_m + high_m) / 2.0)
+        turn = self._data.xmat[item.body].reshape(3, 3)
+        center_m = self._data.xpos[item.body] + turn @ ((low_m + high_m) / 2.0)
         return self._cameras.photograph(self._data, geoms, center_m, float(np.linalg.norm(high_m - low_m)) / 2.0)
 
     def _describe_body(self, prefix: str) -> list[dict[str, Any]]:
@@ -482,7 +490,7 @@ class LiberoBody(Body):
         }
 
 
-def find_ends(joint: JointOfThing, made: Any) -> dict[str, float]:
+def find_ends(joint: JointOfObject, made: Any) -> dict[str, float]:
     """The shares of its travel from which a joint counts as open, and up to which as closed, as its object says."""
     shares = np.linspace(0.0, 1.0, SHARES)
     ends: dict[str, float] = {}

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from target_server.body import Picture, Window
-from target_server.mujoco_things import Array, to_quaternion
+from target_server.mujoco_objects import Array, to_quaternion
 from target_server.wire import Refusal
 
 OPENCV = np.diag((1.0, -1.0, -1.0))  # MuJoCo's cameras look along -z with y up

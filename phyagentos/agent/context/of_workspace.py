@@ -106,9 +106,9 @@ def _iter_world(world: Snapshot, goal: GoalStatus | None) -> Iterator[Section]:
         true_of.setdefault(each.arguments[0], []).append(each.text)
     robots = {name: true_of.get(name, []) for name in world.targets}
     yield Section("snapshot", {world.scene: select("snapshot", world, targets=robots)})
-    things: dict[str, object] = {}
-    for thing in sorted(world.entities.values(), key=lambda e: (e.name not in named, not e.movable, e.name)):
-        at_m, unseen = [round(value, 4) for value in thing.pose.position_m], world.explain_unseen(thing)
-        more = {"at_m": at_m, "unseen": unseen, "relations": true_of.get(thing.name)}
-        things[thing.name] = select("world", thing, **more)
-    yield Section("world", things)
+    objects: dict[str, object] = {}
+    for item in sorted(world.entities.values(), key=lambda e: (e.name not in named, not e.movable, e.name)):
+        at_m, unseen = [round(value, 4) for value in item.pose.position_m], world.explain_unseen(item)
+        more = {"at_m": at_m, "unseen": unseen, "relations": true_of.get(item.name)}
+        objects[item.name] = select("world", item, **more)
+    yield Section("world", objects)

@@ -61,7 +61,7 @@ class GoalGraph:
     def find_coming(self, node: str) -> tuple[str, ...]:
         """Objects that other nodes bring to the place where this one brings something."""
         own, destination = self.brought.get(node, ("", ""))
-        others = (thing for thing, place in self.brought.values() if place == destination and thing != own)
+        others = (item for item, place in self.brought.values() if place == destination and item != own)
         return tuple(dict.fromkeys(others))
 
     def max_replans(self, node: str) -> int:
@@ -124,8 +124,8 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
         return None, unique
     brought: dict[str, tuple[str, str]] = {}
     for name, choice in choices.items():
-        thing, place = (choice.parameters.get(key) for key in find_roles(catalogue.skills[choice.skill]))
-        brought |= {name: (str(thing), str(place))} if place and not nodes[name].is_open else {}
+        item, place = (choice.parameters.get(key) for key in find_roles(catalogue.skills[choice.skill]))
+        brought |= {name: (str(item), str(place))} if place and not nodes[name].is_open else {}
     graph = GoalGraph(
         spec=spec,
         source=located.source,
@@ -134,7 +134,7 @@ def _load(path: Path, catalogue: Catalogue, overrides: Mapping[str, str]) -> tup
         dag=dag,
         order=order,
         brought=brought,
-        kept=_find_kept(spec, nodes, choices, {thing for thing, _ in brought.values()}),
+        kept=_find_kept(spec, nodes, choices, {item for item, _ in brought.values()}),
         warnings=tuple(checks.iter_warnings()),
         bundle=composed.bundle if composed.bundle != written.data else None,
         rescuers=rescuers,

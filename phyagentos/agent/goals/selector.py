@@ -199,10 +199,10 @@ def _find_unestablished(runtime: SkillRuntime, parameters: Mapping[str, object],
 def _find_unfit(runtime: SkillRuntime, parameters: Mapping[str, object], mechanisms: Mapping[str, str]) -> str:
     """An object that moves otherwise than the skill presumes; empty where none is known to."""
     for key, parameter in runtime.parameters.items():
-        thing = parameters.get(key)
-        moves = mechanisms.get(thing) if isinstance(thing, str) else None
+        item = parameters.get(key)
+        moves = mechanisms.get(item) if isinstance(item, str) else None
         if parameter.mechanism is not None and moves not in (None, parameter.mechanism):
-            return f"{key} has to be an object with a {parameter.mechanism}, and {thing} has a {moves}"
+            return f"{key} has to be an object with a {parameter.mechanism}, and {item} has a {moves}"
     return ""
 
 

@@ -8,10 +8,10 @@ from functools import partial
 import msgspec
 
 from phyagentos.protocol.predicates import syntax
-from phyagentos.protocol.predicates.builtins import DOUBT_STDS
+from phyagentos.protocol.predicates.builtins import UNCERTAINTY_STDS
 from phyagentos.protocol.predicates.evaluation import evaluate
 from phyagentos.protocol.predicates.library import PredicateDefinition, get_predicate_library
-from phyagentos.protocol.predicates.predicate import find_formula, find_things
+from phyagentos.protocol.predicates.predicate import find_formula, find_objects
 from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.environment import Entity
 from phyagentos.protocol.world.truth import Truth
@@ -31,19 +31,19 @@ def find_least_certain(entities: Iterable[Entity]) -> Entity | None:
 def describe_what_decides(text: str, view: View) -> str:
     """What would decide it, by its least certain object, each with its number; empty where all are sure."""
     formula, entities = find_formula(text), view.now.entities
-    measured = [entities[name] for name in find_things(text, view.now) if name in entities]
+    measured = [entities[name] for name in find_objects(text, view.now) if name in entities]
     least = find_least_certain(measured)
     if formula is None or least is None:
         return ""
     shares = (each for each in SHARES if evaluate(formula, _sharpen(view, measured, each)).truth is not Truth.UNKNOWN)
-    share, bound_m = next(shares, 0.0), DOUBT_STDS * least.position_std_m
+    share, bound_m = next(shares, 0.0), UNCERTAINTY_STDS * least.position_std_m
     bound, needed = compare_lengths(bound_m, share * bound_m)
     looser = next((each for each in _iter_looser(formula) if evaluate(each, view).truth is Truth.TRUE), None)
     ways = [f"another view of {least.name} (by a camera of sensors.yaml)"] if share else []
     ways += [f"the criterion {syntax.render(looser)}"] if looser is not None else []
     ways += [] if least.movable else ["another support"]
     remedy = f": {', or '.join(ways)} would decide it" if ways else ""
-    known = f"{least.name} is known to ±{bound} and ±{math.degrees(DOUBT_STDS * least.turn_std_rad):.0f}°"
+    known = f"{least.name} is known to ±{bound} and ±{math.degrees(UNCERTAINTY_STDS * least.turn_std_rad):.0f}°"
     return f"; {known}{f', the criterion needs ±{needed}' if share else ''}{remedy}"
 
 

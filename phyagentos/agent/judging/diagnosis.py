@@ -18,7 +18,7 @@ from phyagentos.codes import CODES, Retry, get_present_name
 from phyagentos.protocol.predicates.builtins import MOVED_M
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import read_statement
-from phyagentos.protocol.predicates.predicate import find_entities, find_formula, find_question, find_things
+from phyagentos.protocol.predicates.predicate import find_entities, find_formula, find_objects, find_question
 from phyagentos.protocol.predicates.syntax import And, Not, render
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
@@ -223,7 +223,7 @@ def _judge_completed(
                 return Diagnosis(Cause.OBJECT_HIDDEN, after.explain_unseen(now))
             age_s = after.time_s - now.observed_at_s
             return Diagnosis(Cause.SENSOR_STALE, f"{name} was last measured {age_s:.1f} s before the end")
-        is_seen = unknown.kind == "accept" and all(after.shows(name) for name in find_things(unknown.text, after))
+        is_seen = unknown.kind == "accept" and all(after.shows(name) for name in find_objects(unknown.text, after))
         cause = Cause.UNDECIDABLE if is_seen else Cause.EVIDENCE_MISSING
         view = bundle.session.make_view(after, bundle.before)
         advice = describe_what_decides(unknown.text, view) if is_seen else ""

@@ -113,16 +113,16 @@ def _find_support(
     bundle: Bundle, name: str | None, was: Entity | None, now: Entity | None, stage: Stage, since_m: float
 ) -> tuple[Support, ...]:
     execution, leaf = bundle.execution, find_failed_leaf(bundle)
-    thing, path, numbers = f"entities.{name}", leaf.path if leaf else "", leaf.numbers if leaf else {}
+    item, path, numbers = f"entities.{name}", leaf.path if leaf else "", leaf.numbers if leaf else {}
     found: list[tuple[str, str, Any]] = [
         (EXECUTION, "ended", str(execution.ended)),
         (EXECUTION, "code", execution.code or None),
         *((TRACE, f"{path}.{key}", each) for key, each in numbers.items() if isinstance(each, float | int | str)),
         (TRACE, "stage", stage.name.lower() if bundle.trace else None),
-        (BEFORE, f"{thing}.pose.position_m", _format(was) if was else None),
-        (AFTER, f"{thing}.pose.position_m", _format(now) if now else None),
-        (AFTER, f"{thing}.visible", now.visible if now else None),
-        (AFTER, thing, "absent" if name and now is None else None),
+        (BEFORE, f"{item}.pose.position_m", _format(was) if was else None),
+        (AFTER, f"{item}.pose.position_m", _format(now) if now else None),
+        (AFTER, f"{item}.visible", now.visible if now else None),
+        (AFTER, item, "absent" if name and now is None else None),
         (TRACE, "metres moved since release", round(since_m, 4) if since_m else None),
     ]
     return tuple(Support(file=file, field=field, value=value) for file, field, value in found if value is not None)

@@ -17,7 +17,7 @@ from phyagentos.agent.judging.diagnosis import Diagnosis, diagnose
 from phyagentos.agent.judging.judges.judge_registry import FORESEEN, Judge, make_unknown
 from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
 from phyagentos.agent.judging.judges.predicates import LookaheadJudge, PredicateJudge
-from phyagentos.protocol.predicates.predicate import find_things
+from phyagentos.protocol.predicates.predicate import find_objects
 from phyagentos.protocol.sessions.answers import ANSWERS
 from phyagentos.protocol.sessions.evidence import Bundle, refer_to
 from phyagentos.protocol.sessions.evidence_manifest import get_shown_name
@@ -168,10 +168,10 @@ def find_missing_evidence(criteria: Sequence[Criterion], after: Environment | No
         return ()
     unknown = [each for each in criteria if each.kind in {"accept", "constraint"} and each.truth is Truth.UNKNOWN]
     found: dict[str, None] = {}
-    for things in (find_things(each.text, after) for each in unknown):
-        unseen = [name for name in things if not after.shows(name)]
+    for objects in (find_objects(each.text, after) for each in unknown):
+        unseen = [name for name in objects if not after.shows(name)]
         if not unseen and after.sensing != "truth":  # seen, not sharply
-            seen = [after.entities[name] for name in things if name in after.entities]
+            seen = [after.entities[name] for name in objects if name in after.entities]
             least = find_least_certain(seen)  # of what is fixed it alone is worth a look
             unseen = [each.name for each in seen if each.movable or each is least]
         found |= dict.fromkeys(unseen)

@@ -54,10 +54,10 @@ class Surroundings:
         """The features of a contract; what the inventory does not know stays empty."""
         scene = self._find_scene(session.scene.name)
         skill = self.skills.get(session.skill)
-        thing, place = (str(session.parameters.get(key, "")) for key in (find_roles(skill) if skill else ("", "")))
-        body = scene.bodies.get(thing) if scene else None
+        item, place = (str(session.parameters.get(key, "")) for key in (find_roles(skill) if skill else ("", "")))
+        body = scene.bodies.get(item) if scene else None
         return Features(
-            object=thing,
+            object=item,
             object_kind=body.kind if body else "",
             object_color=body.color if body else "",
             object_size=_compute_size(body) if body else "",

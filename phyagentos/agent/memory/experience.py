@@ -35,7 +35,7 @@ CLEARS = "clear"  # purpose of what changes the world for an attempt; a look cha
 FAILURES_KEPT = 2_000  # that a child may still follow
 SESSIONS_KEPT = 10_000  # that are known to be in
 NEWEST_SHARE, FORGOTTEN_SHARE = 0.2, 0.05  # of those kept: kept for being new alone; forgotten in one go
-_OF_THINGS = Strategy(speed=0.5)  # these two stand for the two ways to widen a scope
+_OF_OBJECTS = Strategy(speed=0.5)  # these two stand for the two ways to widen a scope
 _OF_PLACES = Strategy(avoid_sites=("any",))
 
 _ORDER = {EntryState.ACTIVE: 0, EntryState.RETRACTED: 1, EntryState.HYPOTHESIS: 2, EntryState.EXPIRED: 3}
@@ -126,7 +126,7 @@ class Experience(msgspec.Struct, kw_only=True):
             yield id
         if episode.is_first and episode.is_own_way:
             scope = compute_scope(episode)
-            for each in dict.fromkeys((scope, widen(scope, _OF_THINGS), widen(scope, _OF_PLACES))):
+            for each in dict.fromkeys((scope, widen(scope, _OF_OBJECTS), widen(scope, _OF_PLACES))):
                 name = _name(each)
                 self.baselines[name] = self.baselines.pop(name, Count()).add(success=episode.is_success)
         if episode.is_first:

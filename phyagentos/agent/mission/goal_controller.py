@@ -283,16 +283,16 @@ class GoalController:
         """
         if session.purpose != CLEARS or session.parent is not None or not self.worklist.has_live():
             return ""
-        things, later = {*map(str, session.parameters.values())}, self.worklist.dag.find_after(session.node)
+        objects, later = {*map(str, session.parameters.values())}, self.worklist.dag.find_after(session.node)
         for name in self.graph.order:
             is_open = self._facts.get_state(name) in {*_OPEN, NodeState.ACTIVE}
             if not is_open or name in {session.node, *later, *self._held}:
                 continue
             accept = (text for text in self._drafter.compiler.compile_node(name).accept if "${" not in text)
             for predicate in map(parse_predicate, accept):
-                thing = next(iter_entities(predicate), "")
-                if predicate.is_lasting and thing in things:
-                    return f"{name} comes first: it moves {thing}, as {', '.join(session.advised_by)} wants"
+                item = next(iter_entities(predicate), "")
+                if predicate.is_lasting and item in objects:
+                    return f"{name} comes first: it moves {item}, as {', '.join(session.advised_by)} wants"
         return ""
 
     def _keep_to_budget(self, entries: list[Entry]) -> list[Entry]:

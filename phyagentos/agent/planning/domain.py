@@ -138,16 +138,16 @@ def build_domain(
 def _make_scope(
     wanted: WantedGoal, roles: Mapping[str, str], catalogue: Catalogue, world: Environment, *, everywhere: bool
 ) -> Scope:
-    targets, things = {name: catalogue.targets[name] for name in dict.fromkeys(roles.values())}, list_carried(world)
+    targets, objects = {name: catalogue.targets[name] for name in dict.fromkeys(roles.values())}, list_carried(world)
     texts = (*chain(*wanted.steps), *wanted.accept, *wanted.constraints)
     calls = [call for text in texts for call in iter_calls(parse_predicate(text).rename_targets(roles).formula)]
     relations = (relation for each in world.entities.values() for relation in find_places(each, world))
     present = [Call(each.name, tuple(map(Name, each.arguments))) for each in relations]
     return Scope(
         world=world,
-        things=things,
-        places=_list_places(world, things, calls, present, everywhere=everywhere),
-        spots=_list_spots(world, things, calls, next(iter(targets.values()))),
+        objects=objects,
+        places=_list_places(world, objects, calls, present, everywhere=everywhere),
+        spots=_list_spots(world, objects, calls, next(iter(targets.values()))),
         wanted=calls,
         present=present,
         targets=targets,
@@ -172,24 +172,24 @@ def resolve_targets(wanted: WantedGoal, catalogue: Catalogue) -> dict[str, str]:
 
 
 def _read_goal(
-    wanted: WantedGoal, things: Sequence[str], roles: Mapping[str, str], locate: Callable[[Address], str]
+    wanted: WantedGoal, objects: Sequence[str], roles: Mapping[str, str], locate: Callable[[Address], str]
 ) -> tuple[list[tuple[Condition, ...]], tuple[Condition, ...]]:
     """Conditions of each step and of the end, and invariants that a plan keeps; numbers are sampled when it runs."""
     parts: list[tuple[Address, Sequence[str]]] = [(("steps", index), step) for index, step in enumerate(wanted.steps)]
     parts.append((("accept",), wanted.accept))
-    stages = [read_conditions(texts, things, roles, locate(path)) for path, texts in parts]
+    stages = [read_conditions(texts, objects, roles, locate(path)) for path, texts in parts]
     kept = [t for t in wanted.constraints if not isinstance(parse_predicate(t).formula, Compare)]
-    return stages, read_conditions(kept, things, roles, locate(("constraints",)))
+    return stages, read_conditions(kept, objects, roles, locate(("constraints",)))
 
 
 def _list_places(
-    world: Environment, things: Sequence[str], calls: Iterable[Call], present: Iterable[Call], *, everywhere: bool
+    world: Environment, objects: Sequence[str], calls: Iterable[Call], present: Iterable[Call], *, everywhere: bool
 ) -> list[str]:
     """Those that the goal names; `everywhere` all vessels and regions, and what movable or used ones may stand on."""
     named = [term.text for call in calls for term in list_places(call) if isinstance(term, Name)]
     known = dict.fromkeys(name for name in named if name in world.entities or name in world.regions)
     if everywhere:
-        bearing = {*things, *(term.text for call in present for term in list_places(call) if isinstance(term, Name))}
+        bearing = {*objects, *(term.text for call in present for term in list_places(call) if isinstance(term, Name))}
         known |= dict.fromkeys([*world.regions, *(n for n, e in world.entities.items() if e.interior is not None)])
         flat = [e for e in world.entities.values() if e.interior is None and e.mechanism is None and not e.part_of]
         known |= dict.fromkeys(each.name for each in flat if each.name in bearing)
@@ -197,12 +197,12 @@ def _list_places(
 
 
 def _list_spots(
-    world: Environment, things: Sequence[str], calls: Iterable[Call], profile: TargetProfile
+    world: Environment, objects: Sequence[str], calls: Iterable[Call], profile: TargetProfile
 ) -> list[PlacementPoint]:
     points = dict.fromkeys(term.position_m for call in calls for term in call.terms if isinstance(term, Point))
     named = [term.text for call in calls for term in call.terms if isinstance(term, Name)]
     away: list[Vector] = [*points, *(world.regions[name].pose.position_m for name in named if name in world.regions)]
-    return [place_spot(world, point, things) for point in points] + find_spots(world, things, profile, away)
+    return [place_spot(world, point, objects) for point in points] + find_spots(world, objects, profile, away)
 
 
 def is_same(step: Operator | Activity, skill: str, target: str, parameters: Mapping[str, object]) -> bool:
@@ -227,10 +227,10 @@ def _iter_capacities(facts: Iterable[Fact], initial: frozenset[Fact], scope: Sco
     weights: dict[str, dict[Fact, int]] = {}
     for fact in facts:
         match read_statement(parse_predicate(fact).formula):
-            case Statement(_, Name(thing), Name(place), None) if thing in scope.things:
-                count = count_room(scope.world, thing, place)
+            case Statement(_, Name(item), Name(place), None) if item in scope.objects:
+                count = count_room(scope.world, item, place)
                 weights.setdefault(place, {})[fact] = FILL // max(count, 1)
-            case Statement(_, Name(thing), Point(point_m), None) if thing in scope.things:
+            case Statement(_, Name(item), Point(point_m), None) if item in scope.objects:
                 weights.setdefault(str(point_m), {})[fact] = FILL
     for place, each in weights.items():
         present = sum(weight for fact, weight in each.items() if fact in initial)

@@ -60,9 +60,9 @@ def make_fact(formula: Call | Compare) -> Fact:
 
 
 def read_conditions(
-    texts: Iterable[str], things: Sequence[str], targets: Mapping[str, str], address: str
+    texts: Iterable[str], objects: Sequence[str], targets: Mapping[str, str], address: str
 ) -> tuple[Condition, ...]:
-    """Every condition of some predicates, which hold together; a `*` ranges over `things`.
+    """Every condition of some predicates, which hold together; a `*` ranges over `objects`.
 
     Raises:
         DefinitionError: A text is no predicate, or has a form that no plan is made for (`count` over `and`).
@@ -70,34 +70,34 @@ def read_conditions(
     found: list[Condition] = []
     for text in texts:
         formula = parse_predicate(text, address=address).rename_targets(targets).formula
-        found += _convert(_expand(formula, things), True, things, text, address)
+        found += _convert(_expand(formula, objects), True, objects, text, address)
     return tuple(found)
 
 
-def _expand(formula: Formula, things: Sequence[str]) -> Formula:
+def _expand(formula: Formula, objects: Sequence[str]) -> Formula:
     """A free `*` as every object that the formula does not name."""
     if isinstance(formula, Compare) or not any(True for _ in iter_free_stars(formula)):
         return formula
-    each = tuple(_bind(formula, things))
+    each = tuple(_bind(formula, objects))
     return And(each) if each else formula
 
 
-def _bind(formula: Formula, things: Sequence[str]) -> Iterator[Formula]:
+def _bind(formula: Formula, objects: Sequence[str]) -> Iterator[Formula]:
     """The formula about each object that it does not name."""
     named = {term.text for call in iter_calls(formula) for term in call.terms if isinstance(term, Name)}
 
-    def change(call: Call, thing: str) -> Call:
-        return Call(call.name, tuple(Name(thing) if isinstance(term, Star) else term for term in call.terms))
+    def change(call: Call, item: str) -> Call:
+        return Call(call.name, tuple(Name(item) if isinstance(term, Star) else term for term in call.terms))
 
-    for thing in things:
-        if thing not in named:
-            yield map_calls(formula, partial(change, thing=thing), into_counts=False)
+    for item in objects:
+        if item not in named:
+            yield map_calls(formula, partial(change, item=item), into_counts=False)
 
 
-def _convert(formula: Formula, value: bool, things: Sequence[str], text: str, address: str) -> Iterator[Condition]:
+def _convert(formula: Formula, value: bool, objects: Sequence[str], text: str, address: str) -> Iterator[Condition]:
     match formula:
         case Compare(Count(Call() as body), relation, float() as number) if value and relation != "!=":
-            facts = tuple((make_fact(call), True) for call in _bind(body, things) if isinstance(call, Call))
+            facts = tuple((make_fact(call), True) for call in _bind(body, objects) if isinstance(call, Call))
             bound = int(number)
             least = {">=": bound, ">": bound + 1, "==": bound}.get(relation, 0)
             most = {"<=": bound, "<": bound - 1, "==": bound}.get(relation, len(facts))
@@ -105,12 +105,12 @@ def _convert(formula: Formula, value: bool, things: Sequence[str], text: str, ad
         case Call() | Compare(Call()):
             yield Condition(((make_fact(formula), value),), 1, 1, text)
         case Not(body):
-            yield from _convert(body, not value, things, text, address)
+            yield from _convert(body, not value, objects, text, address)
         case And(parts) | Or(parts) if isinstance(formula, And) == value:
             for part in parts:
-                yield from _convert(part, value, things, text, address)
+                yield from _convert(part, value, objects, text, address)
         case And(parts) | Or(parts):  # one of them: distributed over their own parts
-            each = [list(_convert(part, value, things, text, address)) for part in parts]
+            each = [list(_convert(part, value, objects, text, address)) for part in parts]
             if any(condition.least != 1 for conditions in each for condition in conditions):
                 raise refuse_form(text, address)
             for chosen in product(*each):

@@ -52,7 +52,7 @@ class Scope:
     """
 
     world: Environment
-    things: Sequence[str]
+    objects: Sequence[str]
     places: Sequence[str]
     spots: Sequence[PlacementPoint]
     wanted: Sequence[Call]
@@ -146,13 +146,13 @@ class _Draft:
 
     def _list_needs(self, known: Mapping[str, Sequence[Call]]) -> dict[Fact, bool]:
         """Preconditions beside those that are declared."""
-        world, things, moved, place = self.scope.world, self.scope.things, self.moved, self.place
+        world, objects, moved, place = self.scope.world, self.scope.objects, self.moved, self.place
         needs: dict[Fact, bool] = {}
         for call in self.gains:
             said = read_statement(call)
             moving = world.entities.get(said.name_object())
             if moving is not None and moving.mechanism is not None:
-                lane = find_in_lane(world, moving.name, things) if said.meaning is Meaning.OPEN else []
+                lane = find_in_lane(world, moving.name, objects) if said.meaning is Meaning.OPEN else []
                 needs |= {state(Meaning.MOVED, name): True for name in lane} | self._need_clear(moving.name, known)
         if _GRIPPER in self.skill.needs.actions:
             needs |= {make_fact(call): False for call in known.get(self.target, ()) if _is_held(call)}
@@ -168,7 +168,7 @@ class _Draft:
         if isinstance(place, PlacementPoint):
             needs |= {state(Meaning.MOVED, name): True for name in place.blockers if name != moved}
         else:
-            is_top = place in things and world.entities[place].interior is None
+            is_top = place in objects and world.entities[place].interior is None
             needs |= self._need_clear(place, known) if is_top else {}
             needs |= {state(Meaning.OPEN, self.scope.lids[place]): True} if place in self.scope.lids else {}
         is_near = is_in_reach(world, moved, self.scope.targets[self.target])
@@ -177,7 +177,7 @@ class _Draft:
     def _need_clear(self, name: str, known: Mapping[str, Sequence[Call]]) -> dict[Fact, bool]:
         """Nothing stands on an object but what is put there."""
         said = ((call, read_statement(call)) for call in known.get(name, ()))
-        others = {*self.scope.things} - {name, self.moved}
+        others = {*self.scope.objects} - {name, self.moved}
         return {make_fact(c): False for c, each in said if each.meaning is Meaning.ON and each.name_object() in others}
 
     def _is_exact(self) -> bool:
@@ -240,9 +240,9 @@ def _iter_drafts(skill: SkillRuntime, target: str, rank: int, scope: Scope) -> I
             written = ([round(x, 4) for x in v.point_m] if isinstance(v, PlacementPoint) else v for v in values)
             given = dict(zip(choices, written, strict=True))
             given |= {k: c for k, p in skill.parameters.items() for c in p.choices if chosen and c in relations}
-            thing = str(given.get(moved, ""))
-            here = _find_support(skill, thing, spot, {} if support else given, scope)
-            is_wanted = support and state(Meaning.ON, thing, str(given.get(support))) in map(make_fact, scope.wanted)
+            item = str(given.get(moved, ""))
+            here = _find_support(skill, item, spot, {} if support else given, scope)
+            is_wanted = support and state(Meaning.ON, item, str(given.get(support))) in map(make_fact, scope.wanted)
             given |= {} if is_wanted else here  # what is turned stays on what it stands on
             effects = () if "" in given.values() else tuple(_iter_bound(literals, given, target, scope))
             if effects and _is_whole(skill, given, scope.world) and len(dict(effects)) == len(set(effects)):
@@ -254,8 +254,8 @@ def _iter_drafts(skill: SkillRuntime, target: str, rank: int, scope: Scope) -> I
                     parameters={key: given[key] for key in skill.parameters if key in given},
                     effects=effects,
                     requires=tuple(_iter_bound(requires, given, target, scope)),
-                    moved=thing,
-                    place=spot or _find_place(effects, thing),
+                    moved=item,
+                    place=spot or _find_place(effects, item),
                 )
 
 
@@ -304,24 +304,24 @@ def _list_values(
     if parameter.mechanism is not None:
         return [n for n, each in entities.items() if each.mechanism and each.mechanism.kind == parameter.mechanism]
     if key == moved:
-        values = list(scope.things)
+        values = list(scope.objects)
     elif (said := read_statement(call)).relates:  # a vessel takes objects in, a top bears them, a region both
         held, is_in = ((name, entities.get(name)) for name in scope.places), said.meaning is Meaning.INSIDE
         values = [name for name, each in held if each is None or (each.interior is not None) == is_in]
     else:
-        values = list(dict.fromkeys([*scope.things, *(term.text for term in named if isinstance(term, Name))]))
+        values = list(dict.fromkeys([*scope.objects, *(term.text for term in named if isinstance(term, Name))]))
     kinds = {name: each.kind for name, each in entities.items()} | dict.fromkeys(scope.world.regions, "region")
     return [name for name in values if not parameter.kinds or kinds.get(name) in parameter.kinds]
 
 
 def _find_support(
-    skill: SkillRuntime, thing: str, spot: PlacementPoint | None, given: Mapping[str, object], scope: Scope
+    skill: SkillRuntime, item: str, spot: PlacementPoint | None, given: Mapping[str, object], scope: Scope
 ) -> dict[str, str]:
     """What an object is put on, where the skill asks for it and no guarantee says it: what is there."""
     key = find_parameter(skill, ParameterRole.SUPPORT)
     if not key or key in given:
         return {}
-    below = find_support(scope.world, thing) if spot is None and thing in scope.world.entities else None
+    below = find_support(scope.world, item) if spot is None and item in scope.world.entities else None
     below = None if below is None or below.interior is not None else below  # the floor of a vessel is no top
     name = spot.support if spot is not None else below.name if below is not None else ""
     return {key: name} if name else {}
@@ -343,7 +343,7 @@ def _iter_bound(literals: Iterable[Effect], given: Mapping[str, object], target:
         if not isinstance(formula, Call) or bound.variables:
             continue
         is_open = any(isinstance(term, Star) for term in formula.terms)
-        for name in (each for each in scope.things if each not in given.values()) if is_open else ("",):
+        for name in (each for each in scope.objects if each not in given.values()) if is_open else ("",):
             terms = (Name(name) if isinstance(term, Star) else term for term in formula.terms)
             yield Call(formula.name, tuple(terms)), value
 

@@ -41,13 +41,13 @@ def list_carried(world: Environment) -> list[str]:
     return [name for name, each in known.items() if each is None or (each.mechanism is None and not each.part_of)]
 
 
-def count_room(world: Environment, thing: str, place: str) -> int:
+def count_room(world: Environment, item: str, place: str) -> int:
     """How many objects like this one a region or vessel holds side by side, 0 where it does not fit in.
 
     The top of a movable object bears one; another top one in its middle, even a wider one, and those beside it, or a
     row along a side where nothing stands there yet.
     """
-    body, holder = world.entities.get(thing), world.entities.get(place)
+    body, holder = world.entities.get(item), world.entities.get(place)
     if holder is not None and holder.interior is None and holder.movable:
         return 1
     if body is None or (holder is None and place not in world.regions):
@@ -57,14 +57,14 @@ def count_room(world: Environment, thing: str, place: str) -> int:
         sides = [*zip(_measure_sides(holder), rows[0], strict=True)]
         around = math.prod(1 + 2 * int(max(side - own, 0.0) / 2 / (own + BESIDE_M)) for side, own in sides)
         along = max(_count(side, own) for side, own in sides)
-        return around if along <= around or _is_loaded(world, place, thing) else along
+        return around if along <= around or _is_loaded(world, place, item) else along
     half = world.regions[place].half_m if holder is None or holder.interior is None else holder.interior.half_m
     return max(math.prod(_count(2 * side, own) for side, own in zip(half[:2], row, strict=True)) for row in rows)
 
 
-def _is_loaded(world: Environment, place: str, thing: str) -> bool:
+def _is_loaded(world: Environment, place: str, item: str) -> bool:
     """Whether another object than this one stands on a fixed one."""
-    others = (each for each in world.entities.values() if each.movable and each.name != thing)
+    others = (each for each in world.entities.values() if each.movable and each.name != item)
     return any(place in relation.arguments[1:] for each in others for relation in find_places(each, world))
 
 
@@ -79,11 +79,11 @@ def _measure_sides(entity: Entity) -> tuple[float, float]:
 
 
 def find_spots(
-    world: Environment, things: Sequence[str], profile: TargetProfile, away_from: Sequence[Vector]
+    world: Environment, objects: Sequence[str], profile: TargetProfile, away_from: Sequence[Vector]
 ) -> list[PlacementPoint]:
     """Free spots on what the objects stand on, apart from each other."""
     spots: list[PlacementPoint] = []
-    for name in things:
+    for name in objects:
         support = find_support(world, name) if name in world.entities else None
         if support is None:
             continue
@@ -98,9 +98,9 @@ def find_spots(
     return spots
 
 
-def place_spot(world: Environment, point: Vector, things: Sequence[str]) -> PlacementPoint:
+def place_spot(world: Environment, point: Vector, objects: Sequence[str]) -> PlacementPoint:
     """The spot at a point of a goal."""
-    known = [world.entities[name] for name in things if name in world.entities]
+    known = [world.entities[name] for name in objects if name in world.entities]
     blockers = [e.name for e in known if math.dist(compute_center(e)[:2], point[:2]) < ROOM_M]
     supports = [support.name for each in known if (support := find_support(world, each.name)) is not None]
     return PlacementPoint(point, max(supports, key=supports.count, default=""), tuple(blockers))
@@ -122,7 +122,7 @@ def find_lid(world: Environment, place: str) -> str:
     return ""
 
 
-def find_in_lane(world: Environment, moving: str, things: Sequence[str]) -> list[str]:
+def find_in_lane(world: Environment, moving: str, objects: Sequence[str]) -> list[str]:
     """Objects that stand where something has to pass when it slides open."""
     entity = world.entities[moving]
     if entity.mechanism is None or entity.mechanism.kind != "slide":
@@ -131,7 +131,7 @@ def find_in_lane(world: Environment, moving: str, things: Sequence[str]) -> list
     parts = [_bound(each) for each in world.entities.values() if moving in {each.name, each.part_of}]
     lane = np.concatenate([*parts, *(each + shift for each in parts)])
     low, high, (inner, outer) = lane.min(axis=0) - _LANE_M, lane.max(axis=0) + _LANE_M, _bound(entity)
-    bodies = [world.entities[name] for name in things if name in world.entities]
+    bodies = [world.entities[name] for name in objects if name in world.entities]
     apart = [each for each in bodies if not ((inner <= compute_center(each)) & (compute_center(each) <= outer)).all()]
     boxes = {each.name: _bound(each) for each in apart}  # what is in it comes along
     return [name for name, (least, most) in boxes.items() if ((least < high) & (most > low)).all()]

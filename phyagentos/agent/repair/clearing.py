@@ -110,17 +110,17 @@ def iter_movers(case: Case) -> Iterator[tuple[SkillRuntime, tuple[str, str], flo
     for _, skill in sorted(case.catalogue.skills.items()):
         for text in skill.guarantees:
             match read_statement(parse_predicate(text, template=True).formula):
-                case Statement(Meaning.AT, Variable(thing), Variable(point), float(tolerance_m)):
-                    if thing in skill.parameters and point in skill.parameters:
-                        yield skill, (thing, point), tolerance_m
+                case Statement(Meaning.AT, Variable(item), Variable(point), float(tolerance_m)):
+                    if item in skill.parameters and point in skill.parameters:
+                        yield skill, (item, point), tolerance_m
 
 
 def _find_needed(case: Case, world: Environment) -> tuple[Vector, ...]:
     """Places that must become free: those of the session's parameters, and the middles between them."""
     places: list[Vector] = []
     for value in case.session.parameters.values():
-        if isinstance(value, str) and (thing := world.entities.get(value) or world.regions.get(value)) is not None:
-            places.append(thing.pose.position_m)
+        if isinstance(value, str) and (item := world.entities.get(value) or world.regions.get(value)) is not None:
+            places.append(item.pose.position_m)
         elif isinstance(value, list | tuple) and len(value) == 3:
             places.append((float(value[0]), float(value[1]), float(value[2])))
     between = [(0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])) for a, b in itertools.pairwise(places)]

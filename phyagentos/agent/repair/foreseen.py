@@ -39,8 +39,8 @@ def foresee(case: Case, means: Means) -> Revision | None:
     cleared = [each for each in done if each.purpose == clearing.PURPOSE]
     parent = done[-1].id if done else None
     if case.world is None:
-        thing = case.session.parameters.get(find_roles(case.catalogue.skills[case.session.skill])[0])
-        choice = looking.find_look(case, thing) if not done else None  # for what the session is about
+        item = case.session.parameters.get(find_roles(case.catalogue.skills[case.session.skill])[0])
+        choice = looking.find_look(case, item) if not done else None  # for what the session is about
         return Revision(parent=None, choice=choice, purpose=looking.PURPOSE) if choice is not None else None
     for preparation in means.prepare[len(cleared) :]:
         choice = _find_preparation(case, case.world, preparation, cleared)

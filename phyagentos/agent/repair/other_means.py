@@ -123,11 +123,11 @@ def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) ->
 def _bind(wanted: Formula, offered: Formula, world: Environment) -> Fields | None:
     match read_statement(wanted), read_statement(offered):
         case (
-            Statement(Meaning.INSIDE, Name(thing), Name(place)),
+            Statement(Meaning.INSIDE, Name(item), Name(place)),
             Statement(Meaning.AT, Variable(key), Variable(point), float(tolerance_m)),
         ):
             center = _find_middle(world, place, tolerance_m)
-            return None if center is None or thing not in world.entities else {key: thing, point: center}
+            return None if center is None or item not in world.entities else {key: item, point: center}
     return unify(wanted, offered)
 
 

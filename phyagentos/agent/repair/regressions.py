@@ -40,17 +40,17 @@ def find_regressions(
     return regressions
 
 
-def _takes_up(session: Session, thing: str | None, promises: Promises) -> bool:
+def _takes_up(session: Session, item: str | None, promises: Promises) -> bool:
     """Whether a session acts on an entity rather than looks at it.
 
     The guarantees of its skill decide; without any, its acceptance.
     """
-    if thing not in session.parameters.values():
+    if item not in session.parameters.values():
         return False
     values = {**session.parameters, "target": session.target}
     facts = [substitute(text, values) for text in promises.get(session.skill, ())] or session.accept
     predicates = (parse_predicate(text, template=True) for text in facts)
-    return any(next(iter_entities(each), None) == thing and _marks_action(each) for each in predicates)
+    return any(next(iter_entities(each), None) == item and _marks_action(each) for each in predicates)
 
 
 def acts(guarantees: Iterable[str]) -> bool:

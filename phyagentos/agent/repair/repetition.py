@@ -15,7 +15,7 @@ from phyagentos.agent.repair.regressions import acts
 from phyagentos.protocol.predicates.evaluation import evaluate
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import make_call, only_looks
-from phyagentos.protocol.predicates.predicate import View, find_things, parse_predicate
+from phyagentos.protocol.predicates.predicate import View, find_objects, parse_predicate
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended, Session, SessionStatus
 from phyagentos.protocol.sessions.strategy import Strategy
@@ -89,7 +89,7 @@ def _find_lasting_cause(case: Case, status: SessionStatus, strategy: Strategy) -
     if cause in _OF_PLANS:
         names = _find_planned_with(bundle, before, world)
     elif bundle is not None and bundle.execution.ended is Ended.COMPLETED and skill and not acts(skill.guarantees):
-        names = {name for text in session.accept for name in find_things(text, world)}
+        names = {name for text in session.accept for name in find_objects(text, world)}
     else:
         return ""
     return "" if find_change(before, world, sorted(names)) else cause

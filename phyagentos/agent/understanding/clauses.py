@@ -156,12 +156,12 @@ class Clauses(Keeping):
         if self.recent[-1]:
             self.recent.append([])
         if clause.data == "state_command":
-            *acts, things = list_children(clause)
+            *acts, objects = list_children(clause)
             self._verb = str(acts[-1].data)
-            steps = [self._say(str(act.data), things) for act in acts]
+            steps = [self._say(str(act.data), objects) for act in acts]
         elif clause.data == "series":  # objects in an order, and one destination
             *series, dest = list_children(clause)
-            steps = [self._read_wish_place(clause, things, dest) for things in series]
+            steps = [self._read_wish_place(clause, objects, dest) for objects in series]
         elif clause.data == "ordered":
             steps = [[text] for text in self._read_texts(list_children(clause)[0])]
         elif clause.data == "first_of":  # of what a command is about one before the others
@@ -192,13 +192,13 @@ class Clauses(Keeping):
 
     # what leaves open where to, or what
 
-    def _read_unplaced(self, clause: Node, things: Node) -> Step:
+    def _read_unplaced(self, clause: Node, objects: Node) -> Step:
         """`move the box`: a question where to; of what has a joint, whether to open or to close it."""
-        names = self.resolve(things, Slot.ANY).names
+        names = self.resolve(objects, Slot.ANY).names
         if names and not any(self.get(name).movable for name in names):
             if not all(self.get(self.find_opening(name)).opens for name in names):
                 return self.lack(RequestProblemKind.FIXED, clause)
-            return [text for verb in self.ask(QuestionKind.DEED, clause, ACTS[:2]) for text in self._say(verb, things)]
+            return [text for verb in self.ask(QuestionKind.DEED, clause, ACTS[:2]) for text in self._say(verb, objects)]
         places = [each.name for each in self.list_rests()]
         chosen = self.ask(QuestionKind.WHERE, clause, places) if names else ()
         return [self._relate(name, place) for place in chosen for name in self._put(Named(names=names))]
@@ -242,9 +242,9 @@ class Clauses(Keeping):
             return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
         return [rename(text, dict(zip(before, names, strict=True))) for text in past]
 
-    def _find_either(self, things: Node) -> list[str]:
+    def _find_either(self, objects: Node) -> list[str]:
         """An object and a place that `no, the blue one` may mean; empty where it can mean one kind alone."""
-        plains = list(things.find_data("plain"))
+        plains = list(objects.find_data("plain"))
         if len(plains) != 1 or self._read_head(plains[0])[0]:
             return []
         moved, places = (
@@ -254,17 +254,17 @@ class Clauses(Keeping):
         past = self.list_past(is_place=True)
         return [*moved, *places] if moved and places and {*moved}.isdisjoint(places) and not {*past} & {*places} else []
 
-    def _find_fixed(self, things: Node) -> str:
+    def _find_fixed(self, objects: Node) -> str:
         """The place that a phrase names, as `the blue tray`; empty where it is about objects that can be moved."""
-        plains = list(things.find_data("plain"))
+        plains = list(objects.find_data("plain"))
         names = [] if len(plains) != 1 or self._read_head(plains[0])[0] == "" else self.list_alike(plains[0])
         return names[0] if len(names) == 1 and not (self.get(names[0]).movable or self.get(names[0]).opens) else ""
 
-    def _read_only(self, things: Node) -> Step:
+    def _read_only(self, objects: Node) -> Step:
         """Of the last goal what is about these objects alone: `no, only the red one`."""
-        names, self.unmet = self._resolve_after(self.list_past(), things), ""
+        names, self.unmet = self._resolve_after(self.list_past(), objects), ""
         return [text for text in self.vocabulary.past[-1].accept if get_object(text) in names] or self.lack(
-            RequestProblemKind.PAST, things
+            RequestProblemKind.PAST, objects
         )
 
     def _read_undo(self, clause: Node) -> Step:
@@ -274,19 +274,19 @@ class Clauses(Keeping):
         )
 
     def _undo(self, text: str) -> Step:
-        thing = self.get(get_object(text))
-        back = [self._put_back(thing.name)] if thing.movable and not thing.contents else list_flipped(text)
+        item = self.get(get_object(text))
+        back = [self._put_back(item.name)] if item.movable and not item.contents else list_flipped(text)
         return back or self.lack(RequestProblemKind.CAPABILITY, text)
 
-    def _resolve_after(self, before: Sequence[str], things: Node) -> tuple[str, ...]:
+    def _resolve_after(self, before: Sequence[str], objects: Node) -> tuple[str, ...]:
         """Objects of a phrase that goes on from the last goal: `the other one` is none of those."""
         self.moved = [*before]
         self.heads[Slot.MOVED] = next(iter(sorted(self.get(before[-1]).heads)))
-        return self.resolve(things, Slot.MOVED).names
+        return self.resolve(objects, Slot.MOVED).names
 
-    def _read_go_on(self, _: Node, things: Node) -> Step:
+    def _read_go_on(self, _: Node, objects: Node) -> Step:
         """`drive to the bay and then to the dock`."""
-        return self._say("go", things) if self._verb == "go" else self.lack(RequestProblemKind.SENTENCE, things)
+        return self._say("go", objects) if self._verb == "go" else self.lack(RequestProblemKind.SENTENCE, objects)
 
     def _read_anew(self, _: Node, command: Node) -> Step:
         """`actually, put it into the blue tray`."""
@@ -300,62 +300,66 @@ class Clauses(Keeping):
             return self.lack(RequestProblemKind.CAPABILITY, clause)
         return texts
 
-    def _read_elided(self, clause: Node, things: Node) -> Step:
+    def _read_elided(self, clause: Node, objects: Node) -> Step:
         """`press the green button and then the red one`: the verb is that of the clause, or of the goal, before."""
         before = self.list_past()
-        if not self._verb and before and any(things.find_data("only")):
-            return self._read_only(things)
+        if not self._verb and before and any(objects.find_data("only")):
+            return self._read_only(objects)
         if not self._verb and before and (has_token(clause, "same_with") or len(self.recent) == 1):
             self.again = True
             last = [text for text in self.vocabulary.past[-1].accept if get_object(text) == before[-1]]
-            names = self._resolve_after(before, things)
+            names = self._resolve_after(before, objects)
             return [rename(text, {before[-1]: name}) for name in names for text in last]
         if has_token(clause, "same_with") and not before:
             return self.lack(RequestProblemKind.PAST, clause)
         if not self._verb and len(self.recent) == 1:
-            return self._read_unplaced(clause, things)
+            return self._read_unplaced(clause, objects)
         if self._verb not in ACTS:
             return self.lack(RequestProblemKind.SENTENCE, clause)
-        return self._say(self._verb, things)
+        return self._say(self._verb, objects)
 
     # doing other objects
 
-    def _read_pick(self, clause: Node, things: Node, *_: Node) -> Step:
+    def _read_pick(self, clause: Node, objects: Node, *_: Node) -> Step:
         source = find_child(clause, "source")
-        self.placed = self._resolve_from(things, source).names
+        self.placed = self._resolve_from(objects, source).names
         if source is not None and len(self.placed) > 1:
             return self.lack(RequestProblemKind.SENTENCE, clause)
         lifts = {name for name in self.placed if has_token(clause, "lift") and self.get(name).opens == "hinge"}
         return [f"open({name})" if name in lifts else f"holding({ROLE}, {name})" for name in self.placed]
 
     def _read_pour(self, clause: Node, *parts: Node) -> Step:
-        things, source = find_child(clause, "things"), find_child(clause, "source")
-        if things is not None and has_token(clause, "fill") and not any(map(self.is_loose, things.find_data("plain"))):
+        objects, source = find_child(clause, "things"), find_child(clause, "source")
+        if (
+            objects is not None
+            and has_token(clause, "fill")
+            and not any(map(self.is_loose, objects.find_data("plain")))
+        ):
             place = self.resolve_one(parts[0], Slot.VESSEL).names
-            return [self._relate(name, at) for name in self._put(self.resolve(things, Slot.MOVED)) for at in place]
-        poured = self.resolve(things, Slot.LOOSE) if things is not None else Named()
-        if has_token(clause, "fill") and things is None:  # `fill the bowl`: from the one vessel that holds any
+            return [self._relate(name, at) for name in self._put(self.resolve(objects, Slot.MOVED)) for at in place]
+        poured = self.resolve(objects, Slot.LOOSE) if objects is not None else Named()
+        if has_token(clause, "fill") and objects is None:  # `fill the bowl`: from the one vessel that holds any
             full = [each.name for each in self.list_fitting(Slot.LOOSE)]
             poured = Named(names=tuple(full)) if full else Named(names=self.lack(RequestProblemKind.FIT, clause))
-        if things is None and source is None and not poured.names:
+        if objects is None and source is None and not poured.names:
             return []
         if source:
             poured = replace(poured, names=self.resolve_one(list_children(source)[0], Slot.VESSEL).names)
         into = next(each for each in parts if each.data not in {"things", "source"})
         return self._fill(clause, poured, self.resolve_one(into, Slot.VESSEL).names)
 
-    def _read_pour_out(self, clause: Node, things: Node, *source: Node) -> Step:
+    def _read_pour_out(self, clause: Node, objects: Node, *source: Node) -> Step:
         """Into the one other vessel, or a question."""
-        if not all(self.is_loose(plain) for plain in things.find_data("plain")):
+        if not all(self.is_loose(plain) for plain in objects.find_data("plain")):
             return self.lack(RequestProblemKind.SENTENCE, clause)
-        poured = self.resolve(things, Slot.LOOSE)
+        poured = self.resolve(objects, Slot.LOOSE)
         return self._fill(clause, poured, self._find_receivers(clause, *poured.names))
 
-    def _read_wipe(self, clause: Node, things: Node, *tools: Node) -> Step:
+    def _read_wipe(self, clause: Node, objects: Node, *tools: Node) -> Step:
         for tool in tools:  # a goal says what is clean then, and not with what
             self.resolve_one(tool, Slot.MOVED)
             self.unsaid.append(f"with {self.quote(tool)}")
-        named = self.resolve(things, Slot.VESSEL)
+        named = self.resolve(objects, Slot.VESSEL)
         names = named.names
         gone: Sequence[str] = ("*",)
         if named.rest and not any(self.get(name).kind == REGION for name in names):  # `only the red crumb`
@@ -369,7 +373,7 @@ class Clauses(Keeping):
             gone = names if len(soiled) == 1 else gone  # `wipe up the crumbs`: where they lie
             kind = QuestionKind.WHICH if len(regions) > 1 else QuestionKind.WHERE
             single = tuple(soiled) if len(soiled) == 1 else ()
-            names = single or self.ask(kind, things, [each.name for each in regions])
+            names = single or self.ask(kind, objects, [each.name for each in regions])
         self._wiped = names[0] if len(names) == 1 else ""
         return [f"not inside({each}, {name})" for name in names for each in gone]
 
@@ -393,9 +397,9 @@ class Clauses(Keeping):
         steps = pairwise([*on, *names]) if len(named) == len(names) else ()
         return [self._relate(upper, lower) for lower, upper in steps]
 
-    def _read_heap(self, clause: Node, things: Node, *base: Node) -> Step:
+    def _read_heap(self, clause: Node, objects: Node, *base: Node) -> Step:
         """A tower in the order of sizes; a question where no order is said, or where two are alike."""
-        names = self.resolve(things, Slot.MOVED).names
+        names = self.resolve(objects, Slot.MOVED).names
         on = self.resolve_one(base[0], Slot.PLACE).names if base else ()
         rises, sinks = has_token(clause, "largest_first"), has_token(clause, "smallest_first")
         orders = list_by_size([self.get(name) for name in names]) if rises or sinks else []
@@ -414,16 +418,16 @@ class Clauses(Keeping):
         self.excepted += [name for each in exceptions for name in self.resolve_except(each, Slot.ANY)]
         return []
 
-    def _read_again_without(self, clause: Node, things: Node, *_: Node) -> Step:
+    def _read_again_without(self, clause: Node, objects: Node, *_: Node) -> Step:
         """The last goal but for one object; after a verb, as in `press the red button but not the green one`, never."""
         if self._verb in ACTS:
-            return self._say("never_open" if self._verb == "open" else "never_close", things, constraint=True)
+            return self._say("never_open" if self._verb == "open" else "never_close", objects, constraint=True)
         if self._verb == "put" and self._dest is not None and len(self.placed) == 1 and not self.chosen:
-            return self._read_never_put(clause, things, self._dest)
+            return self._read_never_put(clause, objects, self._dest)
         if not (before := self.list_past()):
             return self.lack(RequestProblemKind.PAST, clause)
         self.heads[Slot.MOVED] = next(iter(sorted(self.get(before[-1]).heads)))
-        names = self.resolve(things, Slot.MOVED).names
+        names = self.resolve(objects, Slot.MOVED).names
         if not {*names} <= {*before}:
             return self.lack(RequestProblemKind.PAST, clause)
         self.again, self.excepted = True, [*self.excepted, *names]
@@ -431,14 +435,14 @@ class Clauses(Keeping):
 
     # states that are wished for, or reached
 
-    def _read_wish_state(self, _: Node, things: Node, state: Node) -> Step:
-        return self._say(str(state.data), things)
+    def _read_wish_state(self, _: Node, objects: Node, state: Node) -> Step:
+        return self._say(str(state.data), objects)
 
-    def _read_wish_holds(self, clause: Node, vessel: Node, things: Node) -> Step:
+    def _read_wish_holds(self, clause: Node, vessel: Node, objects: Node) -> Step:
         """`the tray should contain the two bars`, and nothing else where it says `only`."""
-        if any(self.is_loose(plain) for plain in things.find_data("plain")):
-            return self._read_wish_contains(clause, vessel, list_children(things)[0])
-        names, places = self.resolve(things, Slot.MOVED).names, self.resolve_one(vessel, Slot.PLACE).names
+        if any(self.is_loose(plain) for plain in objects.find_data("plain")):
+            return self._read_wish_contains(clause, vessel, list_children(objects)[0])
+        names, places = self.resolve(objects, Slot.MOVED).names, self.resolve_one(vessel, Slot.PLACE).names
         others = [each.name for each in self.list_fitting(Slot.MOVED) if each.name not in names]
         gone = others if has_token(clause, "only") else []
         wanted = [self._relate(name, place) for name in self._put(Named(names=names)) for place in places]
@@ -451,18 +455,18 @@ class Clauses(Keeping):
             self.ask(QuestionKind.HOW_MANY, loose, ())
         return [f"contains({name}, {number})" for name in names]
 
-    def _read_vacant(self, _: Node, things: Node) -> Step:
-        return self._say("clear", things)
+    def _read_vacant(self, _: Node, objects: Node) -> Step:
+        return self._say("clear", objects)
 
     def _read_emptied(self, clause: Node, gone: Node, *places: Node) -> Step:
-        things = self.resolve_one(gone, Slot.MOVED, forbids=True).names
+        objects = self.resolve_one(gone, Slot.MOVED, forbids=True).names
         where = self.resolve_one(places[0], Slot.PLACE).names if places else (self._wiped,) * bool(self._wiped)
         if not where:
             self.lack(RequestProblemKind.SENTENCE, clause)
-        return [f"not {self._relate(name, at)}" for at in where for name in things]
+        return [f"not {self._relate(name, at)}" for at in where for name in objects]
 
-    def _read_stand_at(self, _: Node, things: Node, dest: Node) -> Step:
-        return [*self._say("stand", things), *self._read_wish_place(dest, things, dest)]
+    def _read_stand_at(self, _: Node, objects: Node, dest: Node) -> Step:
+        return [*self._say("stand", objects), *self._read_wish_place(dest, objects, dest)]
 
     def _read_until(self, _: Node, command: Node, condition: Node) -> Step:
         done, until = self._read_texts(command), self._read_texts(condition)

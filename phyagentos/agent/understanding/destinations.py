@@ -130,8 +130,8 @@ class Destinations(Nouns):
 
     def _stand_beside(self, name: str, dest: Node, place: str) -> str:
         """At a point on the freest side, as no skill guarantees `near`; empty where places are not known."""
-        things = [each for each in self.vocabulary.things.values() if each.name not in (name, place)]
-        others = [replace(each, at_m=self.stood.get(each.name, each.at_m)) for each in things]
+        objects = [each for each in self.vocabulary.objects.values() if each.name not in (name, place)]
+        others = [replace(each, at_m=self.stood.get(each.name, each.at_m)) for each in objects]
         point_m = find_beside(self.get(name), self.get(place), others)
         bearer = self.get(place).stands
         if bearer and self.get(bearer).has_interior:  # beside it in there, where no skill chooses the point
@@ -144,7 +144,7 @@ class Destinations(Nouns):
     def _spread(self, names: Sequence[str], dest: Node, places: Named) -> Sequence[str]:
         """One of several objects in each of several places, as any will do."""
         if len(places.names) > len(names) or (len(places.names) < len(names) and any(dest.find_data("different"))):
-            return self.lack(RequestProblemKind.THING, places.words, names)
+            return self.lack(RequestProblemKind.OBJECT, places.words, names)
         pairs = [*zip(names, places.names, strict=False)]
         self.chosen += [name for name, _ in pairs if name not in self.chosen]
         self._put(Named(names=tuple(name for name, _ in pairs)))
@@ -183,7 +183,7 @@ class Destinations(Nouns):
         """Names of those that are most so: of a noun, else of all that can be moved."""
         found = self._find_candidates(nouns[0], Slot.MOVED, "")[0] if nouns else self.list_fitting(Slot.MOVED)
         found = self._find_candidates(last, Slot.MOVED, "")[0] if last.data == "plain" else self._filter(found, last)
-        return [each.name for each in found] or [*self.lack(RequestProblemKind.THING, last)]
+        return [each.name for each in found] or [*self.lack(RequestProblemKind.OBJECT, last)]
 
     def list_beside(self, names: Iterable[str], dest: Node) -> dict[str, str]:
         """Who looks, and which objects that one sees on a side of another."""

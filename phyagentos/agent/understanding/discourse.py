@@ -55,9 +55,9 @@ class Slot(StrEnum):
     LOOSE = "loose"  # nameless contents of a vessel, or the vessel
     ANY = "any"
 
-    def takes(self, thing: SceneObject) -> bool:
+    def takes(self, item: SceneObject) -> bool:
         """Whether an object is fit for it."""
-        fits = {"moved": thing.movable, "opens": thing.opens, "vessel": thing.has_interior, "loose": thing.contents}
+        fits = {"moved": item.movable, "opens": item.opens, "vessel": item.has_interior, "loose": item.contents}
         return bool(fits.get(self, True))
 
 
@@ -160,11 +160,11 @@ class Discourse:
 
     def get(self, name: str) -> SceneObject:
         """An object by its name."""
-        return self.vocabulary.things[name]
+        return self.vocabulary.objects[name]
 
     def list_fitting(self, slot: Slot) -> list[SceneObject]:
         """Objects that a slot can take, for phrases that say no noun."""
-        return [thing for thing in self.vocabulary.things.values() if slot.takes(thing)]
+        return [item for item in self.vocabulary.objects.values() if slot.takes(item)]
 
     def list_rests(self) -> list[SceneObject]:
         """Fixed objects that take others: vessels; else tops of what is no part and no furniture of the scene."""
@@ -176,7 +176,7 @@ class Discourse:
         """Objects that the last goal is about, or their places, as far as they are here."""
         texts = self.vocabulary.past[-1].accept if self.vocabulary.past else ()
         named = dict.fromkeys(name for text in texts for name in find_entities(text)[is_place : is_place + 1])
-        return [name for name in named if name in self.vocabulary.things]
+        return [name for name in named if name in self.vocabulary.objects]
 
     def recall(self) -> None:
         """Let `the blue one` be of the nouns of the last goal."""
@@ -193,14 +193,14 @@ class Discourse:
         is_seen = self.vocabulary.is_unlisted(self._read_head(plain)[0], _read_adjectives(plain)[0])
         if is_seen:
             return self.lack(RequestProblemKind.UNLISTED, words)
-        return self.lack(RequestProblemKind.THING, words, self.vocabulary.things)
+        return self.lack(RequestProblemKind.OBJECT, words, self.vocabulary.objects)
 
     def list_called(self, head: str, slot: Slot) -> list[SceneObject]:
         """All objects of a noun; without one all that fit."""
         return self._list_alike(head) if head else self.list_fitting(slot)
 
     def _list_alike(self, head: str) -> list[SceneObject]:
-        return [thing for thing in self.vocabulary.things.values() if head in thing.heads]
+        return [item for item in self.vocabulary.objects.values() if head in item.heads]
 
     def _count_contents(self, names: Iterable[str]) -> int:
         return sum(self.get(name).contents for name in names)
@@ -219,7 +219,7 @@ class Discourse:
         is_one_of = bool(lent) or len(self._list_alike(before)) > 1  # `the green one` is no bottle where there is one
         self.heads |= {slot: head} if head else {}
         found = [] if is_generic else self._list_alike(head or (before if is_one_of else ""))
-        if not head and not any(adjectives <= thing.words for thing in found):
+        if not head and not any(adjectives <= item.words for item in found):
             found = self.list_fitting(Slot.MOVED if slot is Slot.PLACE and is_generic else slot)
             # `on the big one` means no floor
             found = [each for each in found if adjectives or each.kind not in SURFACES]
@@ -239,22 +239,22 @@ class Discourse:
             found = self._filter(found, part, nth)
         if (
             parts and not head and found and self.vocabulary.unlisted
-        ):  # `the nearest thing` may be none of the inventory
+        ):  # `the nearest object` may be none of the inventory
             found = [self.get(name) for name in self.ask(QuestionKind.WHICH, plain, [each.name for each in found])]
         return found, is_plural and not has_token(plain, "among"), by_colour
 
-    def is_so(self, thing: SceneObject, state: Node) -> bool:
+    def is_so(self, item: SceneObject, state: Node) -> bool:
         """Whether an object is in a state as the scene begins: `the open drawer`, `the empty tray`."""
         is_ajar = state.data == "open"  # so is a drawer that is open by half, too
-        text = self.say_state(thing, "close" if is_ajar else str(state.data))
+        text = self.say_state(item, "close" if is_ajar else str(state.data))
         return self.vocabulary.is_known(text, is_true=not is_ajar)
 
-    def say_state(self, thing: SceneObject, state: str) -> str:
+    def say_state(self, item: SceneObject, state: str) -> str:
         """The statement that an object is in a state; what holds nameless contents is not empty."""
-        if state == "clear" and thing.contents:
-            return f"not (contains({thing.name}))"
+        if state == "clear" and item.contents:
+            return f"not (contains({item.name}))"
         form: str = read_lexicon()["meanings"][state]["form"]
-        return form.format(thing.name, at="inside" if thing.has_interior else "on")
+        return form.format(item.name, at="inside" if item.has_interior else "on")
 
     def is_loose(self, plain: Node) -> bool:
         """Whether a phrase means nameless contents of vessels."""
@@ -289,13 +289,13 @@ class Discourse:
         if seen[0] != seen[-1]:
             if self.asks:
                 view = self.ask_view(phrase)
-                return [] if view is None else [thing for thing in found if thing.name in seen[view != views[0]]]
+                return [] if view is None else [item for item in found if item.name in seen[view != views[0]]]
             likely = dict.fromkeys(name for each in seen[::-1] for name in each)
             names = [*self.ask(QuestionKind.SIDE, phrase, likely)]
-        return [thing for thing in found if thing.name in names]
+        return [item for item in found if item.name in names]
 
     def _read_head(self, plain: Node) -> tuple[str, bool, bool]:
-        """The noun of the scene in a phrase, empty without one; whether it is a plural, and whether it is `thing`."""
+        """The noun of the scene in a phrase, empty without one; whether it is a plural, and whether it is `item`."""
         head = find_child(plain, "head")
         token = head.children[0] if head is not None else ""
         word = " ".join(str(token).split())
@@ -311,7 +311,7 @@ class Discourse:
         """Those that are parts of, or stand in or on, what the tail names, as the scene begins."""
         if tail.data in {"is_so", "is_not_so"}:
             (state,) = list_children(tail)
-            return [thing for thing in found if self.is_so(thing, state) is (tail.data == "is_so")]
+            return [item for item in found if self.is_so(item, state) is (tail.data == "is_so")]
         if not list_children(tail):  # `on the left`, `largest`
             return self._select(list(found), tail, str(tail.data), None, nth)
         heads = dict(self.heads)
@@ -321,12 +321,12 @@ class Discourse:
         if tail.data == "not_located":
             found = [*found]
             there = self._list_standing(found, owners)
-            return [thing for thing in found if thing not in there]
+            return [item for item in found if item not in there]
         if tail.data == "coloured_as":
             colours = {self.get(name).colour for name in owners}
             if len(colours) > 1:
                 colours = {self.get(name).colour for name in self.ask(QuestionKind.WHICH, tail, owners)}
-            return [thing for thing in found if thing.colour in colours - {""} and thing.name not in owners]
+            return [item for item in found if item.colour in colours - {""} and item.name not in owners]
         if tail.data == "being":
             return self._select(list(found), tail, str(list_children(tail)[0].data), None, nth)
         if tail.data == "more":
@@ -344,10 +344,10 @@ class Discourse:
             return [each for each in found if each not in ends and is_between(each, ends)]
         if tail.data not in _OWNED:
             names = owners if len(owners) == 1 else self.ask(QuestionKind.WHICH, tail, owners)
-            around = [thing for thing in found if thing.name not in names]
+            around = [item for item in found if item.name not in names]
             return self._select(around, tail, str(tail.data), self.get(names[0])) if names else []
         if tail.data == "part_of":
-            return [thing for thing in found if thing.part_of in owners]
+            return [item for item in found if item.part_of in owners]
         return self._list_standing(found, owners)
 
     def _list_standing(self, found: Iterable[SceneObject], owners: Iterable[str]) -> list[SceneObject]:
@@ -356,11 +356,11 @@ class Discourse:
         has_surface = any(self.get(name).kind in SURFACES for name in owners)
         regions = [each for each in map(self.get, owners) if each.kind == REGION]
         return [
-            thing
-            for thing in found
-            if thing.stands in owners
-            or (not thing.stands and (thing.ground in owners if thing.ground else has_surface))
-            or any(is_within(thing, region) for region in regions)
+            item
+            for item in found
+            if item.stands in owners
+            or (not item.stands and (item.ground in owners if item.ground else has_surface))
+            or any(is_within(item, region) for region in regions)
         ]
 
 

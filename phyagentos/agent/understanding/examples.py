@@ -28,7 +28,7 @@ def _iter_filled(template: str, vocabulary: Vocabulary) -> Iterator[str]:
     slots = [
         slot for slot in ("moved", "vessel", "top", "opens", "press", "loose", "region") if f"{{{slot}}}" in template
     ]
-    fitting = [[each for each in vocabulary.things.values() if _fits(each, slot)] for slot in slots]
+    fitting = [[each for each in vocabulary.objects.values() if _fits(each, slot)] for slot in slots]
     for bodies in product(*fitting):
         names = {slot: body.name.replace("_", " ") for slot, body in zip(slots, bodies, strict=True)}
         if len({*names.values()}) == len(names):

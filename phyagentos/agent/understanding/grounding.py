@@ -98,7 +98,7 @@ def names_anything(request: str, vocabulary: Vocabulary) -> bool:
 def _find_meant(request: str, vocabulary: Vocabulary) -> frozenset[str]:
     """All objects that the nouns of a request can mean; every one where a word in it can mean any."""
     if not {*read_lexicon()["general"]["words"]}.isdisjoint(request.lower().split()):
-        return frozenset(vocabulary.things)
+        return frozenset(vocabulary.objects)
     return frozenset[str]().union(*(names for _, names in _iter_named(request, vocabulary)))
 
 
@@ -119,7 +119,7 @@ def _iter_named(request: str, vocabulary: Vocabulary) -> Iterator[tuple[str, fro
     before: list[str] = []
     for word in re.findall(r"[a-z]+", request.lower()):
         if noun := singular.get(word):
-            called = (each for each in vocabulary.things.values() if noun in each.heads)
+            called = (each for each in vocabulary.objects.values() if noun in each.heads)
             if found := frozenset(each.name for each in called if each.words.issuperset(before)):
                 yield " ".join((*before, word)), found
         before = [*before, word] if word in adjectives and word not in singular else []
@@ -128,9 +128,9 @@ def _iter_named(request: str, vocabulary: Vocabulary) -> Iterator[tuple[str, fro
 def _iter_filled(definition: PredicateDefinition, vocabulary: Vocabulary) -> Iterator[str]:
     """A predicate of each choice of objects; its numbers have their defaults, and without those there is none."""
     names = {
-        ArgumentKind.ENTITY: [name for name, thing in vocabulary.things.items() if thing.kind != REGION],
-        ArgumentKind.CONTAINER: list(vocabulary.things),
-        ArgumentKind.PLACE: [name for name, thing in vocabulary.things.items() if thing.kind == REGION],
+        ArgumentKind.ENTITY: [name for name, item in vocabulary.objects.items() if item.kind != REGION],
+        ArgumentKind.CONTAINER: list(vocabulary.objects),
+        ArgumentKind.PLACE: [name for name, item in vocabulary.objects.items() if item.kind == REGION],
         ArgumentKind.TARGET: [ROLE],
         ArgumentKind.POSTURE: list(vocabulary.postures),
     }
@@ -145,7 +145,7 @@ def _iter_lacks(text: str, vocabulary: Vocabulary) -> Iterator[object]:
     if (
         said.meaning is Meaning.ON
         and isinstance(said.place, syntax.Name)
-        and vocabulary.things[said.place.text].has_interior
+        and vocabulary.objects[said.place.text].has_interior
     ):
         yield said
     yield from find_unfit(call, vocabulary)

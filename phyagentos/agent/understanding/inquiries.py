@@ -39,18 +39,18 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
     kind, statements = _KINDS[question.data], dict[str, str]()
     parts = [part for part in list_children(question) if part.data != "be"]
     match str(question.data), parts:
-        case "ask_state", [things, state]:
+        case "ask_state", [objects, state]:
             slot = Slot(read_lexicon()["meanings"][state.data]["slot"])
-            kind, names = _resolve(said, things, slot)
+            kind, names = _resolve(said, objects, slot)
             statements = _say_state(said, names, state)
         case "ask_which_state", [plain, state]:
             slot = Slot(read_lexicon()["meanings"][state.data]["slot"])
             statements = _say_state(said, said.list_alike(plain, slot), state)
-        case "ask_place", [things, *dests]:
-            kind, names = _resolve(said, things, Slot.ANY)
+        case "ask_place", [objects, *dests]:
+            kind, names = _resolve(said, objects, Slot.ANY)
             statements = _say_places(said, names, dests)
-        case "ask_contains", [owner, things]:
-            kind, names = _resolve(said, things, Slot.ANY)
+        case "ask_contains", [owner, objects]:
+            kind, names = _resolve(said, objects, Slot.ANY)
             statements = said.list_placed(names, Node("into", [owner]))
         case "ask_which", [*nouns, dest]:
             kind = InquiryKind.SIDE if dest.data in {*SIDES, "under"} else kind
@@ -79,8 +79,8 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
             statements = dict.fromkeys(said.list_most(nouns, last), "")
         case (("ask_parts" | "ask_which_of" | "ask_same"), _):
             kind, statements = _read_parts(said, question, parts)
-        case _, [things]:
-            statements = dict.fromkeys(said.resolve(things, Slot.ANY).names, "")
+        case _, [objects]:
+            statements = dict.fromkeys(said.resolve(objects, Slot.ANY).names, "")
     if has_token(question, "untrue"):
         statements = {name: f"not ({text})" for name, text in statements.items()}
     return Inquiry(kind=kind, words=said.text.strip(" ;"), statements=statements)
@@ -100,8 +100,8 @@ def _read_parts(said: Clauses, question: Node, parts: Sequence[Node]) -> tuple[I
             statements = _say_state(
                 said, [name for noun in nouns for name in said.resolve_one(noun, slot).names], state
             )
-        case "ask_same", [things]:
-            bodies = [said.get(name) for name in said.resolve(things, Slot.ANY).names]
+        case "ask_same", [objects]:
+            bodies = [said.get(name) for name in said.resolve(objects, Slot.ANY).names]
             most = list_most(bodies, "large", 1.0, None)
             statements = {", ".join(each.name for each in bodies): ", ".join(most)}
     return kind, statements
@@ -123,19 +123,19 @@ def _compare(said: Clauses, size: Node, nouns: Iterable[Node], near: Iterable[No
     return names, list_most([said.get(name) for name in names], str(size.data), 1.0, at_m)
 
 
-def _resolve(said: Clauses, things: Node, slot: Slot) -> tuple[InquiryKind, Iterable[str]]:
+def _resolve(said: Clauses, objects: Node, slot: Slot) -> tuple[InquiryKind, Iterable[str]]:
     """The objects that a question is about, and what it wants to know: of `a cube`, of how many it is so.
 
     A question chooses none of several, as a goal does.
     """
-    (first, *_) = list_children(things)
+    (first, *_) = list_children(objects)
     if first.data == "everything" and str(first.children[0]) == "anything":
-        return InquiryKind.COUNT, [name for name in said.resolve(things, slot).names if said.get(name).movable]
-    left_open = [noun for noun in list_children(things) if any(find_child(noun, each) for each in _OPEN)]
+        return InquiryKind.COUNT, [name for name in said.resolve(objects, slot).names if said.get(name).movable]
+    left_open = [noun for noun in list_children(objects) if any(find_child(noun, each) for each in _OPEN)]
     if not left_open:
-        return InquiryKind.WHETHER, said.resolve(things, slot).names
-    if len(list_children(things)) > 1:
-        return InquiryKind.WHETHER, said.lack(RequestProblemKind.SENTENCE, things)
+        return InquiryKind.WHETHER, said.resolve(objects, slot).names
+    if len(list_children(objects)) > 1:
+        return InquiryKind.WHETHER, said.lack(RequestProblemKind.SENTENCE, objects)
     return InquiryKind.COUNT, said.list_alike(list_children(left_open[0])[-1], slot)
 
 

@@ -21,26 +21,26 @@ ACTS = ("open", "close", "press")  # verbs of what has a joint
 class Keeping(Transfers):
     """Predicates that must hold all through."""
 
-    def _say(self, rule: str, things: Node, *, constraint: bool = False) -> Step:
+    def _say(self, rule: str, objects: Node, *, constraint: bool = False) -> Step:
         """What the lexicon says of each object; a part stands for what opens."""
         meaning = read_lexicon()["meanings"][rule]
         constraint = constraint or meaning.get("constraint", False)
         slot = Slot(meaning["slot"])
         texts: list[str] = []
-        named = self.resolve(things, slot, forbids=constraint)
+        named = self.resolve(objects, slot, forbids=constraint)
         self.spared += named.names if constraint else ()
         if rule in ACTS and named.rest:  # of `only the red one` the others stay as they are
             self.unmet = ""
             self._keep(f"not moved({name})" for name in named.rest)
         for name in named.names:
-            thing = self.get(name)
+            item = self.get(name)
             owner = self.find_opening(name) if slot is Slot.OPENS else name
-            if rule == "clear" and thing.contents:  # what it holds has no names
-                texts += self._fill(things, Named(names=(name,)), self._find_receivers(things, name))
+            if rule == "clear" and item.contents:  # what it holds has no names
+                texts += self._fill(objects, Named(names=(name,)), self._find_receivers(objects, name))
                 continue
             if rule == "press" and self.get(owner).opens != "slide":
                 self.lack(RequestProblemKind.FIT, name)
-            texts.append(meaning["form"].format(owner, at="inside" if thing.has_interior else "on"))
+            texts.append(meaning["form"].format(owner, at="inside" if item.has_interior else "on"))
         return self._keep(texts) if constraint else texts
 
     def _keep(self, texts: Iterable[str]) -> Step:
@@ -50,11 +50,11 @@ class Keeping(Transfers):
 
     # what must hold all through
 
-    def _read_keep(self, clause: Node, things: Node, kept: Node) -> Step:
+    def _read_keep(self, clause: Node, objects: Node, kept: Node) -> Step:
         if kept.data in read_lexicon()["meanings"]:
             is_end = has_token(clause, "leave") and kept.data in {"open", "close"}  # so it is left, at the end
-            return self._say(str(kept.data), things, constraint=not is_end)
-        names = self.resolve(things, Slot.ANY).names
+            return self._say(str(kept.data), objects, constraint=not is_end)
+        names = self.resolve(objects, Slot.ANY).names
         self.spared += names
         places = self._find_places(kept)
         if kept.data in SIDES:
@@ -63,13 +63,13 @@ class Keeping(Transfers):
         found = ((name, self._find_place(name, kept, places)) for name in names)
         return self._keep(self._locate(name, kept, place) for name, place in found if place)
 
-    def _read_keep_out(self, clause: Node, things: Node, place: Node) -> Step:
-        names = self.resolve(things, Slot.MOVED).names
+    def _read_keep_out(self, clause: Node, objects: Node, place: Node) -> Step:
+        names = self.resolve(objects, Slot.MOVED).names
         places = self.resolve_one(place, Slot.VESSEL if place.data == "it" else Slot.PLACE).names
         return self._keep(f"not {self._relate(name, place)}" for name in names for place in places)
 
-    def _read_never_put(self, clause: Node, things: Node, dest: Node) -> Step:
-        names = self.resolve(things, Slot.MOVED, forbids=True).names
+    def _read_never_put(self, clause: Node, objects: Node, dest: Node) -> Step:
+        names = self.resolve(objects, Slot.MOVED, forbids=True).names
         places = self.find_any_places(dest)
         if dest.data in SIDES:
             return self.lack(RequestProblemKind.CAPABILITY, dest)
@@ -80,29 +80,29 @@ class Keeping(Transfers):
         self._keep(each for each in texts if each not in late)
         return late  # `the cube should not be on the table`, where it is
 
-    def _read_never_use(self, _: Node, things: Node) -> Step:
+    def _read_never_use(self, _: Node, objects: Node) -> Step:
         """What can be moved stays where it is, and nothing comes into or onto a place."""
-        named = [self.get(name) for name in self.resolve(things, Slot.ANY, forbids=True).names]
+        named = [self.get(name) for name in self.resolve(objects, Slot.ANY, forbids=True).names]
         return self._keep(
             f"not moved({each.name})" if each.movable else f"not {self._relate('*', each.name)}" for each in named
         )
 
-    def _read_never_take(self, clause: Node, things: Node, *sources: Node) -> Step:
+    def _read_never_take(self, clause: Node, objects: Node, *sources: Node) -> Step:
         """It stays in or on what it stands in or on, which a request may name."""
-        names = self.resolve(things, Slot.MOVED, forbids=True).names
+        names = self.resolve(objects, Slot.MOVED, forbids=True).names
         said = [name for source in sources for name in self.resolve_aside(source, Slot.PLACE).names]
         owners = {name: self.get(name).stands for name in names}
         if not all(owner and (not said or owner in said) for owner in owners.values()):
             return self.lack(RequestProblemKind.FIT, clause)
         return self._keep(self._relate(name, owner) for name, owner in owners.items())
 
-    def _read_never_spill(self, clause: Node, *things: Node) -> Step:
+    def _read_never_spill(self, clause: Node, *objects: Node) -> Step:
         """What carries stays upright, and all that is in it stays there."""
-        if not things and not self.placed and self._verb == "pour":  # what is poured was in a vessel that tips
+        if not objects and not self.placed and self._verb == "pour":  # what is poured was in a vessel that tips
             self.unsaid.append(self.quote(clause))
             return []
-        spares = not things or any(things[0].find_data("everything"))
-        named = [self.get(name) for name in (self.placed if spares else self.resolve(things[0], Slot.LOOSE).names)]
+        spares = not objects or any(objects[0].find_data("everything"))
+        named = [self.get(name) for name in (self.placed if spares else self.resolve(objects[0], Slot.LOOSE).names)]
         wanted = []
         for name in filter(None, dict.fromkeys(each.name if each.has_interior else each.stands for each in named)):
             contents = int(SEEN_SHARE * self.get(name).contents)

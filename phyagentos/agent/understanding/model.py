@@ -50,7 +50,7 @@ class ModelGoal(Authored):
 
 
 class ModelQuestion(Authored):
-    """A question back; candidates are names of things."""
+    """A question back; candidates are names of objects."""
 
     words: str
     candidates: tuple[str, ...] = pydantic.Field(min_length=2)
@@ -88,7 +88,7 @@ class ModelUnderstander(LanguageModel):
 
 def build_answer_format(request: str, vocabulary: Vocabulary) -> Fields:
     """The schema of `ModelAnswer` over a scene, whose statements and names a server can hold a model to."""
-    statements, words, names = choose_statements(request, vocabulary), {"type": "string"}, sorted(vocabulary.things)
+    statements, words, names = choose_statements(request, vocabulary), {"type": "string"}, sorted(vocabulary.objects)
     wanted = build_list(statements["wanted"], least=1)
     goal = {"accept": wanted, "steps": build_list(wanted), "constraints": build_list(statements["kept"])}
     question = {"words": words, "candidates": build_list({"enum": names}, least=2)}
@@ -110,8 +110,8 @@ def _describe(request: str, vocabulary: Vocabulary, answers: Mapping[str, str]) 
         "postures": sorted(vocabulary.postures),
         "robot": f"`{ROLE}` stands for the robot, as in holding({ROLE}, thing)",
     }
-    things = vocabulary.things.items()
-    world = {name: {key: value for key in keys if (value := getattr(each, key))} for name, each in things}
+    objects = vocabulary.objects.items()
+    world = {name: {key: value for key in keys if (value := getattr(each, key))} for name, each in objects}
     parts = {"objective", "constraints", "steps", "accept"}
     before = {goal.goal: goal.model_dump(include=parts) for goal in vocabulary.past[-3:]}
     return (
@@ -136,7 +136,7 @@ def _read(text: str, request: str, vocabulary: Vocabulary, answers: Mapping[str,
         is_grounded = names_anything(request, vocabulary)
         return find_disagreements(request, found.goal, vocabulary) or replace(found, is_grounded=is_grounded)
     named = (name for each in answer.questions for name in each.candidates)
-    if strange := [f"no such thing: {name}" for name in named if name not in vocabulary.things]:
+    if strange := [f"no such thing: {name}" for name in named if name not in vocabulary.objects]:
         return strange
     if again := [f"answered already: {each.words}" for each in answer.questions if each.words in answers]:
         return again

@@ -25,27 +25,27 @@ from phyagentos.agent.understanding.understanding import QuestionKind, RequestPr
 class Nouns(Discourse):
     """The objects that phrases mean, with their quantities, exceptions and pronouns."""
 
-    def resolve(self, things: Node, slot: Slot, *, forbids: bool = False) -> Named:
+    def resolve(self, objects: Node, slot: Slot, *, forbids: bool = False) -> Named:
         """The objects of a list of phrases; `forbids` where it says what must not be, so that `a cube` is every one."""
-        parts = [child for child in list_children(things) if child.data != "except"]
+        parts = [child for child in list_children(objects) if child.data != "except"]
         is_pair = len(parts) == 2 and any(parts[0].find_data("both"))  # `both the red and the green cube`
         named = self._resolve_parts(parts, slot, forbids=forbids, is_pair=is_pair)
         if len(parts) == 2 and (size := self._find_size(parts[0])):
             bodies = [self.get(name) for each in named for name in each.names]
             chosen = list_most(bodies, size, 1.0, None)
-            named = [Named(names=tuple(chosen) if len(chosen) == 1 else self.ask(QuestionKind.WHICH, things, chosen))]
+            named = [Named(names=tuple(chosen) if len(chosen) == 1 else self.ask(QuestionKind.WHICH, objects, chosen))]
         if slot is Slot.LOOSE and len(named) > 1:  # two numbers are no one number
-            self.lack(RequestProblemKind.SENTENCE, things)
+            self.lack(RequestProblemKind.SENTENCE, objects)
         names = tuple(dict.fromkeys(name for each in named for name in each.names))
         if len(parts) > 1 and self._is_of_both(*parts[:2]):
-            self.ask(QuestionKind.HOW_MANY, things, names)
+            self.ask(QuestionKind.HOW_MANY, objects, names)
         alike = self.list_called(self.heads.get(slot, ""), slot) if any(each.only for each in named) else []
-        rest = (*(thing.name for thing in alike), *(name for each in named for name in each.rest))
+        rest = (*(item.name for item in alike), *(name for each in named for name in each.rest))
         spare = tuple(name for each in named for name in each.spare if name not in names)
         return Named(
-            names=self.remove(names, things, slot, spare),
+            names=self.remove(names, objects, slot, spare),
             spare=spare,
-            words=self.quote(things),
+            words=self.quote(objects),
             by_colour=any(each.by_colour for each in named),
             rest=tuple(name for name in rest if name not in names),
             number=named[0].number,
@@ -71,12 +71,12 @@ class Nouns(Discourse):
             excepted = self.resolve_except(exception, slot, (*names, *spare))
             number, fresh = len(names) if spare else 0, [name for name in spare if name not in excepted]
             if names and not set(excepted) <= {*names, *spare}:
-                self.lack(RequestProblemKind.THING, exception, names)
+                self.lack(RequestProblemKind.OBJECT, exception, names)
             names = tuple(name for name in names if name not in excepted)
             self.exempt += excepted if any(phrase.find_data("everything")) else ()
             more = fresh[: max(number - len(names), 0)]
             if len(names) + len(more) < number:
-                self.lack(RequestProblemKind.THING, phrase, (*names, *more))
+                self.lack(RequestProblemKind.OBJECT, phrase, (*names, *more))
             self.reasons += [f"{self.quote(exception)}: {name} instead" for name in more]
             self.chosen = [name for name in (*self.chosen, *more) if name not in excepted]
             names += tuple(more)
@@ -120,7 +120,7 @@ class Nouns(Discourse):
             return objects
         names = tuple(each.name for each in self._list_standing(map(self.get, objects.names), owners))
         if not names:
-            self.lack(RequestProblemKind.THING, f"{objects.words} from {self.quote(source)}", objects.names)
+            self.lack(RequestProblemKind.OBJECT, f"{objects.words} from {self.quote(source)}", objects.names)
         return replace(objects, names=names)
 
     def find_it(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
@@ -173,9 +173,9 @@ class Nouns(Discourse):
 
     def find_opening(self, name: str) -> str:
         """What opens of an object: itself, what it is a part of, or its one lid, door or drawer."""
-        thing = self.get(name)
-        parts = [each.name for each in self.vocabulary.things.values() if each.opens and each.part_of == name]
-        found = [name] if thing.opens else [thing.part_of] if thing.part_of else parts
+        item = self.get(name)
+        parts = [each.name for each in self.vocabulary.objects.values() if each.opens and each.part_of == name]
+        found = [name] if item.opens else [item.part_of] if item.part_of else parts
         return found[0] if len(found) == 1 else name
 
     def find_them(self, noun: Node, _: Slot) -> tuple[str, ...]:
@@ -193,12 +193,12 @@ class Nouns(Discourse):
         colours = {str(token) for token in noun.children if get_type(token) == "elliptic"}
         is_unlike = has_token(noun, "untrue")
         fitting = [each for each in self.list_fitting(slot) if slot is not Slot.ANY or each.movable or each.opens]
-        found = [thing for thing in fitting if bool(colours & thing.words) is not is_unlike or not colours]
+        found = [item for item in fitting if bool(colours & item.words) is not is_unlike or not colours]
         for tail in list_children(noun):
             found = self._filter(found, tail)
         if slot is Slot.MOVED and not colours:
             self.left_out |= dict.fromkeys(map(" ".join, self.vocabulary.unlisted), "entry for it in the inventory")
-        return tuple(thing.name for thing in found) or self.lack(RequestProblemKind.THING, noun)
+        return tuple(item.name for item in found) or self.lack(RequestProblemKind.OBJECT, noun)
 
     def find_everything_else(self, noun: Node, slot: Slot) -> tuple[str, ...]:
         """All that fits, and of which nothing was said."""
@@ -235,7 +235,7 @@ class Nouns(Discourse):
         )
         named = {*self.moved, *self.spared}
         names = tuple(each.name for each in found if each.name not in named) if named else ()
-        return names or self.lack(RequestProblemKind.THING, noun, (each.name for each in found))
+        return names or self.lack(RequestProblemKind.OBJECT, noun, (each.name for each in found))
 
     def _resolve_parts(self, parts: Sequence[Node], slot: Slot, **how: bool) -> list[Named]:
         """Each phrase of a list; `the red and the green cube` lends its noun to the first."""
@@ -250,9 +250,9 @@ class Nouns(Discourse):
         *quantities, plain = list_children(noun)
         asked = len(self.questions)
         self.count = next(map(read_number, quantities), 0)
-        things, is_plural, by_colour = self._find_candidates(plain, slot, lent)
+        objects, is_plural, by_colour = self._find_candidates(plain, slot, lent)
         self.count = 0
-        found, kind, number, words = tuple(each.name for each in things), "the", 0, self.quote(noun)
+        found, kind, number, words = tuple(each.name for each in objects), "the", 0, self.quote(noun)
         for quantity in quantities:  # one at most
             kind, number = self._read_quantity(quantity, found, noun, slot)
             kind = "the" if is_pair and kind == "both" else kind
@@ -330,7 +330,7 @@ class Nouns(Discourse):
     def _choose(self, named: Named, number: int, *, keeps_rest: bool) -> Named:
         """The first of several, where any will do; those that were moved already come last."""
         if number > len(named.names):
-            return Named(names=self.lack(RequestProblemKind.THING, named.words, named.names))
+            return Named(names=self.lack(RequestProblemKind.OBJECT, named.words, named.names))
         self.kin = named.names
         ordered = sorted(named.names, key=lambda name: name in self.moved)
         names = tuple(name for name in named.names if name in ordered[:number])

@@ -62,11 +62,11 @@ class Transfers(Destinations):
             return self.lack(RequestProblemKind.SENTENCE, placing)
         return self._read_wish_place(placing, *parts)
 
-    def _read_wish_place(self, placing: Node, things: Node, *more: Node, heaps: bool = False) -> Step:
+    def _read_wish_place(self, placing: Node, nouns: Node, *more: Node, heaps: bool = False) -> Step:
         self._verb = "put"
-        if any(self.is_loose(plain) for plain in things.find_data("plain")):  # what has no names is poured
+        if any(self.is_loose(plain) for plain in nouns.find_data("plain")):  # what has no names is poured
             return self._fill(
-                placing, self.resolve(things, Slot.LOOSE), self._find_places(list_children(placing)[-1]).names
+                placing, self.resolve(nouns, Slot.LOOSE), self._find_places(list_children(placing)[-1]).names
             )
         *_, dest = (each for each in more if each.data not in {"source", "except"})  # one before it was corrected
         if (ground := find_child(placing, "ground")) is not None:  # `on the table next to the can`
@@ -74,7 +74,7 @@ class Transfers(Destinations):
             if dest.data not in {*SIDES, "beside"} or any(self.get(name).kind not in SURFACES for name in below):
                 return self.lack(RequestProblemKind.SENTENCE, placing)
         source = find_child(placing, "source")
-        objects = self._resolve_from(things, source)
+        objects = self._resolve_from(nouns, source)
         self.unmet = self.unmet if objects.by_colour else ""
         if source is not None:
             objects = self.restrict(objects, list_children(source)[0])
@@ -85,7 +85,7 @@ class Transfers(Destinations):
         ):
             return self.lack(RequestProblemKind.SENTENCE, placing)  # `a cube in every tray but the red one`
         names = self.remove(objects.names, placing, Slot.MOVED, objects.spare)
-        if placing.data == "wish_place" and any(things.find_data("only")):  # of what is to be there, not of what to put
+        if placing.data == "wish_place" and any(nouns.find_data("only")):  # of what is to be there, not of what to put
             rest = (each.name for each in self.list_fitting(Slot.MOVED) if each.name not in names)
             objects = replace(objects, rest=tuple(rest))
         unmet, self._dest = self.unmet, dest
@@ -109,38 +109,38 @@ class Transfers(Destinations):
                 wanted.append(beside or self._locate(name, dest, place))
                 wanted += [f"not {self._locate(each, dest, place)}" for each in objects.rest if each not in names]
         if not wanted and self.left_out and places.by_colour:
-            return self.lack(RequestProblemKind.THING, "; ".join(self.left_out.values()), places.names)
+            return self.lack(RequestProblemKind.OBJECT, "; ".join(self.left_out.values()), places.names)
         return wanted
 
-    def _resolve_from(self, things: Node, source: Node | None) -> Named:
+    def _resolve_from(self, nouns: Node, source: Node | None) -> Named:
         """Objects of a phrase; `the cube from the left bench` is the one that stands there."""
         owners = self.resolve_aside(list_children(source)[0], Slot.PLACE).names if source is not None else ()
         self.among = (
             tuple(each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), owners)) if owners else ()
         )
-        objects, self.among = self.resolve(things, Slot.MOVED), ()
+        objects, self.among = self.resolve(nouns, Slot.MOVED), ()
         return objects
 
-    def _read_pick_put(self, clause: Node, things: Node, *more: Node) -> Step:
+    def _read_pick_put(self, clause: Node, nouns: Node, *more: Node) -> Step:
         placing = more[-1]
-        picked = self._resolve_from(things, find_child(clause, "source")).names
+        picked = self._resolve_from(nouns, find_child(clause, "source")).names
         self.recent.append([])
         self.picked = picked
         wanted = self._read_wish_place(placing, *list_children(placing))
         self.picked = ()
         if {*picked} != {*self.placed}:  # another object is put down: that is no one clause
-            self.lack(RequestProblemKind.SENTENCE, things)
+            self.lack(RequestProblemKind.SENTENCE, nouns)
         return wanted
 
-    def _read_put_together(self, clause: Node, things: Node) -> Step:
+    def _read_put_together(self, clause: Node, nouns: Node) -> Step:
         """Of two objects the second beside the first."""
-        names = self.resolve(things, Slot.MOVED).names
+        names = self.resolve(nouns, Slot.MOVED).names
         beside = self._stand_beside(names[1], clause, names[0]) if len(names) == 2 else ""
         return [beside] if beside else self.lack(RequestProblemKind.CAPABILITY, clause)
 
-    def _read_row(self, clause: Node, things: Node) -> Step:
+    def _read_row(self, clause: Node, nouns: Node) -> Step:
         """The first stays, the others stand in a row beside it, on the freest side."""
-        bodies = [self.get(name) for name in self.resolve(things, Slot.MOVED).names]
+        bodies = [self.get(name) for name in self.resolve(nouns, Slot.MOVED).names]
         others = [each for each in self.list_fitting(Slot.ANY) if each not in bodies and each.kind not in SURFACES]
         points = find_row(bodies, others) if len(bodies) > 1 else None
         if points is None:
@@ -159,9 +159,9 @@ class Transfers(Destinations):
         self.constraints += [self._relate(each.name, each.stands) for each in carried if not said or each.name in said]
         return names
 
-    def _read_put_between(self, clause: Node, things: Node, *ends: Node) -> Step:
+    def _read_put_between(self, clause: Node, nouns: Node, *ends: Node) -> Step:
         """At the point half-way between two objects, where there is room for one more."""
-        names = self.resolve(things, Slot.MOVED).names
+        names = self.resolve(nouns, Slot.MOVED).names
         owners = [self.get(name) for end in ends for name in self.resolve_one(end, Slot.PLACE).names]
         if len(names) != 1 or len(owners) != 2:
             return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
@@ -171,11 +171,11 @@ class Transfers(Destinations):
         point_m = find_between(self.get(names[0]), owners)
         return [self._stand_at(names[0], point_m)] if point_m else self.lack(RequestProblemKind.FIT, clause, ())
 
-    def _read_put_back(self, clause: Node, things: Node) -> Step:
+    def _read_put_back(self, clause: Node, nouns: Node) -> Step:
         """To where the scene has it at first: what it stands in or on there, else the table."""
         if str(clause.children[0]).startswith(("bring", "fetch", "get")) and str(clause.children[-1]) == "back":
             return self.lack(RequestProblemKind.CAPABILITY, clause)  # to the person, that is
-        names = self._put(self.resolve(things, Slot.MOVED))
+        names = self._put(self.resolve(nouns, Slot.MOVED))
         is_exact = any("where" in str(each) for each in clause.children)
         return [(self._put_exactly(name) if is_exact else "") or self._put_back(name) for name in names]
 
@@ -188,9 +188,9 @@ class Transfers(Destinations):
         grounds = (each.name for each in self.list_fitting(Slot.PLACE) if each.kind in SURFACES)
         return self._relate(name, self.get(name).stands or self.get(name).ground or next(grounds, ""))
 
-    def _read_put_where(self, clause: Node, things: Node, other: Node) -> Step:
+    def _read_put_where(self, clause: Node, nouns: Node, other: Node) -> Step:
         """To where another object is: in or on what bears it; else, where that stays, a question what is meant."""
-        names, owners = self.resolve(things, Slot.MOVED).names, self.resolve_one(other, Slot.MOVED).names
+        names, owners = self.resolve(nouns, Slot.MOVED).names, self.resolve_one(other, Slot.MOVED).names
         if len(names) != 1 or len(owners) != 1 or names == owners:
             return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
         owner, at_m = self.get(owners[0]), self.get(names[0]).at_m
@@ -198,7 +198,7 @@ class Transfers(Destinations):
             return [self._relate(name, owner.stands) for name in self._put(Named(names=names))]
         if owner.at_m is None or at_m is None:
             return self.lack(RequestProblemKind.CAPABILITY, clause)
-        beside_m = find_beside(self.get(names[0]), owner, [*self.vocabulary.things.values()])
+        beside_m = find_beside(self.get(names[0]), owner, [*self.vocabulary.objects.values()])
         points = {"in its place": owner.at_m} | ({"beside it": beside_m} if beside_m is not None else {})
         meant = ("in its place",) if owner.name in self.moved else self.ask(QuestionKind.WHERE, clause, points)
         return [self._stand_at(names[0], (*points[each][:2], at_m[2])) for each in meant]
@@ -232,9 +232,9 @@ class Transfers(Destinations):
             return tuple(before)
         return tuple(each.name for each in self.list_fitting(Slot.MOVED))
 
-    def _read_shift(self, clause: Node, things: Node, *sides: Node) -> Step:
+    def _read_shift(self, clause: Node, nouns: Node, *sides: Node) -> Step:
         """By a measure to a side: a point, where places are known; up, turns and other measures are no skill's."""
-        names, side = self.resolve(things, Slot.MOVED).names, str(sides[0].data) if sides else ""
+        names, side = self.resolve(nouns, Slot.MOVED).names, str(sides[0].data) if sides else ""
         said = [str(token) for token in clause.children if get_type(token) in {"amount", "unit"}]
         amount = float(NUMBERS.index(said[0]) if said[0] in NUMBERS else said[0]) if said else 0.0
         by_m = amount * read_lexicon()["units_m"].get(said[-1], 0.0) if said else 0.0
@@ -256,28 +256,28 @@ class Transfers(Destinations):
 
     def _stand_for(self, name: str, other: str) -> str:
         """At the point of another object, as high as its own size makes it."""
-        (x_m, y_m, z_m), thing = self.get(other).at_m or (0.0, 0.0, 0.0), self.get(name)
-        return self._stand_at(name, (x_m, y_m, z_m - self.get(other).half_m[2] + thing.half_m[2]))
+        (x_m, y_m, z_m), item = self.get(other).at_m or (0.0, 0.0, 0.0), self.get(name)
+        return self._stand_at(name, (x_m, y_m, z_m - self.get(other).half_m[2] + item.half_m[2]))
 
-    def _read_same_place(self, _: Node, things: Node) -> Step:
+    def _read_same_place(self, _: Node, nouns: Node) -> Step:
         """`put the mug on the shelf before the can`: to the place that was said."""
         if self._dest is None or self._verb != "put":
-            return self.lack(RequestProblemKind.SENTENCE, things)
-        return self._read_wish_place(things, things, self._dest)
+            return self.lack(RequestProblemKind.SENTENCE, nouns)
+        return self._read_wish_place(nouns, nouns, self._dest)
 
-    def _read_take(self, clause: Node, things: Node, source: Node, *_: Node) -> Step:
+    def _read_take(self, clause: Node, nouns: Node, source: Node, *_: Node) -> Step:
         self._verb = "take"
-        objects = self.restrict(self.resolve(things, Slot.MOVED), source)
+        objects = self.restrict(self.resolve(nouns, Slot.MOVED), source)
         objects = replace(objects, names=self.remove(objects.names, clause, Slot.MOVED))
         places = self.resolve_aside(source, Slot.PLACE)
         self.left = tuple(name for name in places.names if self.get(name).has_interior)
         if has_token(clause, "away_from") and not self._list_standing(map(self.get, objects.names), places.names):
             return self.lack(RequestProblemKind.CAPABILITY, clause)
-        is_all = [each.data for each in list_children(things)] == ["everything"]  # that is to clear it
+        is_all = [each.data for each in list_children(nouns)] == ["everything"]  # that is to clear it
         names = ("*",) if self._put(objects) and is_all else objects.names
         relations = [self._relate(name, place) for name in names for place in places.names]
         if self._are_vacuous(objects.names, places.names):
-            return self.lack(RequestProblemKind.THING, clause, objects.names)
+            return self.lack(RequestProblemKind.OBJECT, clause, objects.names)
         return [f"not {each}" for each in relations]
 
     def _are_vacuous(self, names: Sequence[str], places: Sequence[str]) -> bool:
@@ -286,9 +286,9 @@ class Transfers(Destinations):
         texts = [self._relate(name, place) for name in names for place in places]
         return is_new and bool(texts) and all(self.vocabulary.is_known(text, is_true=False) for text in texts)
 
-    def _read_take_out(self, clause: Node, things: Node) -> Step:
+    def _read_take_out(self, clause: Node, nouns: Node) -> Step:
         """Out of the vessels that the objects are in."""
-        names = self._put(self.resolve(things, Slot.MOVED))
+        names = self._put(self.resolve(nouns, Slot.MOVED))
         said = (*self._list_past_texts(), *self._said)
         past = {get_object(text): find_entities(text)[-1] for text in said if says(text, Meaning.INSIDE)}
         owners = {name: self.get(name).stands or past.get(name, "") for name in names}
@@ -300,16 +300,16 @@ class Transfers(Destinations):
     def _list_past_texts(self) -> Step:
         return self.vocabulary.past[-1].accept if self.vocabulary.past else ()
 
-    def _read_remove(self, clause: Node, things: Node) -> Step:
+    def _read_remove(self, clause: Node, nouns: Node) -> Step:
         """From what the objects stand in or on, where that is no table; else a question where to."""
-        names = self.resolve(things, Slot.MOVED).names
+        names = self.resolve(nouns, Slot.MOVED).names
         if names and all(self.get(name).stands for name in names):
             return [f"not {self._relate(name, self.get(name).stands)}" for name in self._put(Named(names=names))]
-        return self._read_put_away(clause, things)
+        return self._read_put_away(clause, nouns)
 
-    def _read_unstack(self, clause: Node, *things: Node) -> Step:
+    def _read_unstack(self, clause: Node, *nouns: Node) -> Step:
         """Of a tower, where no objects are named, all that stand on another."""
-        named = [name for each in things for name in self.resolve(each, Slot.MOVED).names]
+        named = [name for each in nouns for name in self.resolve(each, Slot.MOVED).names]
         below = {name: self.get(name).stands for name in named or [each.name for each in self.list_fitting(Slot.MOVED)]}
         wanted = [
             f"not {self._relate(name, place)}" for name, place in below.items() if place and self.get(place).movable
@@ -324,11 +324,11 @@ class Transfers(Destinations):
         standing = self._list_standing(self.list_fitting(Slot.MOVED), places)
         gone = [each.name for each in standing if each.name not in spared]
         return [f"not {self._relate(name, at)}" for at in places for name in gone] or self.lack(
-            RequestProblemKind.THING, exception
+            RequestProblemKind.OBJECT, exception
         )
 
-    def _read_swap(self, clause: Node, things: Node, *other: Node) -> Step:
-        names = self.resolve(things, Slot.MOVED).names
+    def _read_swap(self, clause: Node, nouns: Node, *other: Node) -> Step:
+        names = self.resolve(nouns, Slot.MOVED).names
         names += self.resolve_one(other[0], Slot.MOVED).names if other else ()
         places = [self.get(name).stands for name in names]
         if len(names) == 2 and all(places) and places[0] != places[1]:
@@ -357,18 +357,18 @@ class Transfers(Destinations):
         self._put(Named(names=new))
         return [f"not {self._relate(old[0], place)}", self._relate(new[0], place)]
 
-    def _read_wish_gone(self, clause: Node, things: Node, source: Node) -> Step:
-        return self._read_take(clause, things, source)
+    def _read_wish_gone(self, clause: Node, nouns: Node, source: Node) -> Step:
+        return self._read_take(clause, nouns, source)
 
-    def _read_wish_not_there(self, _: Node, things: Node, dest: Node) -> Step:
-        names, places = self.resolve(things, Slot.MOVED, forbids=True).names, self.find_any_places(dest)
+    def _read_wish_not_there(self, _: Node, nouns: Node, dest: Node) -> Step:
+        names, places = self.resolve(nouns, Slot.MOVED, forbids=True).names, self.find_any_places(dest)
         return [f"not {self._locate(name, dest, place)}" for name in names for place in places]
 
     def _fill(self, clause: Node, poured: Named, receivers: Iterable[str]) -> Step:
         self._verb = "pour"
         held = self.get(poured.names[0]).contents if len(poured.names) == 1 else 0
         if not held and not self.questions:
-            self.lack(RequestProblemKind.FIT, clause, (thing.name for thing in self.list_fitting(Slot.LOOSE)))
+            self.lack(RequestProblemKind.FIT, clause, (item.name for item in self.list_fitting(Slot.LOOSE)))
         if not poured.number:
             self.reasons.append(f"no number is said: most of {held}, as cameras miss some of a pile")
         return [f"contains({name}, {poured.number or int(SEEN_SHARE * held)})" for name in receivers if held]

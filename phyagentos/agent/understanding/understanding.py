@@ -61,7 +61,7 @@ class RequestProblemKind(_Kind):
 
     WORD = "word", "is no word of this scene or of requests"
     SENTENCE = "sentence", "is not understood as a sentence"
-    THING = "thing", "is not here"
+    OBJECT = "thing", "is not here"
     UNLISTED = "unlisted", "is seen here and in no inventory, so that no goal can be about it"
     MEASURE = (
         "measure",
@@ -235,10 +235,10 @@ def find_lacks(goal: WantedGoal, vocabulary: Vocabulary) -> tuple[RequestProblem
 def _find_unknown(predicate: Predicate, goal: WantedGoal, vocabulary: Vocabulary) -> Iterator[RequestProblem]:
     for reference in predicate.iter_references():
         is_target = reference.kind is ArgumentKind.TARGET
-        known = (*goal.targets, *vocabulary.targets, "target", ROLE) if is_target else tuple(vocabulary.things)
+        known = (*goal.targets, *vocabulary.targets, "target", ROLE) if is_target else tuple(vocabulary.objects)
         if reference.name not in known:
             near = find_nearest(reference.name, known) or ""
-            yield RequestProblem(kind=RequestProblemKind.THING, words=reference.name, nearest=near, possible=known)
+            yield RequestProblem(kind=RequestProblemKind.OBJECT, words=reference.name, nearest=near, possible=known)
 
 
 def find_unfit(call: syntax.Call, vocabulary: Vocabulary) -> Iterator[RequestProblem]:
@@ -246,13 +246,13 @@ def find_unfit(call: syntax.Call, vocabulary: Vocabulary) -> Iterator[RequestPro
     said = read_statement(call)
     demands = _DEMANDS.get(said.meaning, ()) if said.meaning is not None else ()
     for term, fact in zip((said.object, said.place), demands, strict=False):
-        if isinstance(term, syntax.Name) and not getattr(vocabulary.things[term.text], fact):
-            possible = tuple(name for name, thing in vocabulary.things.items() if getattr(thing, fact))
+        if isinstance(term, syntax.Name) and not getattr(vocabulary.objects[term.text], fact):
+            possible = tuple(name for name, item in vocabulary.objects.items() if getattr(item, fact))
             yield RequestProblem(kind=_UNFIT[fact], words=syntax.render(call), possible=possible)
     names = [term.text for term in call.terms if isinstance(term, syntax.Name)]
     if len(names) != len(set(names)):
         yield RequestProblem(kind=RequestProblemKind.CONTRADICTION, words=syntax.render(call))
-    most = sum(thing.contents for thing in vocabulary.things.values())
+    most = sum(item.contents for item in vocabulary.objects.values())
     if said.meaning is Meaning.CONTAINS and said.number is not None and said.number > most:
         yield RequestProblem(kind=RequestProblemKind.FIT, words=syntax.render(call), possible=(str(most),))
 

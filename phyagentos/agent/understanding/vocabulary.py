@@ -95,7 +95,7 @@ class Vocabulary:
     """
 
     scene: str
-    things: Mapping[str, SceneObject]
+    objects: Mapping[str, SceneObject]
     capabilities: tuple[str, ...]
     targets: tuple[str, ...]
     robot: str = ANY
@@ -121,17 +121,17 @@ class Vocabulary:
             raise DefinitionError.unknown("scene", "--scene", scene, catalogue.scenes)
         spec = read_scene(catalogue.scenes[scene])
         bodies = {name: body for name, body in spec.bodies.items() if body.listed}
-        things = {name: _read_object(spec, name, body) for name, body in bodies.items()}
+        objects = {name: _read_object(spec, name, body) for name, body in bodies.items()}
         for name, region in spec.regions.items():
             words = frozenset((*name.split("_"), *(region.body or "").split("_"))) - {""}
-            things[name] = SceneObject(name=name, kind=REGION, words=words, heads=_find_heads(name), has_interior=True)
+            objects[name] = SceneObject(name=name, kind=REGION, words=words, heads=_find_heads(name), has_interior=True)
         postures = (each for _, profile in sorted(catalogue.targets.items()) for each in profile.postures)
         seen = world.entities.values() if world is not None else ()
         unlisted = tuple((each.color, each.form) for each in seen if each.kind == UNNAMED)
-        located = _locate(things, world) if world is not None else things
+        located = _locate(objects, world) if world is not None else objects
         return cls(
             scene=scene,
-            things=_add_synonyms(located, {form for _, form in unlisted}),
+            objects=_add_synonyms(located, {form for _, form in unlisted}),
             unlisted=unlisted,
             capabilities=_find_capabilities(catalogue),
             targets=tuple(sorted(catalogue.targets)),
@@ -158,26 +158,26 @@ class Vocabulary:
 
     def list_words(self) -> tuple[frozenset[str], frozenset[str]]:
         """Words that may stand before a noun, and nouns; colours stand for nouns, too."""
-        things = self.things.values()
-        adjectives = {*COLORS}.union(*(thing.words for thing in things))
-        nouns = {LOOSE for thing in things if thing.contents}.union(*(thing.heads for thing in things))
+        objects = self.objects.values()
+        adjectives = {*COLORS}.union(*(item.words for item in objects))
+        nouns = {LOOSE for item in objects if item.contents}.union(*(item.heads for item in objects))
         for noun in ({form for _, form in self.unlisted} | (nouns & {LOOSE})) - {""}:
             nouns |= {noun, *read_lexicon()["synonyms"].get(noun, ())}
         return frozenset(filter(WORD.fullmatch, adjectives)), frozenset(filter(WORD.fullmatch, nouns))
 
 
-def _locate(things: Mapping[str, SceneObject], world: Environment) -> dict[str, SceneObject]:
+def _locate(objects: Mapping[str, SceneObject], world: Environment) -> dict[str, SceneObject]:
     """The objects with their places and sizes."""
-    located = dict(things)
-    for name in things.keys() & world.entities.keys():
+    located = dict(objects)
+    for name in objects.keys() & world.entities.keys():
         entity = world.entities[name]
         x_m, y_m, z_m = ((high - low) / 2 for low, high in (compute_extent(entity, axis) for axis in AXES))
-        below = [each.arguments[-1] for each in find_places(entity, world) if each.arguments[-1] in things]
-        owners = [each for each in below if things[each].kind not in (*SURFACES, REGION)]
-        stands, ground = things[name].stands, next((each for each in below if things[each].kind in SURFACES), "")
-        is_high = bool(stands) and things[stands].kind not in SURFACES
+        below = [each.arguments[-1] for each in find_places(entity, world) if each.arguments[-1] in objects]
+        owners = [each for each in below if objects[each].kind not in (*SURFACES, REGION)]
+        stands, ground = objects[name].stands, next((each for each in below if objects[each].kind in SURFACES), "")
+        is_high = bool(stands) and objects[stands].kind not in SURFACES
         located[name] = replace(
-            things[name],
+            objects[name],
             stands=stands if is_high else next(iter(owners), ""),
             ground=ground,
             at_m=compute_center(entity),
@@ -185,18 +185,18 @@ def _locate(things: Mapping[str, SceneObject], world: Environment) -> dict[str, 
         )
     for name, region in world.regions.items():
         located |= (
-            {name: replace(things[name], at_m=region.pose.position_m, half_m=region.half_m)} if name in things else {}
+            {name: replace(objects[name], at_m=region.pose.position_m, half_m=region.half_m)} if name in objects else {}
         )
     return located
 
 
-def _add_synonyms(things: Mapping[str, SceneObject], taken: Set[str]) -> dict[str, SceneObject]:
+def _add_synonyms(objects: Mapping[str, SceneObject], taken: Set[str]) -> dict[str, SceneObject]:
     """The objects with further nouns for them, as far as nothing else here is called so."""
-    taken = {head for thing in things.values() for head in thing.heads} | taken
+    taken = {head for item in objects.values() for head in item.heads} | taken
     more = {noun: {*others} - taken for noun, others in read_lexicon()["synonyms"].items()}
     return {
-        name: replace(thing, heads=thing.heads.union(*(more.get(head, ()) for head in thing.heads)))
-        for name, thing in things.items()
+        name: replace(item, heads=item.heads.union(*(more.get(head, ()) for head in item.heads)))
+        for name, item in objects.items()
     }
 
 

@@ -304,8 +304,8 @@ def find_roles(skill: SkillRuntime) -> tuple[str, str]:
     calls = (call for text in skill.guarantees for call in iter_calls(parse_predicate(text, template=True).formula))
     parts = ((said.object, said.place) for said in map(read_statement, calls))
     related = ([each.path for each in both if isinstance(each, Variable) and each.path in named] for both in parts)
-    thing, place, *_ = [*max(related, key=len, default=[]), "", ""]
-    return find_parameter(skill, ParameterRole.OBJECT) or thing, place
+    item, place, *_ = [*max(related, key=len, default=[]), "", ""]
+    return find_parameter(skill, ParameterRole.OBJECT) or item, place
 
 
 def find_parameter(skill: SkillRuntime, role: ParameterRole) -> str:

@@ -65,14 +65,14 @@ VESSEL_STD_M = 0.004  # the same of a vessel, of which thin walls and its fillin
 PERCEIVED_STD_RAD = 0.02
 SHIFT_STD_M = 0.005  # by which an object may have been shifted unseen as what hides it was put down on it
 COARSE_RAD, COARSE_FACTOR = 0.11, 3.0  # few pixels fit many turns: their uncertainty is not normal
-DOUBT_STDS = 2.0  # 95 % of a normal distribution lies within
+UNCERTAINTY_STDS = 2.0  # 95 % of a normal distribution lies within
 POSTURE_RAD = 0.05  # the error of a servo that carries a load stays below
 FACING_RAD = 0.1  # by which a base in its place may be turned
 APART_M = 0.05  # by which a base may stand nearer or farther than it should
 _BOUNDS = {"side_x_m": "side", "side_y_m": "side", "below_rim_m": "rim", "above_floor_m": "floor"}
 
 
-def _find_position_doubt(view: View, *entities: Entity | None) -> float:
+def _find_position_uncertainty(view: View, *entities: Entity | None) -> float:
     """Uncertainty [m] of the distance of two positions; what is fixed and was not measured has none."""
     stds_m = (
         each.position_std_m or (VESSEL_STD_M if each.interior and not each.mechanism else PERCEIVED_STD_M)
@@ -81,18 +81,18 @@ def _find_position_doubt(view: View, *entities: Entity | None) -> float:
     )
     known = {each.name: each for each in entities if each is not None}
     shifts_m = (SHIFT_STD_M for each in known.values() if each.bears and each.bears not in known)
-    return DOUBT_STDS * math.hypot(*stds_m, *shifts_m)
+    return UNCERTAINTY_STDS * math.hypot(*stds_m, *shifts_m)
 
 
-def _find_turn_doubt(view: View, *entities: Entity | None) -> float:
+def _find_turn_uncertainty(view: View, *entities: Entity | None) -> float:
     """Uncertainty of orientations [rad]."""
     unstated = 0.0 if view.now.sensing == "truth" else PERCEIVED_STD_RAD
-    return DOUBT_STDS * math.hypot(*(e.turn_std_rad or unstated for e in entities if e is not None and e.movable))
+    return UNCERTAINTY_STDS * math.hypot(*(e.turn_std_rad or unstated for e in entities if e is not None and e.movable))
 
 
-def _find_tilt_doubt(view: View, a: Entity) -> float:
+def _find_tilt_uncertainty(view: View, a: Entity) -> float:
     """Uncertainty of the angle of its z axis to the vertical [rad]."""
-    return max(DOUBT_STDS * a.tilt_std_rad, _find_turn_doubt(view, a))
+    return max(UNCERTAINTY_STDS * a.tilt_std_rad, _find_turn_uncertainty(view, a))
 
 
 def measure_inside(view: View, a: Entity, b: str) -> Reading:
@@ -113,10 +113,12 @@ def measure_inside(view: View, a: Entity, b: str) -> Reading:
     }
     scales = (box.half_m[0], box.half_m[1], box.half_m[2], box.half_m[2])
     margin, worst = min((s / max(h, 1e-3), name) for (name, s), h in zip(slack_m.items(), scales, strict=True))
-    doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
-    doubts_m = (doubt_m, doubt_m, *(doubt_m + _find_low_doubt(a, up),) * 2)
+    uncertainty_m = _find_position_uncertainty(view, a, view.now.entities.get(b))
+    uncertainties_m = (uncertainty_m, uncertainty_m, *(uncertainty_m + _find_low_uncertainty(a, up),) * 2)
     sign = -1.0 if margin >= 0 else 1.0
-    turned = min((s + sign * d) / max(h, 1e-3) for s, d, h in zip(slack_m.values(), doubts_m, scales, strict=True))
+    turned = min(
+        (s + sign * d) / max(h, 1e-3) for s, d, h in zip(slack_m.values(), uncertainties_m, scales, strict=True)
+    )
     off, bound = format_length(slack_m[worst]), _BOUNDS[worst]
     because = (
         f"{a.name} is inside {b}, {off} from its tightest bound ({bound})"
@@ -131,7 +133,7 @@ def measure_centred(view: View, a: Entity, b: Entity, tol_m: float) -> Reading:
     *_, (one, other) = zip(list_points(a), list_points(b), strict=False)  # in the order: centre, datum
     apart_m = math.dist(one[:2], other[:2])
     because = f"{a.name} is {{}} off the middle of {b.name}"
-    return _read_length("apart_m", apart_m, tol_m, because, _find_position_doubt(view, a, b))
+    return _read_length("apart_m", apart_m, tol_m, because, _find_position_uncertainty(view, a, b))
 
 
 def measure_on(view: View, a: Entity, b: str) -> Reading:
@@ -139,17 +141,17 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
     if (held := _find_hold(view, a)) is not None:
         return held
     of = view.now.entities.get(b)
-    doubt_m = _find_position_doubt(view, a, of)
-    allowed_m = CONTACT_M + doubt_m
-    top = _find_sure_top(view, a, b, doubt_m, allowed_m + doubt_m)
+    uncertainty_m = _find_position_uncertainty(view, a, of)
+    allowed_m = CONTACT_M + uncertainty_m
+    top = _find_sure_top(view, a, b, uncertainty_m, allowed_m + uncertainty_m)
     if top is None:
         return Reading(-1.0, {"over": False}, f"{a.name} is not above {b}")
     gap_m = top.measure_gap(a)
     measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
     if (below_m := measure_below(a, of)) > 0.0:  # b fell over, or a leans on it from beside
         because = f"the datum of {a.name} is {format_length(below_m)} below that of {b}"
-        return Reading(-below_m / allowed_m, measured, because, doubt_m / allowed_m)
-    is_near = abs(gap_m) <= allowed_m + doubt_m
+        return Reading(-below_m / allowed_m, measured, because, uncertainty_m / allowed_m)
+    is_near = abs(gap_m) <= allowed_m + uncertainty_m
     between = find_between(view, a, b, top.point_m[2], gap_m + allowed_m) if is_near else None
     if between is not None:
         if reason := view.now.explain_unseen(between):
@@ -157,51 +159,55 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
         return Reading(-1.0, measured | {"between": between.name}, f"{between.name} is between {a.name} and {b}")
     if is_near and (covered := find_covered(view, a, b, gap_m + allowed_m)) is not None:
         raise FactUnknown(f"no look has surely shown {covered}, and it may be between {a.name} and {b}")
-    leans = is_near and not is_level_on(a, top, LEAN_RAD + _find_tilt_doubt(view, a))
+    leans = is_near and not is_level_on(a, top, LEAN_RAD + _find_tilt_uncertainty(view, a))
     if leans and (prop := find_prop(view, a, b, top.point_m[2])) is not None:
         raise FactUnknown(f"{a.name} leans, and {prop.name} may bear it as well as {b}")
     if gap_m > allowed_m and (sunk_m := measure_sunk(view, a, b)) > allowed_m:
         because = f"{a.name} rests in the hollow of {b}, {format_length(sunk_m)} below its rim"
-        return Reading(sunk_m / allowed_m, measured, because, doubt_m / allowed_m)
+        return Reading(sunk_m / allowed_m, measured, because, uncertainty_m / allowed_m)
     gap, allowed = compare_lengths(gap_m, allowed_m)
     because = f"the lowest point of {a.name} is {gap} {_name_side(gap_m)} the top of {b}; up to {allowed} is allowed"
-    return Reading((allowed_m + doubt_m / 2 - abs(gap_m)) / allowed_m, measured, because, doubt_m / 2 / allowed_m)
+    return Reading(
+        (allowed_m + uncertainty_m / 2 - abs(gap_m)) / allowed_m, measured, because, uncertainty_m / 2 / allowed_m
+    )
 
 
 def measure_above(view: View, a: Entity, b: str) -> Reading:
     """Let go of; middle over b's top and lowest point not below it: on b, or on what stands on b."""
     if (held := _find_hold(view, a)) is not None:
         return held
-    doubt_m = _find_position_doubt(view, a, view.now.entities.get(b))
-    allowed_m = CONTACT_M + doubt_m
-    top = _find_sure_top(view, a, b, doubt_m, math.inf)
+    uncertainty_m = _find_position_uncertainty(view, a, view.now.entities.get(b))
+    allowed_m = CONTACT_M + uncertainty_m
+    top = _find_sure_top(view, a, b, uncertainty_m, math.inf)
     if top is None:
         return Reading(-1.0, {"over": False}, f"{a.name} is not above {b}")
     gap_m = top.measure_gap(a)
     because = f"the lowest point of {a.name} is {format_length(gap_m)} {_name_side(gap_m)} the top of {b}"
     measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
-    return Reading((gap_m + allowed_m + doubt_m / 2) / allowed_m, measured, because, doubt_m / 2 / allowed_m)
+    return Reading(
+        (gap_m + allowed_m + uncertainty_m / 2) / allowed_m, measured, because, uncertainty_m / 2 / allowed_m
+    )
 
 
 def _name_side(gap_m: float) -> str:
     return "above" if gap_m >= 0.0 else "below"
 
 
-def _find_sure_top(view: View, a: Entity, b: str, doubt_m: float, near_m: float) -> Top | None:
+def _find_sure_top(view: View, a: Entity, b: str, uncertainty_m: float, near_m: float) -> Top | None:
     """As `_find_top`; unknown where the uncertainty decides whether a is over b, at less than `near_m` from its top."""
-    if doubt_m:
-        tops = (_find_top(view, a, b, slack_m) for slack_m in (-doubt_m, FOOTPRINT_SLACK_M + doubt_m))
+    if uncertainty_m:
+        tops = (_find_top(view, a, b, slack_m) for slack_m in (-uncertainty_m, FOOTPRINT_SLACK_M + uncertainty_m))
         found = [abs(top.measure_gap(a)) for top in tops if top is not None]
         if len(found) == 1 and found[0] <= near_m:
-            if bridged := find_bridged_top(view.now.entities.get(b), a, doubt_m):
+            if bridged := find_bridged_top(view.now.entities.get(b), a, uncertainty_m):
                 return bridged
             raise FactMarginal(f"whether {a.name} is above {b} is within the uncertainty of the measurement")
     top = _find_top(view, a, b, FOOTPRINT_SLACK_M)
-    is_near = top is not None and abs(top.measure_gap(a)) <= CONTACT_M + doubt_m
-    return top if is_near else find_bridged_top(view.now.entities.get(b), a, doubt_m) or top
+    is_near = top is not None and abs(top.measure_gap(a)) <= CONTACT_M + uncertainty_m
+    return top if is_near else find_bridged_top(view.now.entities.get(b), a, uncertainty_m) or top
 
 
-def _find_low_doubt(a: Entity, up: Vector) -> float:
+def _find_low_uncertainty(a: Entity, up: Vector) -> float:
     """By how much its lowest point is off where it leans as the pixels alone say [m]."""
     (x, y, z), (i, j, k) = a.lean_rad, up
     down = (-i + y * k - z * j, -j + z * i - x * k, -k + x * j - y * i)
@@ -216,11 +222,13 @@ def _find_hold(view: View, a: Entity) -> Reading | None:
         return Reading(-1.0, {"held": True}, f"{a.name} is still held by {a.held_by}")
     if view.now.sensing != "truth" and a.movable:
         for name, state in view.now.targets.items():
-            width_m, doubt_m = state.gripper_width_m, _find_position_doubt(view, a)
+            width_m, uncertainty_m = state.gripper_width_m, _find_position_uncertainty(view, a)
             between_m = compute_grasp_width(a, state.tcp, PAD_M, width_m) if width_m >= CLOSED_M else None
             if between_m is None and is_within(a, state.tcp.position_m, PAD_M):
                 raise FactUnknown(f"{a.name} is around the fingers of {name}, and may hang on them")
-            if between_m is not None and between_m > width_m - WIDTH_M - doubt_m:  # wider: the box around what is round
+            if (
+                between_m is not None and between_m > width_m - WIDTH_M - uncertainty_m
+            ):  # wider: the box around what is round
                 raise FactUnknown(f"{a.name} is between the fingers of {name}, which may still hold it")
     return None
 
@@ -278,7 +286,7 @@ def _demand_grasp(view: View, a: Entity, state: TargetState) -> None:
     between_m = compute_grasp_width(a, state.tcp, PAD_M, state.gripper_width_m)
     if between_m is None:
         raise FactUnknown(f"the fingers press on something, and {a.name} is not between them")
-    if abs(between_m - state.gripper_width_m) > WIDTH_M + _find_position_doubt(view, a):
+    if abs(between_m - state.gripper_width_m) > WIDTH_M + _find_position_uncertainty(view, a):
         width, between = compare_lengths(state.gripper_width_m, between_m)
         raise FactUnknown(f"the fingers are {width} apart, and {a.name} is {between} wide between them")
     if a.looks < 1:
@@ -289,8 +297,8 @@ def measure_at(view: View, a: Entity, place: Place, tol_m: float) -> Reading:
     """Centre within `tol_m` of a point, or of a place's box; a hand may hold it there."""
     _find_hold(view, a)
     distance_m = compute_box_distance(place.pose, place.half_m, compute_center(a))
-    doubt_m = _find_position_doubt(view, a, view.now.entities.get(place.name))
-    return _read_length("distance_m", distance_m, tol_m, f"{a.name} is {{}} from {place.name}", doubt_m)
+    uncertainty_m = _find_position_uncertainty(view, a, view.now.entities.get(place.name))
+    return _read_length("distance_m", distance_m, tol_m, f"{a.name} is {{}} from {place.name}", uncertainty_m)
 
 
 def measure_contains(view: View, a: Entity, least: float) -> Reading:
@@ -306,8 +314,8 @@ def measure_contains(view: View, a: Entity, least: float) -> Reading:
 
 def measure_near(view: View, a: Entity, b: Place, distance_m: float) -> Reading:
     """Distance between centres."""
-    apart_m, doubt_m = _measure_apart(view, a, b)
-    return _read_length("distance_m", apart_m, distance_m, f"{a.name} and {b.name} are {{}} apart", doubt_m)
+    apart_m, uncertainty_m = _measure_apart(view, a, b)
+    return _read_length("distance_m", apart_m, distance_m, f"{a.name} and {b.name} are {{}} apart", uncertainty_m)
 
 
 def measure_visible(view: View, a: str) -> Reading:
@@ -356,18 +364,18 @@ def measure_moved(view: View, a: Entity) -> Reading:
         raise FactUnknown(f"in the initial snapshot, {reason}") from reason
     moved_m = math.dist(a.pose.position_m, was.pose.position_m)
     is_exact = view.now.sensing == "truth"
-    doubt_m, doubt_rad = _find_position_doubt(view, a, was), _find_turn_doubt(view, a, was)
-    turned_rad = compute_least_turn(a, was, *((0.0,) if is_exact else (SAME_SIDE_M, doubt_m)))
+    uncertainty_m, uncertainty_rad = _find_position_uncertainty(view, a, was), _find_turn_uncertainty(view, a, was)
+    turned_rad = compute_least_turn(a, was, *((0.0,) if is_exact else (SAME_SIDE_M, uncertainty_m)))
     margin = max(moved_m / MOVED_M, turned_rad / MOVED_RAD) - 1.0
     because = f"{a.name} moved {format_length(moved_m)} and turned {format_angle(turned_rad)}"
-    least_rad = turned_rad if is_exact or turned_rad < MOVED_RAD else compute_least_turn(a, was, doubt_m)
+    least_rad = turned_rad if is_exact or turned_rad < MOVED_RAD else compute_least_turn(a, was, uncertainty_m)
     if max(a.tilt_std_rad, was.tilt_std_rad) > MOVED_RAD:  # another pose fits as well, which is turned, too
         least_rad = 0.0
-    coarse = COARSE_FACTOR if doubt_rad > COARSE_RAD else 1.0
-    least = max((moved_m - doubt_m) / MOVED_M, (least_rad - coarse * doubt_rad) / MOVED_RAD)
-    most = max((moved_m + doubt_m) / MOVED_M, (turned_rad + doubt_rad) / MOVED_RAD)
-    doubt = margin + 1.0 - least if margin >= 0 else most - 1.0 - margin
-    return Reading(margin, {"moved_m": round(moved_m, 5), "turned_rad": round(turned_rad, 5)}, because, doubt)
+    coarse = COARSE_FACTOR if uncertainty_rad > COARSE_RAD else 1.0
+    least = max((moved_m - uncertainty_m) / MOVED_M, (least_rad - coarse * uncertainty_rad) / MOVED_RAD)
+    most = max((moved_m + uncertainty_m) / MOVED_M, (turned_rad + uncertainty_rad) / MOVED_RAD)
+    uncertainty = margin + 1.0 - least if margin >= 0 else most - 1.0 - margin
+    return Reading(margin, {"moved_m": round(moved_m, 5), "turned_rad": round(turned_rad, 5)}, because, uncertainty)
 
 
 def measure_open(view: View, a: Entity) -> Reading:
@@ -385,21 +393,21 @@ def measure_tilt(view: View, a: Entity) -> Reading:
     tilt_rad = compute_tilt(a.pose)
     side = " or rests on a side of nearly the same size" if a.tilt_std_rad > math.pi / 8 else ""
     because = f"{a.name} leans {format_angle(tilt_rad)}{side}"
-    return Reading(tilt_rad, {"tilt_rad": round(tilt_rad, 5)}, because, _find_tilt_doubt(view, a))
+    return Reading(tilt_rad, {"tilt_rad": round(tilt_rad, 5)}, because, _find_tilt_uncertainty(view, a))
 
 
 def measure_height(view: View, a: Entity) -> Reading:
     """Height of its lowest point above the world's origin [m]."""
     height_m = compute_lowest(a)
     because = f"the lowest point of {a.name} is at a height of {height_m:.3f} m"
-    return Reading(height_m, {"height_m": round(height_m, 5)}, because, _find_position_doubt(view, a))
+    return Reading(height_m, {"height_m": round(height_m, 5)}, because, _find_position_uncertainty(view, a))
 
 
 def measure_distance(view: View, a: Entity, b: Place) -> Reading:
     """Distance between centres [m]."""
-    apart_m, doubt_m = _measure_apart(view, a, b)
+    apart_m, uncertainty_m = _measure_apart(view, a, b)
     because = f"{a.name} and {b.name} are {format_length(apart_m)} apart"
-    return Reading(apart_m, {"distance_m": round(apart_m, 5)}, because, doubt_m)
+    return Reading(apart_m, {"distance_m": round(apart_m, 5)}, because, uncertainty_m)
 
 
 def measure_speed(view: View, a: Entity) -> Reading:
@@ -425,7 +433,7 @@ def measure_in_posture(view: View, target: str, posture: str, tol_rad: float) ->
     because = f"joint {joint} of {target} is {off} from {posture}; up to {most} is allowed"
     scale_rad = max(tol_rad, 1e-3)
     measured: dict[str, float | str | bool] = {"joint": joint, "off_rad": round(worst_rad, 5)}
-    return Reading((tol_rad - worst_rad) / scale_rad, measured, because, DOUBT_STDS * state.q_std_rad / scale_rad)
+    return Reading((tol_rad - worst_rad) / scale_rad, measured, because, UNCERTAINTY_STDS * state.q_std_rad / scale_rad)
 
 
 def measure_standing(view: View, target: str, least_m: float) -> Reading:
@@ -459,8 +467,8 @@ def measure_docked(view: View, target: str, place: Place, standoff_m: float) -> 
     (off, most), (turned, turn) = compare_lengths(off_m, allowed_m), compare_angles(turned_rad, FACING_RAD)
     because = f"the base of {target} is {off} off {place.name} and turned {turned}; up to {most} and {turn} is allowed"
     margin = 1.0 - max(off_m / allowed_m, turned_rad / FACING_RAD)
-    doubt = _find_position_doubt(view, view.now.entities.get(place.name)) / allowed_m
-    return Reading(margin, {"off_m": round(off_m, 5), "turned_rad": round(turned_rad, 5)}, because, doubt)
+    uncertainty = _find_position_uncertainty(view, view.now.entities.get(place.name)) / allowed_m
+    return Reading(margin, {"off_m": round(off_m, 5), "turned_rad": round(turned_rad, 5)}, because, uncertainty)
 
 
 def measure_metric(view: View, name: str) -> Reading:
@@ -468,8 +476,8 @@ def measure_metric(view: View, name: str) -> Reading:
     if name not in view.metrics:
         raise FactUnknown(f"nothing measured {name}")
     value = view.metrics[name]
-    doubt = view.metrics.get(f"{name}_error", 0.0)
-    return Reading(value, {name: round(value, 6)}, f"{name} is {value:.4g}", doubt)
+    uncertainty = view.metrics.get(f"{name}_error", 0.0)
+    return Reading(value, {name: round(value, 6)}, f"{name} is {value:.4g}", uncertainty)
 
 
 def measure_unstated(view: View) -> Reading:
@@ -480,35 +488,37 @@ def measure_unstated(view: View) -> Reading:
 
 def _measure_apart(view: View, a: Entity, b: Place) -> tuple[float, float]:
     """The distance of two centres, and its uncertainty [m]."""
-    return math.dist(compute_center(a), b.pose.position_m), _find_position_doubt(view, a, view.now.entities.get(b.name))
+    return math.dist(compute_center(a), b.pose.position_m), _find_position_uncertainty(
+        view, a, view.now.entities.get(b.name)
+    )
 
 
-def _read_length(name: str, length_m: float, most_m: float, because: str, doubt_m: float) -> Reading:
+def _read_length(name: str, length_m: float, most_m: float, because: str, uncertainty_m: float) -> Reading:
     """A length that may be up to `most_m`; `because` has a place for it."""
     length, most = compare_lengths(length_m, most_m)
     scale_m = max(most_m, 1e-3)
     because = f"{because.format(length)}; up to {most} is allowed"
-    return Reading((most_m - length_m) / scale_m, {name: round(length_m, 5)}, because, doubt_m / scale_m)
+    return Reading((most_m - length_m) / scale_m, {name: round(length_m, 5)}, because, uncertainty_m / scale_m)
 
 
 def _read_tilt(view: View, a: Entity, limit_rad: float, sign: float, meaning: str) -> Reading:
     tilt_rad = compute_tilt(a.pose)
     tilt, limit = compare_angles(tilt_rad, limit_rad)
     because = f"{a.name} leans {tilt}; {meaning.format(limit)}"
-    doubt = _find_tilt_doubt(view, a) / limit_rad
-    return Reading(sign * (1.0 - tilt_rad / limit_rad), {"tilt_rad": round(tilt_rad, 5)}, because, doubt)
+    uncertainty = _find_tilt_uncertainty(view, a) / limit_rad
+    return Reading(sign * (1.0 - tilt_rad / limit_rad), {"tilt_rad": round(tilt_rad, 5)}, because, uncertainty)
 
 
 def _read_opening(view: View, a: Entity, limit: float, sign: float) -> Reading:
     """How far its joint is beyond a limit, as a share of the travel."""
     if a.joint is None:
         raise FactUnknown(f"{a.name} has no joint that was observed")
-    doubt = 0.0
+    uncertainty = 0.0
     if a.mechanism is not None:
-        find_doubt = _find_turn_doubt if a.mechanism.kind == "hinge" else _find_position_doubt
-        doubt = find_doubt(view, a) / a.mechanism.travel
+        find_uncertainty = _find_turn_uncertainty if a.mechanism.kind == "hinge" else _find_position_uncertainty
+        uncertainty = find_uncertainty(view, a) / a.mechanism.travel
     because = f"{a.name} is {format_share(a.joint)} open"
-    return Reading(sign * (a.joint - limit), {"opening": a.joint}, because, doubt)
+    return Reading(sign * (a.joint - limit), {"opening": a.joint}, because, uncertainty)
 
 
 _A = Argument("a", ArgumentKind.ENTITY)

@@ -151,16 +151,16 @@ def _evaluate_known(formula: syntax.Formula, view: View) -> Evaluation:
 
 def _evaluate_statement(call: syntax.Call, view: View) -> Evaluation:
     reading = _measure(call, view)
-    if abs(reading.value) < reading.doubt:
-        return _doubt(reading)
+    if abs(reading.value) < reading.uncertainty:
+        return _leave_unknown(reading)
     truth = Truth.TRUE if reading.value >= 0 else Truth.FALSE
     return Evaluation(truth, reading.measured, reading.because, reading.value)
 
 
 def _evaluate_number(call: syntax.Call, relation: str, bound: float, view: View) -> Evaluation:
     reading = _measure(call, view)
-    if abs(reading.value - bound) < reading.doubt:
-        return _doubt(reading)
+    if abs(reading.value - bound) < reading.uncertainty:
+        return _leave_unknown(reading)
     truth = Truth.TRUE if _RELATIONS[relation](reading.value, bound) else Truth.FALSE
     margin = _compute_margin(reading.value, relation, bound) / max(abs(bound), 0.01)
     because = f"{reading.because} (required: {relation} {syntax.format_number(bound)})"
@@ -215,7 +215,7 @@ def _measure(call: syntax.Call, view: View) -> Reading:
             raise FactUnknown(what) from error
         raise DefectError("BROKEN_PYTHON", what, find_place(error, definition.measure)) from error
     numbers = [value for value in reading.measured.values() if isinstance(value, float)]
-    if not all(map(math.isfinite, (reading.value, *numbers))) or math.isnan(reading.doubt):
+    if not all(map(math.isfinite, (reading.value, *numbers))) or math.isnan(reading.uncertainty):
         raise FactUnknown(f"{syntax.render(call)} measured a number that is not finite")
     return reading
 
@@ -227,10 +227,10 @@ def _ask_project(definition: PredicateDefinition, view: View, resolved: Sequence
     if not isinstance(answer, Reading) or not isinstance(answer.because, str):
         raise TypeError(f"it answered {answer!r:.120}; expected a Reading, `because` in words")
     numbers = to_numbers({"value": answer.value, **answer.measured})
-    value, doubt = numbers.pop("value"), to_plain(answer.doubt)
-    if isinstance(value, str) or not isinstance(doubt, float | int) or not doubt >= 0.0:
-        raise ValueError(f"it answered {answer!r:.120}; expected a number, and a doubt of at least 0")
-    return Reading(float(value), numbers, answer.because, float(doubt))
+    value, uncertainty = numbers.pop("value"), to_plain(answer.uncertainty)
+    if isinstance(value, str) or not isinstance(uncertainty, float | int) or not uncertainty >= 0.0:
+        raise ValueError(f"it answered {answer!r:.120}; expected a number, and an uncertainty of at least 0")
+    return Reading(float(value), numbers, answer.because, float(uncertainty))
 
 
 def _copy_view(view: View) -> View:
@@ -299,7 +299,7 @@ def _bind(formula: syntax.Formula, name: str, *, into_counts: bool = True) -> sy
     return syntax.map_calls(formula, change, into_counts=into_counts) if name else formula
 
 
-def _doubt(reading: Reading) -> Evaluation:
+def _leave_unknown(reading: Reading) -> Evaluation:
     because = f"{reading.because}, within the uncertainty of the measurement"
     return Evaluation(Truth.UNKNOWN, reading.measured, because, 0.0, is_marginal=True)
 

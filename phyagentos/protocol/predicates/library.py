@@ -109,7 +109,7 @@ class Part(StrEnum):
     """Where that is."""
 
 
-THINGS = (ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE)
+OBJECTS = (ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,14 +130,14 @@ class Reading:
             (1 = as true as its tolerance is wide), so that samples can be ordered from worst to best.
         measured: The numbers that decided; units in the names.
         because: The finding as a fact, worded so that it stands whichever way the predicate is used.
-        doubt: How far the value may be off, in its own unit, by the stated uncertainty of what was measured; a value
-            that this could turn over is unknown.
+        uncertainty: How far the value may be off, in its own unit, by the stated deviations of what was measured; a
+            value that this could turn over is unknown.
     """
 
     value: float
     measured: dict[str, float | str | bool]
     because: str
-    doubt: float = 0.0
+    uncertainty: float = 0.0
 
 
 Resolved = Entity | Place | str | float
@@ -203,7 +203,7 @@ class PredicateDefinition:
         if any(argument.part for argument in self.arguments):
             return tuple(argument.part for argument in self.arguments)
         left = iter(Part)
-        return tuple(next(left, None) if argument.kind in THINGS else None for argument in self.arguments)
+        return tuple(next(left, None) if argument.kind in OBJECTS else None for argument in self.arguments)
 
 
 PREDICATES = Plugins[PredicateDefinition | Iterable[PredicateDefinition]](

@@ -32,8 +32,8 @@ __all__ = [
     "Reference",
     "View",
     "find_entities",
+    "find_objects",
     "find_question",
-    "find_things",
     "has_metric",
     "is_metric_only",
     "iter_entities",
@@ -162,7 +162,7 @@ def find_formula(text: str) -> syntax.Formula | None:
     return predicate.formula if predicate is not None and not findings else None
 
 
-def find_things(text: str, world: Environment) -> tuple[str, ...]:
+def find_objects(text: str, world: Environment) -> tuple[str, ...]:
     """Names that a text mentions, and every movable object where it has a `*`."""
     movable = world.list_movable() if "*" in text else []
     return tuple(dict.fromkeys((*find_entities(text), *movable)))

@@ -107,7 +107,7 @@ class Compound(_Sized):
 
     @property
     def interior_m(self) -> tuple[Number3, Number3] | None:
-        """Middle in the body's frame and half sizes of the box in it where things can be; None of a shelf or table."""
+        """Middle in the body's frame and half sizes of the box in it where objects can be; None of a shelf or table."""
         if self.kind not in (CompoundKind.OPEN_BOX, CompoundKind.CUP) or any(self.euler_rad):
             return None
         *wide, high_m = self.size_m

@@ -90,11 +90,11 @@ def find_surface(entity: Entity, start: Vector, direction: Vector) -> float | No
     return min(firsts, default=None)
 
 
-def compute_least_turn(now: Entity, was: Entity, doubt_m: float, place_m: float = math.inf) -> float:
+def compute_least_turn(now: Entity, was: Entity, uncertainty_m: float, place_m: float = math.inf) -> float:
     """Least angle [rad] by which an object may have turned, as far as a quarter turn of its box shows.
 
-    A quarter turn brings each side onto another one; where these differ by less than `doubt_m`, it may have been made,
-    or may be none but a mistake of the measurement. A ball does not turn, and what is round turns with its axis alone.
+    A quarter turn brings each side onto another one; where they differ by less than `uncertainty_m`, it may be real,
+    or a mistake of the measurement. A ball does not turn, and what is round turns with its axis alone.
     What rolls onto another side goes as far as a side is long: where it stays, by `place_m` or less, it has not rolled.
     """
     turned_rad = compute_turn(now.pose, was.pose)
@@ -111,7 +111,7 @@ def compute_least_turn(now: Entity, was: Entity, doubt_m: float, place_m: float 
     stays = math.dist(now.pose.position_m, was.pose.position_m) + place_m < 2 * min(half_m)
     for quarter in _QUARTER_TURNS:
         turned_m = [abs(each) for each in rotate(quarter, half_m)]
-        alike_m = place_m if stays and dot(rotate(quarter, up), up) < ROLLED_COS else doubt_m
+        alike_m = place_m if stays and dot(rotate(quarter, up), up) < ROLLED_COS else uncertainty_m
         if max(abs(one - other) for one, other in zip(turned_m, half_m, strict=True)) <= alike_m:
             before = multiply(multiply(was.pose.quaternion_wxyz, own), quarter)
             turned_rad = min(turned_rad, compute_turn(box, Pose(was.pose.position_m, before)))

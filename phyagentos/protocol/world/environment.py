@@ -377,8 +377,8 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
     def find_movable(self, names: Iterable[object]) -> str | None:
         """The first of these names, lists included, that is a movable object; None when none is."""
         flat = (name for each in names for name in (each if isinstance(each, list | tuple) else (each,)))
-        things = (name for name in flat if isinstance(name, str) and name in self.entities)
-        return next((name for name in things if self.entities[name].movable), None)
+        objects = (name for name in flat if isinstance(name, str) and name in self.entities)
+        return next((name for name in objects if self.entities[name].movable), None)
 
     def shows(self, name: str) -> bool:
         """Whether it shows where an object or a region is now, see `explain_unseen`."""

@@ -56,12 +56,12 @@ def find_support(world: Environment, name: str, drop_m: float = TOUCH_M) -> Enti
 
 def take_off(world: Environment, name: str, places: Collection[str]) -> Environment:
     """The world with an entity lowered to the foot of one of some places, where that is what it stands on."""
-    thing, support = world.entities[name], find_support(world, name)
+    item, support = world.entities[name], find_support(world, name)
     if support is None or support.name not in places:
         return world
-    x, y, z = thing.pose.position_m
-    at_foot = Pose((x, y, z - compute_lowest(thing) + compute_lowest(support)), thing.pose.quaternion_wxyz)
-    return replace(world, entities=world.entities | {name: replace(thing, pose=at_foot)})
+    x, y, z = item.pose.position_m
+    at_foot = Pose((x, y, z - compute_lowest(item) + compute_lowest(support)), item.pose.quaternion_wxyz)
+    return replace(world, entities=world.entities | {name: replace(item, pose=at_foot)})
 
 
 def find_free_spot(
@@ -82,10 +82,10 @@ def find_free_spot(
         band_m: Least and greatest level distance of the spot from there [m].
         drop_m: How far its support may be below it [m].
     """
-    thing, support = world.entities[name], find_support(world, name, drop_m)
+    item, support = world.entities[name], find_support(world, name, drop_m)
     if support is None:
         return None
-    x0, y0, z = thing.pose.position_m
+    x0, y0, z = item.pose.position_m
     others = [e for e in world.entities.values() if e.name not in {name, support.name} and e.shapes]
     spots = sorted(((x, y, z) for x, y in _iter_grid(support)), key=lambda spot: (math.dist(spot[:2], (x0, y0)), spot))
     for spot in spots:

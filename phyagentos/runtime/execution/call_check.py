@@ -52,7 +52,7 @@ def find_type(types: Mapping[str, str], path: str) -> str:
 
 
 def iter_form_problems(tree: Tree, node: Node) -> Iterator[Problem]:
-    """A call names one thing to call."""
+    """A call names one object to call."""
     if node.type == CALL and not any(find_call(node.wiring)):
         found = ", ".join(kind for kind in KINDS if kind in node.wiring) or "none"
         yield tree.located.problem("MISSING_VALUE", node.address, found, f"one of {', '.join(KINDS)}")

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import read_meanings
-from phyagentos.protocol.predicates.predicate import find_things, parse_predicate
+from phyagentos.protocol.predicates.predicate import find_objects, parse_predicate
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.world.environment import Environment
 from phyagentos.protocol.world.truth import Truth
@@ -21,12 +21,12 @@ def find_open_criteria(session: Session, after: Environment) -> tuple[str, ...]:
     if after.sensing == "truth":
         return ()
     moving = find_moving(session, after)
-    return tuple(name for name in _find_things(session, after) if not after.shows(name) or name in moving)
+    return tuple(name for name in _find_objects(session, after) if not after.shows(name) or name in moving)
 
 
 def find_moving(session: Session, after: Environment) -> tuple[str, ...]:
     """Entities of the acceptance that were seen and not shown to rest, in order of mention."""
-    seen = (after.entities[name] for name in _find_things(session, after) if name in after.entities)
+    seen = (after.entities[name] for name in _find_objects(session, after) if name in after.entities)
     return tuple(each.name for each in seen if not after.explain_unseen(each) and after.explain_motion(each))
 
 
@@ -46,8 +46,8 @@ def is_start_marginal(session: Session, initial: Environment) -> bool:
     return any(each.evaluate(view).is_marginal for each in comparing)
 
 
-def _find_things(session: Session, after: Environment) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(name for text in session.accept for name in find_things(text, after)))
+def _find_objects(session: Session, after: Environment) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name for text in session.accept for name in find_objects(text, after)))
 
 
 def weigh_before(session: Session, now: Environment) -> Truth:

@@ -72,7 +72,7 @@ class HoldMonitor:
         named = frozenset(name for _, predicate in self._predicates for name in iter_entities(predicate))
         names = named.union(*(group for group in find_groups(initial) if group & named))  # whichever of them it is
         is_of_targets = not names and not any("*" in text for text in texts)  # they report of themselves at every step
-        self._named = self.need = Need(things=names) if names or is_of_targets else WORLD
+        self._named = self.need = Need(objects=names) if names or is_of_targets else WORLD
         self._looked_s = initial.time_s  # at everything, or so that all was decided
         self._peaks: dict[str, float] = {}
         self._start = View(

@@ -185,13 +185,13 @@ class SessionLoop:
 
     def _request_confirmation(self) -> ConfirmationCapture | None:
         """Frames for the sample at the end of this period; None where the world has to stand for it."""
-        period_s, things = self.context.profile.control_period_s, frozenset[str]()
+        period_s, objects = self.context.profile.control_period_s, frozenset[str]()
         if self.holds.is_due(self.ticks):
             if self.holds.need.everything:
                 return None
-            things = self.holds.need.things
+            objects = self.holds.need.objects
         confirmation = self.context.world.plan_confirmation(
-            things, time_s=self.context.time_s + period_s * (len(self._unreported) + 1)
+            objects, time_s=self.context.time_s + period_s * (len(self._unreported) + 1)
         )
         for capture in confirmation.captures if confirmation is not None else ():
             self.handle.request_frames(capture)

@@ -58,21 +58,21 @@ def add_pairs(
     `grips` are true coefficients against the pads of those bodies that have their own; `pads` are geoms of grippers.
     """
     values = draw_friction(spec.friction, seed)
-    things = list(_iter_touching(world, spec))
-    if things:
+    objects = list(_iter_touching(world, spec))
+    if objects:
         for geom in world.geoms:
             if geom.name not in pads and geom.parent.name not in spec.bodies:
                 geom.friction[0] = LEAST
-    for each in things:
+    for each in objects:
         each.geom.friction[0] = values[name_pair(each.surface, Surface.METAL)]
         each.geom.condim = 6 if each.is_round else 3
-    for one, other in combinations(things, 2):
+    for one, other in combinations(objects, 2):
         if one.root != other.root:
             mu, rolling_m = values[name_pair(one.surface, other.surface)], compute_rolling_m(one.surface, other.surface)
             _add_pair(world, one, other.geom, (mu, rolling_m, rolling_m), 6 if other.is_round else 3)
     for name, surface in pads.items():
         pad = world.geom(name)
-        for each in things:
+        for each in objects:
             rolling_m, own = compute_rolling_m(surface, each.surface), grips.get(each.geom.parent.name)
             mu = values[name_pair(surface, each.surface)] if own is None else own
             pair = _add_pair(world, each, pad, (mu, PAD_SPIN_M * mu, rolling_m), int(pad.condim))

@@ -308,7 +308,7 @@ class TimeScaling(msgspec.Struct, frozen=True, omit_defaults=True):
         solver: `toppra`, `casadi`, or `quintic` for a motion too small for toppra; `status` is its own word.
         solver_iterations: Of casadi's solver, fatrop.
         worst_tilt_rad: Of a vessel against its apparent gravity; `unshaped_` fields give toppra's alone.
-        grip_share: Greatest share of what the grip bears, at the bad ends of its doubts.
+        grip_share: Greatest share of what the grip bears, at the bad ends of its uncertainties.
     """
 
     solver: str

@@ -13,7 +13,7 @@ from phyagentos.protocol.world.entity_geometry import compute_half_box
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.requests import Array
 
-SUPPORT_DOUBT_M = 0.015  # between the believed lowest point of an object and what it stands on
+SUPPORT_UNCERTAINTY_M = 0.015  # between the believed lowest point of an object and what it stands on
 SURE_STDS = 4.0  # stated deviations by which a believed height is off at most
 SETTLED_M = 0.003  # less is what perception says of its own error
 SETTLED_SHARE = 1.0 / 6.0  # of its height by which even a flat object may be off: more, and fingers close above it
@@ -95,7 +95,7 @@ def settle(entity: Entity, others: Iterable[Entity]) -> Entity:
     around = compute_entity_box(entity)
     bottom_m = around.bottom_m
     least_m = min(SETTLED_M, SETTLED_SHARE * (around.top_m - bottom_m))
-    most_m = min(SUPPORT_DOUBT_M, SURE_STDS * entity.position_std_m or SUPPORT_DOUBT_M)
+    most_m = min(SUPPORT_UNCERTAINTY_M, SURE_STDS * entity.position_std_m or SUPPORT_UNCERTAINTY_M)
     rest = [each for each in others if each.name != entity.name]
     tops_m = [
         box.top_m
@@ -112,7 +112,7 @@ def settle(entity: Entity, others: Iterable[Entity]) -> Entity:
 
 def _is_under(box: Box, point_m: tuple[float, float], bottom_m: float) -> bool:
     """Whether a box ends near a height, at a point (2,) as seen from above."""
-    is_near = abs(box.top_m - bottom_m) <= SUPPORT_DOUBT_M
+    is_near = abs(box.top_m - bottom_m) <= SUPPORT_UNCERTAINTY_M
     return is_near and box.compute_distance(np.array((*point_m, box.pose[2, 3]))) < 1e-6
 
 

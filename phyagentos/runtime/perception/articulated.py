@@ -27,17 +27,17 @@ class Path:
     """Where a part of an object with a joint can be: how that opens, and (4, 4) the part's pose in its frame."""
 
     mechanism: Mechanism
-    thing_T_part: Array
+    object_T_part: Array
 
     def place(self, at_m: Array) -> tuple[Array, Array]:
         """(3, 3) rotation and (3,) position in the world, at the opening that a position (3,) shows."""
         mechanism = self.mechanism
-        amount = np.clip(measure_amount(mechanism, self.thing_T_part[:3, 3], at_m), 0.0, mechanism.travel)
+        amount = np.clip(measure_amount(mechanism, self.object_T_part[:3, 3], at_m), 0.0, mechanism.travel)
         return self.open(float(amount))
 
     def open(self, amount: float) -> tuple[Array, Array]:
         """The same at an opening [m or rad]."""
-        T = compute_motion(self.mechanism, amount) @ compute_matrix(self.mechanism.closed) @ self.thing_T_part
+        T = compute_motion(self.mechanism, amount) @ compute_matrix(self.mechanism.closed) @ self.object_T_part
         return T[:3, :3], T[:3, 3]
 
 

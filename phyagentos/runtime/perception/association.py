@@ -66,7 +66,7 @@ class _Look(NamedTuple):
 
 
 def associate(
-    things: Mapping[str, ObjectModel],
+    objects: Mapping[str, ObjectModel],
     believed: Mapping[str, Entity],
     cloud: Cloud,
     views: Views,
@@ -81,8 +81,8 @@ def associate(
     near, chains = find_near_colors(palette if palette is not None else np.zeros((0, 3)))
     look = _Look(believed, cloud, views, map_solids)
     matches: dict[str, Match] = {}
-    for chain in dict.fromkeys(int(chains[thing.colors[0]]) for thing in things.values()):  # of near colours
-        group = [thing for thing in things.values() if chains[thing.colors[0]] == chain]
+    for chain in dict.fromkeys(int(chains[item.colors[0]]) for item in objects.values()):  # of near colours
+        group = [item for item in objects.values() if chains[item.colors[0]] == chain]
         pieces = [
             piece
             for piece in find_pieces(group, believed, cloud, near)
@@ -91,9 +91,9 @@ def associate(
         tracked = _track(group, look, pieces)
         matches |= tracked
         taken = {id(match.points) for match in tracked.values()}
-        rest = [thing for thing in group if thing.name not in tracked]
+        rest = [item for item in group if item.name not in tracked]
         if rest:
-            known = [(thing, match.fit, match.points) for thing in group if (match := tracked.get(thing.name))]
+            known = [(item, match.fit, match.points) for item in group if (match := tracked.get(item.name))]
             pieces = [piece for piece in pieces if id(piece) not in taken]
             if len(rest) == 1:
                 pieces = _join_parts(rest[0], cloud, pieces, views)
@@ -102,7 +102,7 @@ def associate(
         return matches
     fits = {name: match.fit for name, match in matches.items()}
     apart = separate_overlaps(
-        things,
+        objects,
         fits,
         seen={name: cloud.take(match.points) for name, match in matches.items()},
         views=views,
@@ -113,7 +113,7 @@ def associate(
     return {name: replace(matches[name], fit=found) for name, found in possible.items()}
 
 
-def exchange_uncertainties(entities: Mapping[str, Entity], seen: Collection[str]) -> dict[str, Entity]:
+def exchange_alternatives(entities: Mapping[str, Entity], seen: Collection[str]) -> dict[str, Entity]:
     """The entities, each of two that may be exchanged listing the other: as the `seen` ones say."""
     after = dict(entities)
     for name, entity in entities.items():
@@ -146,21 +146,21 @@ def _is_behind_map(seen: Cloud, views: Views, map_solids: Solids | None) -> bool
 
 def _track(group: Sequence[ObjectModel], look: _Look, pieces: Sequence[Piece]) -> dict[str, Match]:
     """Objects near their last pose, each alone with its cluster; not those that a better look may tell apart."""
-    names = {thing.name for thing in group}
+    names = {item.name for item in group}
     middles = [np.median(look.cloud.points_m[piece], axis=0) for piece in pieces]
     claims: dict[int, list[ObjectModel]] = {}
-    for thing in group:
-        entity = look.believed.get(thing.name)
+    for item in group:
+        entity = look.believed.get(item.name)
         prior = _get_prior(entity)
         if entity is None or prior is None or not middles:
             continue
-        if set(entity.alternatives) & names - thing.alike:
+        if set(entity.alternatives) & names - item.alike:
             continue
         away = [math.dist(middle, prior[1]) for middle in middles]
         nearest = int(np.argmin(away))
-        is_own = _measure_share(look.cloud, pieces[nearest], thing) >= OWN_MIN
-        if is_own and away[nearest] < thing.diameter_m / 2 + LINK_M:
-            claims.setdefault(nearest, []).append(thing)
+        is_own = _measure_share(look.cloud, pieces[nearest], item) >= OWN_MIN
+        if is_own and away[nearest] < item.diameter_m / 2 + LINK_M:
+            claims.setdefault(nearest, []).append(item)
     found: dict[str, Match] = {}
     for index, claimants in claims.items():
         name = claimants[0].name
@@ -199,32 +199,32 @@ def _assign(
     unclaimed = [piece for index, piece in enumerate(pieces) if index not in {*chosen.tolist(), *stray}]
     matches = {}
     for row, column in enumerate(chosen.tolist()):
-        thing = group[row]
+        item = group[row]
         if (row, column) not in fits or frozenset({row}) in undecided:
             continue
-        if any(_is_spill(look.cloud, pieces[column], piece, thing) for piece in unclaimed):
+        if any(_is_spill(look.cloud, pieces[column], piece, item) for piece in unclaimed):
             continue
-        doubts = {group[other].name for rows in undecided if row in rows for other in rows - {row}}
+        rivals = {group[other].name for rows in undecided if row in rows for other in rows - {row}}
         names = {other.name for other in group} - {group[o].name for rows in by_looks if row in rows for o in rows}
-        inherited = set(look.believed[thing.name].alternatives) - names if thing.name in look.believed else set()
-        matches[thing.name] = Match(
+        inherited = set(look.believed[item.name].alternatives) - names if item.name in look.believed else set()
+        matches[item.name] = Match(
             fit=fits[row, column],
             points=pieces[column],
-            alternatives=tuple(sorted(doubts | inherited)),
-            is_renamed=bool(doubts),
+            alternatives=tuple(sorted(rivals | inherited)),
+            is_renamed=bool(rivals),
         )
     return matches
 
 
-def _join_parts(thing: ObjectModel, cloud: Cloud, pieces: list[Piece], views: Views) -> list[Piece]:
+def _join_parts(item: ObjectModel, cloud: Cloud, pieces: list[Piece], views: Views) -> list[Piece]:
     """The clusters, or the one of which the only object sought explains all: its parts may be seen from above alone."""
-    own = [piece for piece in pieces if _measure_share(cloud, piece, thing) >= OWN_MIN]
+    own = [piece for piece in pieces if _measure_share(cloud, piece, item) >= OWN_MIN]
     if len(own) < 2:
         return pieces
     whole = np.concatenate(own)
-    if _measure_size(cloud.points_m[whole]) > ROOM * thing.diameter_m + LINK_M:
+    if _measure_size(cloud.points_m[whole]) > ROOM * item.diameter_m + LINK_M:
         return pieces
-    found = fit(thing, cloud.take(whole), views)
+    found = fit(item, cloud.take(whole), views)
     return pieces if found is None or found.cost_m > JOINED_M else [whole]
 
 
@@ -232,19 +232,19 @@ def _is_stray(cloud: Cloud, piece: Piece, own: Sequence[tuple[ObjectModel, Fit, 
     """Whether a cluster is pixels of the edges of an object seen by many more: then it is no place of another."""
     return any(
         len(piece) < min(STRAY_SHARE * len(seen), FEW)
-        and float(np.median(np.abs(thing.solids.measure(found.to_own_frame(cloud.points_m[piece]))))) < STRAY_M
-        for thing, found, seen in own
+        and float(np.median(np.abs(item.solids.measure(found.to_own_frame(cloud.points_m[piece]))))) < STRAY_M
+        for item, found, seen in own
     )
 
 
-def _is_spill(cloud: Cloud, piece: Piece, other: Piece, thing: ObjectModel) -> bool:
+def _is_spill(cloud: Cloud, piece: Piece, other: Piece, item: ObjectModel) -> bool:
     """Whether a cluster is small beside another one with pixels of the object's colour, which no object explains."""
-    return len(other) > SPILL * len(piece) and len(piece) < FEW and _measure_share(cloud, other, thing) > OWN_MIN
+    return len(other) > SPILL * len(piece) and len(piece) < FEW and _measure_share(cloud, other, item) > OWN_MIN
 
 
-def _measure_share(cloud: Cloud, piece: Piece, thing: ObjectModel) -> float:
+def _measure_share(cloud: Cloud, piece: Piece, item: ObjectModel) -> float:
     """Share of the object's colour, in any light, among the pixels of a cluster."""
-    return float(is_among(cloud.colors[piece], thing.shades).mean())
+    return float(is_among(cloud.colors[piece], item.shades).mean())
 
 
 def _weigh_pairs(
@@ -254,25 +254,25 @@ def _weigh_pairs(
     shown = np.full((len(group), len(pieces)), HUGE)
     travelled = np.zeros_like(shown)
     fits: dict[tuple[int, int], Fit] = {}
-    for row, thing in enumerate(group):
-        entity = look.believed.get(thing.name)
+    for row, item in enumerate(group):
+        entity = look.believed.get(item.name)
         prior = _get_prior(entity)
         for column, piece in enumerate(pieces):
-            share = _measure_share(look.cloud, piece, thing)
-            if share < OWN_MIN or _measure_size(look.cloud.points_m[piece]) > ROOM * thing.diameter_m + LINK_M:
+            share = _measure_share(look.cloud, piece, item)
+            if share < OWN_MIN or _measure_size(look.cloud.points_m[piece]) > ROOM * item.diameter_m + LINK_M:
                 continue
-            obstacle = look.map_solids if len(piece) < FEW or thing.lookalikes else None
+            obstacle = look.map_solids if len(piece) < FEW or item.lookalikes else None
             seen = look.cloud.take(piece)
-            unlike_m = LOOK_COST * measure_look(thing.look, seen) if thing.look else 0.0
-            found = fit(thing, seen, look.views, prior, obstacle) if unlike_m < UNSEEN_COST else None
+            unlike_m = LOOK_COST * measure_look(item.look, seen) if item.look else 0.0
+            found = fit(item, seen, look.views, prior, obstacle) if unlike_m < UNSEEN_COST else None
             if found is None or found.cost_m > GATE_M:
                 continue
             fits[row, column] = found
             few = 1 - min(len(piece), FEW) / FEW
             shown[row, column] = found.cost_m + FEW_COST * few + COLOR_COST * (1 - share) + unlike_m
-            if entity is None and thing.area_m is not None:
+            if entity is None and item.area_m is not None:
                 at_m = found.position_m[:2]
-                outside_m = math.dist(at_m, np.clip(at_m, *thing.area_m))
+                outside_m = math.dist(at_m, np.clip(at_m, *item.area_m))
                 travelled[row, column] = TRAVEL_COST * min(outside_m, TRAVEL_MAX_M)
             if prior is not None and entity is not None and entity.status is Status.SEEN:
                 travelled[row, column] = TRAVEL_COST * min(math.dist(found.position_m, prior[1]), TRAVEL_MAX_M)

@@ -133,7 +133,7 @@ class BagLooks:
             target=self._target,
             scene=scene,
             before=None,
-            things=(),
+            objects=(),
             now=states[-1],
             captures=[(Capture(), Frames(tuple(frame for frame, _ in shown)))],
             states=states,

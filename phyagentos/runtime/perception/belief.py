@@ -14,10 +14,10 @@ from phyagentos.geometry import as_pose, compute_rotation, compute_rotation_vect
 from phyagentos.protocol.sessions.looks import Pointer
 from phyagentos.protocol.world.environment import LIFTED_M, Change, Entity, Pose, Region, Shape, Status, TargetState
 from phyagentos.runtime.perception.articulated import place_articulated
-from phyagentos.runtime.perception.association import Match, associate, exchange_uncertainties
+from phyagentos.runtime.perception.association import Match, associate, exchange_alternatives
 from phyagentos.runtime.perception.contents import count_balls, find_bearing
 from phyagentos.runtime.perception.fitting import SURE_POINTS, Fit, choose_symmetric, is_upright, stand_up
-from phyagentos.runtime.perception.fixed_things import find_part, measure_fixed
+from phyagentos.runtime.perception.fixed_objects import find_part, measure_fixed
 from phyagentos.runtime.perception.forms import Form
 from phyagentos.runtime.perception.grip import Hand, carry, check_hand, find_held, let_go
 from phyagentos.runtime.perception.inventory import ALIKE, Inventory, ObjectModel
@@ -37,7 +37,7 @@ SEEN_FRACTION = 0.25  # less of it in view proves nothing
 NEAR_FIXED_M = 0.004  # what is this near to a fixed object and of a colour like it belongs to it
 HAND_M = 0.008
 PART_M = 0.01  # what is this near to a part of a mechanism belongs to it
-SUNK_DOUBT_M = 0.015  # a pose so deep in another solid is hardly believed
+SUNK_UNCERTAINTY_M = 0.015  # a pose so deep in another solid is hardly believed
 SEEN_MOVED_M = 0.01  # less than this is the noise of looking
 CHANGES_MAX = 40  # a longer list helps no reader
 SHOWS_MORE = 1.5  # as many pixels: what another pose explained as well before, such a look may exclude
@@ -59,30 +59,30 @@ def update_belief(
     """The entities after a look at time_s, the stamp of its newest frame; only at objects of `focus`, unless empty."""
     entities = check_hand(inventory, follow_hand(inventory, before, state, hand, time_s), cloud, state, hand)
     entities.update(inventory.known)
-    wanted = {name: thing for name, thing in inventory.things.items() if not focus or name in focus}
+    wanted = {name: item for name, item in inventory.objects.items() if not focus or name in focus}
     if not focus:
         _look_at_fixed(inventory, entities, views, cloud, time_s)
     held = [name for name, entity in entities.items() if entity.status is Status.HELD]
     rest = _leave_out(cloud, inventory, entities, held)
-    loose = {name: thing for name, thing in wanted.items() if thing.template.movable and name not in held}
-    parts = [name for name, thing in inventory.things.items() if thing.path is not None and thing.look]
+    loose = {name: item for name, item in wanted.items() if item.template.movable and name not in held}
+    parts = [name for name, item in inventory.objects.items() if item.path is not None and item.look]
     for name in [name for name in parts if name in loose]:
         _look_at_part(loose.pop(name), entities, rest, views, time_s)
-    shown = [Solids.place(entities[name], inventory.things[name].solids) for name in parts if name in entities]
+    shown = [Solids.place(entities[name], inventory.objects[name].solids) for name in parts if name in entities]
     for solids in shown:
         rest = rest.take(solids.measure(rest.points_m) > PART_M)
     filling = {name: loose.pop(name) for name in list(loose) if loose[name].vessel is not None}
-    beside = {name: thing for name, thing in inventory.things.items() if thing.template.movable and name not in held}
-    beside = {name: thing for name, thing in beside.items() if thing.vessel is None and name not in parts}
+    beside = {name: item for name, item in inventory.objects.items() if item.template.movable and name not in held}
+    beside = {name: item for name, item in beside.items() if item.vessel is None and name not in parts}
     matches = associate(beside, entities, rest, views, inventory.map, inventory.palette)
-    for name, thing in loose.items():
+    for name, item in loose.items():
         match, entity = matches.get(name), entities.get(name)
         if match is not None:
-            found = _see(thing, entity, match, rest, views, time_s)
+            found = _see(item, entity, match, rest, views, time_s)
             entities[name] = found if before else msgspec.structs.replace(found, still_since_s=None)
         elif entity is not None:
-            entities[name] = _miss(thing, entity, views)
-    entities = exchange_uncertainties(entities, matches.keys() & loose.keys())
+            entities[name] = _miss(item, entity, views)
+    entities = exchange_alternatives(entities, matches.keys() & loose.keys())
     seen = {name: entity for name, entity in entities.items() if entity.observed_at_s == time_s}
     if not held and not focus and (taken := find_held(seen, state, inventory, hand)) is not None:
         was = before.get(taken.name, taken).pose.position_m  # a worker that was lost may have gripped it unseen
@@ -143,39 +143,39 @@ def _look_at_fixed(
     inventory: Inventory, entities: dict[str, Entity], views: Views, cloud: Cloud, time_s: float
 ) -> None:
     """Measure what does not move, until it is known."""
-    for thing in inventory.things.values():
-        entity = entities.get(thing.name)
-        if thing.template.movable or (entity is not None and entity.looks >= FIXED_LOOKS):
+    for item in inventory.objects.values():
+        entity = entities.get(item.name)
+        if item.template.movable or (entity is not None and entity.looks >= FIXED_LOOKS):
             continue
-        found = measure_fixed(thing, entities, views, cloud)
+        found = measure_fixed(item, entities, views, cloud)
         if found is not None:
-            entities[thing.name] = _fuse(thing, entity, found, time_s, ())
+            entities[item.name] = _fuse(item, entity, found, time_s, ())
 
 
-def _look_at_part(thing: ObjectModel, entities: dict[str, Entity], rest: Cloud, views: Views, time_s: float) -> None:
+def _look_at_part(item: ObjectModel, entities: dict[str, Entity], rest: Cloud, views: Views, time_s: float) -> None:
     """Measure a part of a mechanism."""
-    entity = entities.get(thing.name)
-    if (part := find_part(thing, rest, views)) is not None:
-        entities[thing.name] = _see(thing, entity, part, rest, views, time_s)
+    entity = entities.get(item.name)
+    if (part := find_part(item, rest, views)) is not None:
+        entities[item.name] = _see(item, entity, part, rest, views, time_s)
     elif entity is not None:
-        entities[thing.name] = _miss(thing, entity, views)
+        entities[item.name] = _miss(item, entity, views)
 
 
-def _fuse(thing: ObjectModel, entity: Entity | None, found: Fit, time_s: float, evidence: tuple[str, ...]) -> Entity:
+def _fuse(item: ObjectModel, entity: Entity | None, found: Fit, time_s: float, evidence: tuple[str, ...]) -> Entity:
     """The measured pose, averaged with those before where the object has not moved.
 
     What is averaged is what the pixels give: whether that is upright is concluded from the average, each time anew.
     """
     looks, freely, position, other_rad = 1, found.freely, found.position_m, found.other_tilt_rad
-    stds = (uncertainty := found.uncertainty.of_measured(thing.template.size_std_m)).total
+    stds = (uncertainty := found.uncertainty.of_measured(item.template.size_std_m)).total
     speed, since_s = 0.0, time_s
     if entity is None:
-        freely = freely @ thing.symmetries[int((freely @ thing.symmetries)[:, 2, 2].argmax())]
+        freely = freely @ item.symmetries[int((freely @ item.symmetries)[:, 2, 2].argmax())]
     else:
         was = turn(np.array(entity.lean_rad)) @ compute_rotation(entity.pose.quaternion_wxyz)
-        freely = choose_symmetric(thing, freely, was)
+        freely = choose_symmetric(item, freely, was)
         moved = position - np.array(entity.pose.position_m)
-        shown = was @ thing.turns  # what a form does not show has not turned
+        shown = was @ item.turns  # what a form does not show has not turned
         turned = shown @ shown.T @ compute_rotation_vector(freely @ was.T)
         before = np.array([entity.position_std_m, entity.turn_std_rad])
         is_still = _is_still(moved, turned, np.hypot(stds, before))
@@ -191,17 +191,17 @@ def _fuse(thing: ObjectModel, entity: Entity | None, found: Fit, time_s: float, 
         elif entity.looks and SPEED_S[0] <= time_s - entity.observed_at_s <= SPEED_S[1]:
             speed = float(np.linalg.norm(moved)) / (time_s - entity.observed_at_s)
     place_m, turn_rad = stds.tolist()
-    rotation = stand_up(freely) if thing.form is not Form.BALL and is_upright(freely, turn_rad) else freely
+    rotation = stand_up(freely) if item.form is not Form.BALL and is_upright(freely, turn_rad) else freely
     lean = compute_rotation_vector(freely @ rotation.T)
     return msgspec.structs.replace(
-        thing.template,
+        item.template,
         pose=as_pose(rotation, position),
-        shapes=_stretch(thing.template.shapes, found.stretch),
+        shapes=_stretch(item.template.shapes, found.stretch),
         observed_at_s=time_s,
         visible=True,
         status=Status.SEEN,
         speed_m_s=speed,
-        still_since_s=since_s if thing.template.movable else None,
+        still_since_s=since_s if item.template.movable else None,
         confidence=_rate(found, entity.confidence if entity is not None else 0.0),
         source=SOURCE,
         looks=looks,
@@ -224,11 +224,11 @@ def _look_at_filling(
     """Measure what fills vessels, in them or spilt beside them."""
     outside, filled = _take_filling(filling, entities, rest)
     spilt = associate(filling, entities, outside, views, inventory.map)
-    for name, thing in filling.items():
+    for name, item in filling.items():
         if name in spilt:
-            entities[name] = _see(thing, entities.get(name), spilt[name], outside, views, time_s)
+            entities[name] = _see(item, entities.get(name), spilt[name], outside, views, time_s)
         else:
-            _fill(thing, entities, filled, time_s)
+            _fill(item, entities, filled, time_s)
 
 
 def _is_still(moved: Array, turned: Array, stds: Array) -> bool:
@@ -250,11 +250,11 @@ def _shows_more(evidence: Collection[str], before: Collection[str]) -> bool:
     return now.keys() > then.keys() and sum(now.values()) > SHOWS_MORE * sum(then.values())
 
 
-def _see(thing: ObjectModel, entity: Entity | None, match: Match, cloud: Cloud, views: Views, time_s: float) -> Entity:
+def _see(item: ObjectModel, entity: Entity | None, match: Match, cloud: Cloud, views: Views, time_s: float) -> Entity:
     found = match.fit
     seen = cloud.take(match.points)
     evidence = tuple(_point_at(views[index], seen, index) for index in np.unique(seen.view_index).tolist())
-    placed = _fuse(thing, entity, found, time_s, evidence)
+    placed = _fuse(item, entity, found, time_s, evidence)
     local = (seen.points_m - found.position_m) @ found.rotation
     x, y, z = np.round(np.percentile(local, 98, axis=0) - np.percentile(local, 2, axis=0), 4).tolist()
     named_at_s = time_s if match.is_renamed or entity is None else entity.named_at_s
@@ -274,9 +274,9 @@ def _point_at(view: CameraView, seen: Cloud, index: int) -> str:
     return str(Pointer(view.camera, view.time_s, box))
 
 
-def _miss(thing: ObjectModel, entity: Entity, views: Views) -> Entity:
+def _miss(item: ObjectModel, entity: Entity, views: Views) -> Entity:
     visibility = compute_visibility(
-        thing,
+        item,
         rotation=compute_rotation(entity.pose.quaternion_wxyz),
         position_m=np.array(entity.pose.position_m),
         views=views,
@@ -293,12 +293,12 @@ def _take_filling(
     """The points outside of vessels, and which vessels are visibly filled."""
     keep = np.ones(len(cloud.points_m), dtype=np.bool_)
     filled: dict[str, bool] = {}
-    for name in dict.fromkeys(thing.vessel for thing in filling.values()):
+    for name in dict.fromkeys(item.vessel for item in filling.values()):
         vessel = entities.get(name or "")
         inside = vessel.interior if vessel is not None else None
         if vessel is None or inside is None or name is None:
             continue
-        colors = [thing.colors[0] for thing in filling.values() if thing.vessel == name]
+        colors = [item.colors[0] for item in filling.values() if item.vessel == name]
         local = (cloud.points_m - vessel.pose.position_m) @ compute_rotation(vessel.pose.quaternion_wxyz)
         within = np.all(np.abs(local - inside.center_m) <= np.array(inside.half_m) + RIM_M, axis=1)
         within &= is_among(cloud.colors, colors)
@@ -307,34 +307,34 @@ def _take_filling(
     return cloud.take(keep), filled
 
 
-def _fill(thing: ObjectModel, entities: dict[str, Entity], filled: Mapping[str, bool], time_s: float) -> None:
+def _fill(item: ObjectModel, entities: dict[str, Entity], filled: Mapping[str, bool], time_s: float) -> None:
     """Places a part of a filling that is not seen outside: in its vessel, where that is visibly filled."""
-    vessel, entity = entities.get(thing.vessel or ""), entities.get(thing.name)
+    vessel, entity = entities.get(item.vessel or ""), entities.get(item.name)
     if vessel is None:
         return
     rotation = compute_rotation(vessel.pose.quaternion_wxyz)
-    offset = np.array(thing.template.pose.position_m)
+    offset = np.array(item.template.pose.position_m)
     pose = as_pose(rotation, rotation @ offset + np.array(vessel.pose.position_m))
     if filled.get(vessel.name):
-        entities[thing.name] = msgspec.structs.replace(
-            thing.template, pose=pose, observed_at_s=time_s, status=Status.SEEN, confidence=0.7, source=FILLING, looks=1
+        entities[item.name] = msgspec.structs.replace(
+            item.template, pose=pose, observed_at_s=time_s, status=Status.SEEN, confidence=0.7, source=FILLING, looks=1
         )
     elif entity is not None and entity.source == FILLING and vessel.status in (Status.HELD, Status.HIDDEN):
-        entities[thing.name] = msgspec.structs.replace(entity, pose=pose, status=Status.HIDDEN, confidence=0.4)
+        entities[item.name] = msgspec.structs.replace(entity, pose=pose, status=Status.HIDDEN, confidence=0.4)
     elif entity is not None:
-        entities[thing.name] = msgspec.structs.replace(entity, status=Status.GONE, visible=False, confidence=0.1)
+        entities[item.name] = msgspec.structs.replace(entity, status=Status.GONE, visible=False, confidence=0.1)
 
 
 def _leave_out(cloud: Cloud, inventory: Inventory, entities: Mapping[str, Entity], held: list[str]) -> Cloud:
     """The points that neither a fixed object nor a held one explains."""
     keep = np.ones(len(cloud.points_m), dtype=np.bool_)
-    loose = {thing.colors[0] for thing in inventory.things.values() if thing.template.movable}
-    for name, thing in inventory.things.items():
+    loose = {item.colors[0] for item in inventory.objects.values() if item.template.movable}
+    for name, item in inventory.objects.items():
         entity = entities.get(name)
-        if entity is None or (thing.template.movable and name not in held):
+        if entity is None or (item.template.movable and name not in held):
             continue
-        alike = [c for c in loose if c in thing.colors or _is_like(inventory, c, thing)]
-        among, margin = is_among(cloud.colors, (*alike, *thing.colors)), HAND_M if name in held else NEAR_FIXED_M
+        alike = [c for c in loose if c in item.colors or _is_like(inventory, c, item)]
+        among, margin = is_among(cloud.colors, (*alike, *item.colors)), HAND_M if name in held else NEAR_FIXED_M
         if not among.any():
             continue
         rotation = compute_rotation(entity.pose.quaternion_wxyz)
@@ -345,17 +345,17 @@ def _leave_out(cloud: Cloud, inventory: Inventory, entities: Mapping[str, Entity
     return cloud.take(keep)
 
 
-def _is_like(inventory: Inventory, color: int, thing: ObjectModel) -> bool:
+def _is_like(inventory: Inventory, color: int, item: ObjectModel) -> bool:
     """Whether a colour is within `ALIKE` of one of the object's."""
     one = inventory.palette[color]
-    others = inventory.palette[list(thing.colors)]
+    others = inventory.palette[list(item.colors)]
     hues = others / others.sum(axis=1, keepdims=True)
     return bool((np.linalg.norm(one / one.sum() - hues, axis=1) < ALIKE).any())
 
 
 def _carry_contents(inventory: Inventory, before: Mapping[str, Entity], after: dict[str, Entity]) -> dict[str, Entity]:
     """Moves unseen contents along with their vessel."""
-    for name, known in (inventory.things | inventory.articulated).items():
+    for name, known in (inventory.objects | inventory.articulated).items():
         vessel, was = after.get(name), before.get(name)
         inside = known.template.interior
         if vessel is None or was is None or inside is None or not known.template.movable or vessel.pose == was.pose:
@@ -401,7 +401,7 @@ def _rate(found: Fit, before: float) -> float:
     shown = 1.0 - found.visibility.contradicted_fraction
     fitting = float(np.exp(-((found.rms_m / 0.006) ** 2)))
     enough = min(1.0, found.count / SURE_POINTS)
-    possible = float(np.exp(-((found.sunk_m / SUNK_DOUBT_M) ** 2)))
+    possible = float(np.exp(-((found.sunk_m / SUNK_UNCERTAINTY_M) ** 2)))
     return round(shown * (0.4 + 0.6 * fitting) * enough * possible, 3)
 
 

@@ -31,12 +31,12 @@ SHIFT_M, TURN_RAD = 0.003, 0.06  # one step of a fit that is less than this is n
 MARGIN = 1.35  # of the ball around an object: it may have moved a little, and what is beside it shows edges
 
 
-def is_settled(entity: Entity | None, thing: ObjectModel | None) -> bool:
+def is_settled(entity: Entity | None, item: ObjectModel | None) -> bool:
     """Whether an object is believed to stand still, in a pose that more than one look has measured."""
     return (
         entity is not None
-        and thing is not None
-        and thing.vessel is None
+        and item is not None
+        and item.vessel is None
         and entity.status is Status.SEEN
         and entity.looks >= LOOKS_MIN
         and not entity.speed_m_s
@@ -44,7 +44,7 @@ def is_settled(entity: Entity | None, thing: ObjectModel | None) -> bool:
 
 
 def confirm(
-    thing: ObjectModel,
+    item: ObjectModel,
     entity: Entity,
     frame: Frame,
     labels: NDArray[np.uint8],
@@ -57,32 +57,32 @@ def confirm(
     rotation, position = compute_rotation(entity.pose.quaternion_wxyz), np.array(entity.pose.position_m)
     camera_m = np.array(frame.world_T_camera.position_m)
     view = compute_rotation(frame.world_T_camera.quaternion_wxyz)
-    if _measure_shown(thing, (rotation, position), frame, labels, (view, camera_m)) < SHOWN:
+    if _measure_shown(item, (rotation, position), frame, labels, (view, camera_m)) < SHOWN:
         return None
-    rows, columns = np.nonzero(np.isfinite(frame.depth_m) & (labels == thing.colors[0]))
+    rows, columns = np.nonzero(np.isfinite(frame.depth_m) & (labels == item.colors[0]))
     depth = frame.depth_m[rows, columns].astype(np.float64)
     rays = ((columns + 0.5 - frame.cx) / frame.fx * depth, (rows + 0.5 - frame.cy) / frame.fy * depth, depth)
     points = np.column_stack(rays) @ view.T + camera_m
-    near = np.abs(thing.solids.measure((points - position) @ rotation)) < NEAR_M
+    near = np.abs(item.solids.measure((points - position) @ rotation)) < NEAR_M
     if near.sum() < LEAST_PIXELS or near.mean() < OWN:
         return None
-    turned, moved = refine(thing.solids, Patch.from_eyes(points[near], camera_m), rotation, position, FREE, 1)
-    shown = thing.turns.T @ compute_rotation_vector(rotation.T @ turned)
+    turned, moved = refine(item.solids, Patch.from_eyes(points[near], camera_m), rotation, position, FREE, 1)
+    shown = item.turns.T @ compute_rotation_vector(rotation.T @ turned)
     if np.linalg.norm(moved - position) > SHIFT_M or np.linalg.norm(shown) > TURN_RAD:
         return None
     return _point_at(frame, rows[near], columns[near], focal_px)
 
 
 def _measure_shown(
-    thing: ObjectModel, pose: tuple[Array, Array], frame: Frame, labels: NDArray[np.uint8], view: tuple[Array, Array]
+    item: ObjectModel, pose: tuple[Array, Array], frame: Frame, labels: NDArray[np.uint8], view: tuple[Array, Array]
 ) -> float:
     """Share of the surface facing the camera that is seen as expected; 0 where too little of it was measured.
 
     What has its colour but no depth, as many a pixel of glass, counts as what has its colour and a depth does.
     """
     focal, size = (frame.fx, frame.fy, frame.cx, frame.cy), frame.depth_m.shape
-    rows, columns, z, facing = project(thing.samples_m, thing.normals, pose, view, focal, size, FACING)
-    depth, own = frame.depth_m[rows, columns], is_among(labels[rows, columns], thing.colors)
+    rows, columns, z, facing = project(item.samples_m, item.normals, pose, view, focal, size, FACING)
+    depth, own = frame.depth_m[rows, columns], is_among(labels[rows, columns], item.colors)
     expected, measured = np.count_nonzero(own & (np.abs(depth - z) < DEPTH_M)), np.count_nonzero(own & (depth > 0.0))
     if expected < MEASURED * max(facing, 1):
         return 0.0
@@ -111,11 +111,11 @@ def find_regions_of_interest(
     """One region around all these objects in each of the `most` cameras per object that saw them best."""
     boxes: dict[str, list[tuple[float, float, float, float]]] = {}
     for name in names:
-        entity, thing = entities.get(name), inventory.things.get(name)
-        if entity is None or thing is None:
+        entity, item = entities.get(name), inventory.objects.get(name)
+        if entity is None or item is None:
             continue
         for camera in _rank(entity, cameras)[:most]:
-            box = _project(entity, thing.diameter_m / 2 * MARGIN, thing.solids.center_m, cameras[camera])
+            box = _project(entity, item.diameter_m / 2 * MARGIN, item.solids.center_m, cameras[camera])
             if box is not None:
                 boxes.setdefault(camera, []).append(box)
     regions = {camera: _bound(found, cameras[camera]) for camera, found in boxes.items()}

@@ -19,7 +19,7 @@ from phyagentos.runtime.perception.inventory import Inventory
 from phyagentos.runtime.perception.solids import Array, measure_lengths
 from phyagentos.runtime.perception.views import Cloud, Views
 
-DOUBT = 0.9  # times n ** -0.75, per ball of n pixels: 1.5 deviations of how many pixels lie in a disc
+UNCERTAINTY = 0.9  # times n ** -0.75, per ball of n pixels: 1.5 deviations of how many pixels lie in a disc
 SIDES = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 NEAR_M = 0.002  # how far solids that touch may be apart, beside twice the stated uncertainty
 
@@ -36,7 +36,7 @@ def count_balls(
         away = (local - entity.interior.center_m) / entity.interior.half_m
         within = (np.abs(away[:, :2]).max(axis=1) <= 1.0) & (away[:, 2] <= 1.0)  # noise reaches below its floor
         seen, noise = (np.bincount(cloud.view_index[within], shares[within] ** power, 1) for power in (1.0, 2.5))
-        least[name] = max(math.floor(np.max(seen - DOUBT * np.sqrt(noise))), 0)
+        least[name] = max(math.floor(np.max(seen - UNCERTAINTY * np.sqrt(noise))), 0)
     left = sum(count for _, count in inventory.balls.values()) - sum(least.values())
     return {name: Contents(count, count + max(left, 0), time_s) for name, count in least.items()}
 

@@ -153,14 +153,14 @@ def compute_cost(solids: Solids, patch: Patch, rotation: Array, position_m: Arra
     return float(robust.mean()), float(np.sqrt(np.mean(np.minimum(distance, 4 * HUBER_M) ** 2)))
 
 
-def measure_sunk(thing: ObjectModel, rotation: Array, position_m: Array, obstacle: Solids) -> float:
+def measure_sunk(item: ObjectModel, rotation: Array, position_m: Array, obstacle: Solids) -> float:
     """Depth of the deepest point of a posed surface within other solids [m]; 0 outside of them."""
-    surface = thing.samples_m @ rotation.T + position_m
+    surface = item.samples_m @ rotation.T + position_m
     return max(0.0, -float(obstacle.near(surface, 0.0).measure(surface).min(initial=0.0)))
 
 
 def fit(
-    thing: ObjectModel,
+    item: ObjectModel,
     seen: Cloud,
     views: Views,
     prior: tuple[Array, Array] | None = None,
@@ -173,71 +173,71 @@ def fit(
     patch = Patch.of(seen, views)
     if len(patch.points_m) < POINTS_MIN:
         return None
-    kept = best = None if prior is None else _finish(thing, patch, views, *prior, obstacle)
+    kept = best = None if prior is None else _finish(item, patch, views, *prior, obstacle)
     stays = prior is not None and kept is not None and float(np.linalg.norm(kept.position_m - prior[1])) < TRACK_REACH_M
     few = patch.thin(COARSE_POINTS)
     ranked: list[tuple[float, Array, Array]] = []
-    for rotation, position in iter_starts(thing, patch.points_m):
+    for rotation, position in iter_starts(item, patch.points_m):
         pose = refine(
-            thing.solids,
+            item.solids,
             few,
             rotation,
             position,
-            free=thing.path or (UPRIGHT if _is_standing(rotation) else FREE),
+            free=item.path or (UPRIGHT if _is_standing(rotation) else FREE),
             iterations=3,
         )
-        ranked.append((_weigh(thing, few, views, *pose, obstacle)[0], *pose))
+        ranked.append((_weigh(item, few, views, *pose, obstacle)[0], *pose))
     ranked.sort(key=lambda each: each[0])
     for _, turned, moved in ranked[:2]:
-        candidate = _finish(thing, patch, views, turned, moved, obstacle)
+        candidate = _finish(item, patch, views, turned, moved, obstacle)
         if best is None or candidate.cost_m < best.cost_m - (_compute_turned(best) if stays and best is kept else 0.0):
             best = candidate
     if best is None:
         return None
-    own, limit_m = _tilt(thing, best.rotation), ranked[0][0] + _compute_alike(best.rms_m, len(few.points_m))
+    own, limit_m = _tilt(item, best.rotation), ranked[0][0] + _compute_alike(best.rms_m, len(few.points_m))
     alike_m, other_tilt_rad, least = best.cost_m + _compute_alike(best.rms_m, best.count), 0.0, best
-    for cost_m, turned, moved in ranked if thing.path is None else ():
-        is_other = abs(_tilt(thing, turned) - own) > best.uncertainty.total[1]
+    for cost_m, turned, moved in ranked if item.path is None else ():
+        is_other = abs(_tilt(item, turned) - own) > best.uncertainty.total[1]
         if cost_m < limit_m and is_other:  # by few points: all of them decide
-            other = _finish(thing, patch, views, turned, moved, obstacle)
+            other = _finish(item, patch, views, turned, moved, obstacle)
             if other.cost_m < alike_m:
-                other_tilt_rad = max(other_tilt_rad, abs(_tilt(thing, other.rotation) - own))
-                least = min(least, other, key=lambda each: _tilt(thing, each.rotation))
+                other_tilt_rad = max(other_tilt_rad, abs(_tilt(item, other.rotation) - own))
+                least = min(least, other, key=lambda each: _tilt(item, each.rotation))
     best = best if stays else least  # few objects lie on their heads
-    if prior is not None and best is not kept and thing.path is None:
-        best = _compare_unturned(thing, patch, views, best, prior[0], obstacle)
+    if prior is not None and best is not kept and item.path is None:
+        best = _compare_unturned(item, patch, views, best, prior[0], obstacle)
     best = replace(best, other_tilt_rad=other_tilt_rad)
-    best = compare_lookalikes(thing, patch, views, best, obstacle, keep=prior is not None)
-    return _compare_beside(thing, patch, views, best, obstacle)
+    best = compare_lookalikes(item, patch, views, best, obstacle, keep=prior is not None)
+    return _compare_beside(item, patch, views, best, obstacle)
 
 
 def track(
-    thing: ObjectModel, seen: Cloud, views: Views, prior: tuple[Array, Array], obstacle: Solids | None = None
+    item: ObjectModel, seen: Cloud, views: Views, prior: tuple[Array, Array], obstacle: Solids | None = None
 ) -> Fit | None:
     """The pose near a believed one; None when the points contradict it. The `obstacle` tells lookalikes apart."""
     patch = Patch.of(seen, views)
     if len(patch.points_m) < POINTS_MIN:
         return None
-    found = _finish(thing, patch, views, *prior, obstacle if thing.lookalikes else None)
+    found = _finish(item, patch, views, *prior, obstacle if item.lookalikes else None)
     if found.count < SURE_POINTS:  # they fit many poses: what is seen where it was, and nowhere else, has not moved
-        stays = evaluate_prior_pose(thing, patch, views, prior)
+        stays = evaluate_prior_pose(item, patch, views, prior)
         if stays.cost_m < FEW_M and stays.visibility.contradicted_fraction < CONTRADICTED:
             return stays
     if found.rotation[2, 2] < -0.5:  # on its head, which few objects are: what was once taken for that would stay so
-        again = fit(thing, seen, views)
+        again = fit(item, seen, views)
         found = again if again is not None and again.cost_m < found.cost_m - ALIKE_M else found
     is_good = found.cost_m < TRACKED_M and float(np.linalg.norm(found.position_m - prior[1])) < TRACK_REACH_M
     if not is_good:
         return None
-    found = compare_lookalikes(thing, patch, views, found, obstacle, keep=True)
-    return _compare_beside(thing, patch, views, found, obstacle)
+    found = compare_lookalikes(item, patch, views, found, obstacle, keep=True)
+    return _compare_beside(item, patch, views, found, obstacle)
 
 
 def evaluate_prior_pose(
-    thing: ObjectModel, patch: Patch, views: Views, prior: tuple[Array, Array], obstacle: Solids | None = None
+    item: ObjectModel, patch: Patch, views: Views, prior: tuple[Array, Array], obstacle: Solids | None = None
 ) -> Fit:
     """The believed pose itself, and how well the points confirm it."""
-    cost_m, rms_m, visibility, sunk_m = _weigh(thing, patch, views, *prior, obstacle)
+    cost_m, rms_m, visibility, sunk_m = _weigh(item, patch, views, *prior, obstacle)
     return Fit(
         rotation=prior[0],
         position_m=prior[1],
@@ -245,7 +245,7 @@ def evaluate_prior_pose(
         rms_m=rms_m,
         visibility=visibility,
         count=len(patch.points_m),
-        uncertainty=measure_uncertainty(thing, thing.solids, patch, *prior),
+        uncertainty=measure_uncertainty(item, item.solids, patch, *prior),
         freely=prior[0],
         sunk_m=sunk_m,
         is_kept=True,
@@ -253,34 +253,34 @@ def evaluate_prior_pose(
 
 
 def compare_lookalikes(
-    thing: ObjectModel, patch: Patch, views: Views, found: Fit, obstacle: Solids | None, *, keep: bool
+    item: ObjectModel, patch: Patch, views: Views, found: Fit, obstacle: Solids | None, *, keep: bool
 ) -> Fit:
     """The fit, or the least tilted one of those that are as good, with what these differ by; `keep` the given one."""
-    best, tilts, alike_m = found, [_tilt(thing, found.rotation)], _compute_alike(found.rms_m, found.count)
-    for turned, shift in thing.lookalikes if thing.path is None else ():
+    best, tilts, alike_m = found, [_tilt(item, found.rotation)], _compute_alike(found.rms_m, found.count)
+    for turned, shift in item.lookalikes if item.path is None else ():
         rotation = found.rotation @ turned
-        other = _finish(thing, patch, views, rotation, found.position_m + rotation @ (turned.T @ shift), obstacle)
+        other = _finish(item, patch, views, rotation, found.position_m + rotation @ (turned.T @ shift), obstacle)
         is_better = other.cost_m < best.cost_m - (_compute_turned(best) if keep and best is found else ALIKE_M)
         if is_better or other.cost_m < best.cost_m + alike_m:
-            tilts = [_tilt(thing, other.rotation)] if is_better else [*tilts, _tilt(thing, other.rotation)]
-            if is_better or (not keep and _tilt(thing, other.rotation) < _tilt(thing, best.rotation)):
+            tilts = [_tilt(item, other.rotation)] if is_better else [*tilts, _tilt(item, other.rotation)]
+            if is_better or (not keep and _tilt(item, other.rotation) < _tilt(item, best.rotation)):
                 best = other
-    own = _tilt(thing, best.rotation)
+    own = _tilt(item, best.rotation)
     other_tilt_rad = max(abs(each - own) for each in tilts)
     return replace(best, other_tilt_rad=max(other_tilt_rad, found.other_tilt_rad))
 
 
-def _compare_beside(thing: ObjectModel, patch: Patch, views: Views, found: Fit, obstacle: Solids | None) -> Fit:
+def _compare_beside(item: ObjectModel, patch: Patch, views: Views, found: Fit, obstacle: Solids | None) -> Fit:
     """The fit, or a better one beside it, with how far those that fit as well are: where the points leave that open.
 
     What hides most of an object hides where it ends, too; what is visible of it slides within it then.
     """
-    if found.uncertainty.total[0] < OPEN_M or thing.path is not None:
+    if found.uncertainty.total[0] < OPEN_M or item.path is not None:
         return found
     fits = [found]
     for along, step in product(np.linspace(0.0, 2 * np.pi, 8, endpoint=False), (0.25, 0.5)):
-        shift = step * thing.width_m * np.array([np.cos(along), np.sin(along), 0.0])
-        fits.append(_finish(thing, patch, views, found.rotation, found.position_m + shift, obstacle))
+        shift = step * item.width_m * np.array([np.cos(along), np.sin(along), 0.0])
+        fits.append(_finish(item, patch, views, found.rotation, found.position_m + shift, obstacle))
     alike_m, best = _compute_alike(found.rms_m, found.count), min(fits, key=lambda each: each.cost_m)
     if best.cost_m > found.cost_m - alike_m:
         best = found
@@ -293,12 +293,12 @@ def _compare_beside(thing: ObjectModel, patch: Patch, views: Views, found: Fit, 
 
 
 def _compare_unturned(
-    thing: ObjectModel, patch: Patch, views: Views, found: Fit, rotation: Array, obstacle: Solids | None
+    item: ObjectModel, patch: Patch, views: Views, found: Fit, rotation: Array, obstacle: Solids | None
 ) -> Fit:
     """The fit, or one that has kept its rotation (3, 3) on its way, where that is as good: no start may be near it."""
-    start = next(iter_starts(thing, patch.points_m, (rotation,)))
-    kept = _finish(thing, patch, views, *start, obstacle)
-    turned = compute_rotation_vector(choose_symmetric(thing, found.rotation, kept.rotation) @ kept.rotation.T)
+    start = next(iter_starts(item, patch.points_m, (rotation,)))
+    kept = _finish(item, patch, views, *start, obstacle)
+    turned = compute_rotation_vector(choose_symmetric(item, found.rotation, kept.rotation) @ kept.rotation.T)
     is_other = float(np.linalg.norm(turned)) > found.uncertainty.total[1]
     is_alike = kept.cost_m < found.cost_m + _compute_alike(found.rms_m, found.count)
     return kept if is_other and is_alike else found
@@ -313,26 +313,26 @@ def _compute_turned(kept: Fit) -> float:
     return max(TURNED_M, TURNED_STDS * kept.rms_m / math.sqrt(kept.count))
 
 
-def _tilt(thing: ObjectModel, rotation: Array) -> float:
+def _tilt(item: ObjectModel, rotation: Array) -> float:
     """Least angle of its own z axis to the vertical [rad] among rotations that look the same."""
-    return float(np.arccos(np.clip((rotation @ thing.symmetries)[:, 2, 2].max(), -1.0, 1.0)))
+    return float(np.arccos(np.clip((rotation @ item.symmetries)[:, 2, 2].max(), -1.0, 1.0)))
 
 
 def _finish(
-    thing: ObjectModel, patch: Patch, views: Views, rotation: Array, position_m: Array, obstacle: Solids | None = None
+    item: ObjectModel, patch: Patch, views: Views, rotation: Array, position_m: Array, obstacle: Solids | None = None
 ) -> Fit:
     """Refine freely, and upright where it may stand: upright is concluded where the points do not contradict it."""
-    standing = thing.form is not Form.BALL and thing.path is None and _is_standing(rotation)
+    standing = item.form is not Form.BALL and item.path is None and _is_standing(rotation)
     if standing:
         rotation = stand_up(rotation)
     rotation, position_m = refine(
-        thing.solids, patch, rotation, position_m, free=thing.path or (UPRIGHT if standing else FREE), iterations=8
+        item.solids, patch, rotation, position_m, free=item.path or (UPRIGHT if standing else FREE), iterations=8
     )
-    freely, moved = refine(thing.solids, patch, rotation, position_m, FREE, 8) if standing else (rotation, position_m)
-    uncertainty = measure_uncertainty(thing, thing.solids, patch, freely, moved)
+    freely, moved = refine(item.solids, patch, rotation, position_m, FREE, 8) if standing else (rotation, position_m)
+    uncertainty = measure_uncertainty(item, item.solids, patch, freely, moved)
     if standing and not is_upright(freely, float(uncertainty.total[1])):
         rotation, position_m = freely, moved
-    cost_m, rms_m, visibility, sunk_m = _weigh(thing, patch, views, rotation, position_m, obstacle)
+    cost_m, rms_m, visibility, sunk_m = _weigh(item, patch, views, rotation, position_m, obstacle)
     return Fit(
         rotation=rotation,
         position_m=position_m,
@@ -347,23 +347,23 @@ def _finish(
 
 
 def measure_uncertainty(
-    thing: ObjectModel, solids: Solids, patch: Patch, rotation: Array, position_m: Array, free: Array = FREE
+    item: ObjectModel, solids: Solids, patch: Patch, rotation: Array, position_m: Array, free: Array = FREE
 ) -> PoseUncertainty:
     """How far a pose may be off, by the points that it was fitted to."""
     seen, arm = patch.measure(solids, rotation, position_m), patch.points_m - position_m
-    path = None if thing.path is None else compute_twist(thing.path.mechanism, position_m)
-    return compute_uncertainty(*seen, arm, rotation, thing.turns, thing.width_m, free, HUBER_M, path, patch.cameras)
+    path = None if item.path is None else compute_twist(item.path.mechanism, position_m)
+    return compute_uncertainty(*seen, arm, rotation, item.turns, item.width_m, free, HUBER_M, path, patch.cameras)
 
 
 def _weigh(
-    thing: ObjectModel, patch: Patch, views: Views, rotation: Array, position_m: Array, obstacle: Solids | None = None
+    item: ObjectModel, patch: Patch, views: Views, rotation: Array, position_m: Array, obstacle: Solids | None = None
 ) -> tuple[float, float, Visibility, float]:
     """Cost, root mean square distance, visibility, and depth within the obstacle."""
-    cost, rms = compute_cost(thing.solids, patch, rotation, position_m)
-    visibility = compute_visibility(thing, rotation, position_m, views)
+    cost, rms = compute_cost(item.solids, patch, rotation, position_m)
+    visibility = compute_visibility(item, rotation, position_m, views)
     cost += CONTRADICTION_M * visibility.contradicted_fraction
-    cost += DOWN_M if thing.form is Form.ROUND and rotation[2, 2] < -0.5 else 0.0
-    sunk_m = 0.0 if obstacle is None else measure_sunk(thing, rotation, position_m, obstacle)
+    cost += DOWN_M if item.form is Form.ROUND and rotation[2, 2] < -0.5 else 0.0
+    sunk_m = 0.0 if obstacle is None else measure_sunk(item, rotation, position_m, obstacle)
     return cost + SUNK_COST * max(0.0, sunk_m - SUNK_FREE_M), rms, visibility, sunk_m
 
 
@@ -391,29 +391,29 @@ def _swing(rotation: Array, now: Array, wanted: Array) -> Array:
 
 
 def iter_starts(
-    thing: ObjectModel, points: Array, rotations: Iterable[Array] | None = None
+    item: ObjectModel, points: Array, rotations: Iterable[Array] | None = None
 ) -> Iterator[tuple[Array, Array]]:
     """Start poses: turned as given, or on each side, along the points, in steps; on its path where it has one."""
     low, high = np.percentile(points, (2, 98), axis=0)
     center, flat_m = (low + high) / 2, float(np.percentile(points[:, 2], FLAT_PERCENT))
-    if thing.path is not None:
-        yield thing.path.place(center)
+    if item.path is not None:
+        yield item.path.place(center)
         return
-    for rotation in _iter_orientations(thing, points) if rotations is None else rotations:
-        reach = thing.solids.measure_extent(rotation.T @ np.array([0.0, 0.0, 1.0]))
+    for rotation in _iter_orientations(item, points) if rotations is None else rotations:
+        reach = item.solids.measure_extent(rotation.T @ np.array([0.0, 0.0, 1.0]))
         top_m = flat_m if reach[1] - reach[0] < FLAT_M else high[2]
         position = np.array([center[0], center[1], top_m - reach[1]])
         if not _is_standing(rotation):
-            middle = rotation @ np.array([sum(thing.solids.measure_extent(axis)) / 2 for axis in np.eye(3)])
+            middle = rotation @ np.array([sum(item.solids.measure_extent(axis)) / 2 for axis in np.eye(3)])
             position = center - middle
         yield rotation, position
 
 
-def _iter_orientations(thing: ObjectModel, points: Array) -> Iterator[Array]:
-    if thing.form is Form.BALL:
+def _iter_orientations(item: ObjectModel, points: Array) -> Iterator[Array]:
+    if item.form is Form.BALL:
         yield np.eye(3)
         return
-    if thing.form is Form.ROUND:
+    if item.form is Form.ROUND:
         yield np.eye(3)
         yield np.diag(DOWN)
         spread = np.cov((points - points.mean(axis=0)).T)
@@ -428,11 +428,11 @@ def _iter_orientations(thing: ObjectModel, points: Array) -> Iterator[Array]:
     quarter = np.pi / 2
     bases = [np.eye(3)]
     for base in (*(turn(sign * quarter * axis) for axis in np.eye(3)[:2] for sign in (1.0, -1.0)), np.diag(DOWN)):
-        if not any(_is_same(base.T @ other @ symmetry) for other in bases for symmetry in thing.symmetries):
+        if not any(_is_same(base.T @ other @ symmetry) for other in bases for symmetry in item.symmetries):
             bases.append(base)
     for base in bases:
         spins = [turn(np.array([0.0, 0.0, angle])) for angle in (quarter, 2 * quarter)]
-        kept = [any(_is_same((base @ symmetry @ base.T).T @ spin) for symmetry in thing.symmetries) for spin in spins]
+        kept = [any(_is_same((base @ symmetry @ base.T).T @ spin) for symmetry in item.symmetries) for spin in spins]
         span = quarter if kept[0] else 2 * quarter if kept[1] else 4 * quarter
         for offset in np.arange(0.0, span, quarter / 2):
             yield turn(np.array([0.0, 0.0, yaw + offset])) @ base
@@ -450,13 +450,13 @@ def _point_z(axis: Array) -> Array:
     return np.column_stack((x, np.cross(axis, x), axis))
 
 
-def choose_symmetric(thing: ObjectModel, rotation: Array, like: Array) -> Array:
+def choose_symmetric(item: ObjectModel, rotation: Array, like: Array) -> Array:
     """Of the equivalent rotations, the one nearest to `like`."""
-    if thing.form is Form.BALL:
+    if item.form is Form.BALL:
         return like
-    if thing.form is Form.ROUND:  # only the axis is seen
+    if item.form is Form.ROUND:  # only the axis is seen
         swung = _swing(like, like[:, 2], rotation[:, 2])
         return swung if float(swung[:, 2] @ rotation[:, 2]) > 0 else rotation
-    options = rotation @ thing.symmetries
+    options = rotation @ item.symmetries
     best: Array = options[int(np.einsum("kij,ij->k", options, like).argmax())]
     return best

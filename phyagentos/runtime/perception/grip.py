@@ -50,21 +50,21 @@ def find_held(entities: Mapping[str, Entity], state: TargetState, inventory: Inv
         return None
     candidates = []
     for name, entity in entities.items():
-        thing = inventory.things.get(name)
-        if thing is None or not entity.movable:
+        item = inventory.objects.get(name)
+        if item is None or not entity.movable:
             continue
-        found = _measure(entity, thing, state, hand)
+        found = _measure(entity, item, state, hand)
         if found is not None:
             candidates.append((found, name))
     return None if not candidates else take_hold(entities[min(candidates)[1]], inventory, state, hand)
 
 
-def _measure(entity: Entity, thing: ObjectModel, state: TargetState, hand: Hand) -> float | None:
+def _measure(entity: Entity, item: ObjectModel, state: TargetState, hand: Hand) -> float | None:
     """How badly an object fits between the fingers; None when it does not."""
     tcp = compute_rotation(state.tcp.quaternion_wxyz)
     rotation = compute_rotation(entity.pose.quaternion_wxyz)
     away = hand.measure_away(entity, state)
-    reach = np.array([thing.solids.measure_extent(rotation.T @ tcp[:, axis]) for axis in range(3)])  # (3, 2)
+    reach = np.array([item.solids.measure_extent(rotation.T @ tcp[:, axis]) for axis in range(3)])  # (3, 2)
     low, high = away + reach[:, 0], away + reach[:, 1]
     beyond = float(np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0)))  # 0 when the hand's middle is in its box
     if beyond > hand.reach_m or float(high[1] - low[1]) < state.gripper_width_m - WIDTH_M:
@@ -74,11 +74,11 @@ def _measure(entity: Entity, thing: ObjectModel, state: TargetState, hand: Hand)
 
 def take_hold(entity: Entity, inventory: Inventory, state: TargetState, hand: Hand) -> Entity:
     """The entity held, centred and turned as the fingers press it."""
-    thing = inventory.things[entity.name]
+    item = inventory.objects[entity.name]
     tcp = compute_rotation(state.tcp.quaternion_wxyz)
-    rotation = _align(compute_rotation(entity.pose.quaternion_wxyz), tcp[:, 1], thing)
+    rotation = _align(compute_rotation(entity.pose.quaternion_wxyz), tcp[:, 1], item)
     local = tcp.T @ (np.array(entity.pose.position_m) - np.array(state.tcp.position_m))
-    low, high = thing.solids.measure_extent(rotation.T @ tcp[:, 1])
+    low, high = item.solids.measure_extent(rotation.T @ tcp[:, 1])
     if high - low <= state.gripper_width_m + WIDTH_M:  # otherwise the fingers hold a part of it, as a rim
         local[1] = hand.find_middle(state.gripper_width_m) - (low + high) / 2
     return msgspec.structs.replace(
@@ -92,9 +92,9 @@ def take_hold(entity: Entity, inventory: Inventory, state: TargetState, hand: Ha
     )
 
 
-def _align(rotation: Array, closing: Array, thing: ObjectModel) -> Array:
+def _align(rotation: Array, closing: Array, item: ObjectModel) -> Array:
     """Turns a box so that a nearly parallel face is flat on the fingers; leaves other objects unchanged."""
-    if len(thing.solids.kinds) != 1 or thing.solids.kinds[0] != "box":
+    if len(item.solids.kinds) != 1 or item.solids.kinds[0] != "box":
         return rotation
     cosines = rotation.T @ closing
     axis = int(np.abs(cosines).argmax())
@@ -132,12 +132,12 @@ def let_go(entity: Entity) -> Entity:
     )
 
 
-def _find_near(thing: ObjectModel, entity: Entity, points_m: Array) -> NDArray[np.bool_]:
+def _find_near(item: ObjectModel, entity: Entity, points_m: Array) -> NDArray[np.bool_]:
     """(n,) whether points (n, 3) are at the surface of an object, or within it, where it is believed to be."""
     if not len(points_m):
         return np.zeros(0, dtype=np.bool_)
     local = (points_m - entity.pose.position_m) @ compute_rotation(entity.pose.quaternion_wxyz)
-    near: NDArray[np.bool_] = thing.solids.measure(local) < HELD_M
+    near: NDArray[np.bool_] = item.solids.measure(local) < HELD_M
     return near
 
 
@@ -149,16 +149,16 @@ def check_hand(
     What that other one shows of itself where it is believed to stand, beside the hand, does not count.
     """
     held = next((entity for entity in entities.values() if entity.status is Status.HELD), None)
-    if held is None or held.name not in inventory.things or not len(cloud.points_m):
+    if held is None or held.name not in inventory.objects or not len(cloud.points_m):
         return entities
-    thing = inventory.things[held.name]
-    near = _find_near(thing, held, cloud.points_m)
+    item = inventory.objects[held.name]
+    near = _find_near(item, held, cloud.points_m)
     points_m, colors = cloud.points_m[near], cloud.colors[near]
-    own = int(is_among(colors, thing.shades).sum())
+    own = int(is_among(colors, item.shades).sum())
     others = {
         int((~_find_near(other, entities[name], points_m[colors == other.colors[0]])).sum()): name
-        for name, other in inventory.things.items()
-        if other.template.movable and other.vessel is None and other.colors[0] not in thing.shades and name in entities
+        for name, other in inventory.objects.items()
+        if other.template.movable and other.vessel is None and other.colors[0] not in item.shades and name in entities
     }
     most = max(others, default=0)
     if most < LEAST_POINTS or most < TIMES * max(own, 1):

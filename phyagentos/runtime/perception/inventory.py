@@ -113,13 +113,13 @@ class Inventory:
         known: Bodies of the map; `map_parts` tell what they look like, `map` has all their solids in the world.
         map_colors: Palette indices of the map; `like_map` are others that resemble these.
         palette: (k, 3) colours of all surfaces, 0..1.
-        is_of_thing: (256,) whether an object to be found, or a ball, has the colour of this index.
+        is_of_object: (256,) whether an object to be found, or a ball, has the colour of this index.
         balls: Radius [m] and number of small balls by palette index; empty where another object has such a colour.
     """
 
     scene: str
     prior: Prior
-    things: dict[str, ObjectModel]
+    objects: dict[str, ObjectModel]
     articulated: dict[str, Articulated]
     known: dict[str, Entity]
     map_parts: dict[str, MapPart]
@@ -127,7 +127,7 @@ class Inventory:
     map_colors: frozenset[int]
     like_map: frozenset[int]
     palette: Array
-    is_of_thing: NDArray[np.bool_]
+    is_of_object: NDArray[np.bool_]
     balls: dict[int, tuple[float, int]]
     regions: tuple[RegionPrior, ...]
 
@@ -135,10 +135,12 @@ class Inventory:
         """For the snapshots of the world, and with them for the evidence."""
         return PriorKnowledge(
             level=self.prior,
-            forms=tuple(self.things | self.articulated),
+            forms=tuple(self.objects | self.articulated),
             colors=len(self.palette) if self.prior is Prior.FULL else 0,
             map=tuple(self.map_parts),
-            sides_m={name: compute_sides(each.template) for name, each in self.things.items() if each.template.movable},
+            sides_m={
+                name: compute_sides(each.template) for name, each in self.objects.items() if each.template.movable
+            },
         )
 
     def place_map(self, entities: Mapping[str, Entity]) -> "Inventory":
@@ -150,7 +152,7 @@ class Inventory:
 
     def find_unseen(self, entities: Collection[str]) -> tuple[str, ...]:
         """Movable objects that are not among these, in order of their names."""
-        known = self.things | self.articulated
+        known = self.objects | self.articulated
         return tuple(sorted(name for name, each in known.items() if each.template.movable and name not in entities))
 
 
@@ -158,7 +160,7 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
     """As much of a scene file as is known before the first look, and the objects that are `given` by description."""
     spec = add_described(spec, given)
     surfaces = _Surfaces(spec, prior)
-    things: dict[str, ObjectModel] = {}
+    objects: dict[str, ObjectModel] = {}
     articulated: dict[str, Articulated] = {}
     known: dict[str, Entity] = {}
     parts: dict[str, MapPart] = {}
@@ -173,25 +175,25 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
         elif jointed := find_articulated(name, body, _make_template(name, body, source=""), spec):
             articulated[name] = jointed
         else:
-            thing = _make_thing(name, body, tuple(dict.fromkeys(indices)), spec)
+            item = _make_object(name, body, tuple(dict.fromkeys(indices)), spec)
             whole = articulated.get(body.part_of or "")
             measured = {key: getattr(given[name], key) for key in MEASURED} if name in given else {}
-            things[name] = replace(
-                thing,
-                path=None if whole is None else Path(whole.mechanism, compute_matrix(thing.template.pose)),
-                template=msgspec.structs.replace(thing.template, **measured),
-                look=thing.look if prior is Prior.FULL else (),
+            objects[name] = replace(
+                item,
+                path=None if whole is None else Path(whole.mechanism, compute_matrix(item.template.pose)),
+                template=msgspec.structs.replace(item.template, **measured),
+                look=item.look if prior is Prior.FULL else (),
             )
     balls: dict[int, tuple[float, int]] = {}
     for ball in spec.list_balls().values() if prior is Prior.FULL else ():
         radius_m, count = balls.get(color := surfaces.register(ball.shapes[0], ball), (0.0, 0))
         balls[color] = max(radius_m, ball.shapes[0].size_m[0]), count + 1  # of larger ones fewer are seen
-    of_things = {color for thing in things.values() for color in thing.colors}
+    of_objects = {color for item in objects.values() for color in item.colors}
     palette = np.array(list(surfaces.colors), dtype=np.float64).reshape(-1, 3)
     return Inventory(
         scene=spec.scene,
         prior=prior,
-        things=_find_shades(things, palette),
+        objects=_find_shades(objects, palette),
         articulated=articulated,
         known=known,
         map_parts=parts,
@@ -199,20 +201,20 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
         map_colors=frozenset(map_colors),
         like_map=_find_lookalikes(palette, map_colors) if listed else frozenset(range(len(palette))),
         palette=palette,
-        is_of_thing=np.isin(np.arange(256), [*of_things, *balls]),
-        balls={} if balls.keys() & (of_things | map_colors) else balls,
+        is_of_object=np.isin(np.arange(256), [*of_objects, *balls]),
+        balls={} if balls.keys() & (of_objects | map_colors) else balls,
         regions=_list_regions(spec, prior),
     )
 
 
-def _find_shades(things: Mapping[str, ObjectModel], palette: Array) -> dict[str, ObjectModel]:
+def _find_shades(objects: Mapping[str, ObjectModel], palette: Array) -> dict[str, ObjectModel]:
     """The same objects, which know the colours that light may make of theirs."""
-    loose = {thing.colors[0] for thing in things.values() if thing.template.movable}
-    found = dict(things)
-    for name, thing in things.items():
-        main = thing.colors[0]
+    loose = {item.colors[0] for item in objects.values() if item.template.movable}
+    found = dict(objects)
+    for name, item in objects.items():
+        main = item.colors[0]
         same = {each for each in loose if is_same_color(palette[main], palette[each])}
-        found[name] = replace(thing, shades=tuple(sorted(same | {main})))
+        found[name] = replace(item, shades=tuple(sorted(same | {main})))
     return found
 
 
@@ -315,7 +317,7 @@ def join_map(known: Mapping[str, Entity], parts: Mapping[str, MapPart]) -> Solid
     return joined
 
 
-def _make_thing(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec) -> ObjectModel:
+def _make_object(name: str, body: Body, colors: tuple[int, ...], spec: SceneSpec) -> ObjectModel:
     template = _make_template(name, body, source="")
     solids = Solids.of([_make_shape(solid) for solid in body.shapes])
     form = forms.Form.FIXED if body.fixed else forms.find_form(template)

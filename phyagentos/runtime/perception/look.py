@@ -49,7 +49,7 @@ class Look(msgspec.Struct, kw_only=True, omit_defaults=True, eq=False):
     target: str
     scene: Scene
     before: Environment | None
-    things: tuple[str, ...]
+    objects: tuple[str, ...] = msgspec.field(name="things")
     now: Moment
     captures: list[tuple[Capture, Frames]] = []
     moments: list[Moment] = []

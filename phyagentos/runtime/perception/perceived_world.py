@@ -90,7 +90,7 @@ class PerceivedWorld(WorldModel):
         self._belief = look.before
         self._states = deque(sorted(look.states, key=lambda each: each[0]), maxlen=STATES_KEPT)
         self.enter(look.scene)
-        return self.observe(Need(everything=not look.things, things=frozenset(look.things)))
+        return self.observe(Need(everything=not look.objects, objects=frozenset(look.objects)))
 
     @override
     def observe(self, need: Need) -> Environment:
@@ -107,8 +107,8 @@ class PerceivedWorld(WorldModel):
         look = self._look = self._begin_look(now, before, need)
         try:
             self._note(now)
-            if look.things:
-                found = self._perceive_things(now, look.things)
+            if look.objects:
+                found = self._perceive_objects(now, look.objects)
             else:
                 self._probe_cameras(now[0], 0.0)
                 frames = self._handle.capture()
@@ -123,18 +123,18 @@ class PerceivedWorld(WorldModel):
         return self._believe(found, need)
 
     @override
-    def plan_confirmation(self, things: frozenset[str], time_s: float) -> ConfirmationCapture | None:
+    def plan_confirmation(self, objects: frozenset[str], time_s: float) -> ConfirmationCapture | None:
         belief = self._take()
         if belief is None:
             return None
         window: Capture | None = None
-        if things:
+        if objects:
             latest = self.step
             carried = self._get_pipeline().recall(belief, latest.target, latest.time_s)
-            window = self._plan_window(carried, *self._find_regions(carried, things))
+            window = self._plan_window(carried, *self._find_regions(carried, objects))
             if window is None:
                 return None
-        return ConfirmationCapture(things, window, self._plan_probe(time_s, PROBE_PERIOD_S))
+        return ConfirmationCapture(objects, window, self._plan_probe(time_s, PROBE_PERIOD_S))
 
     @override
     def read_confirmation(self, confirmation: ConfirmationCapture, frames: Sequence[Frames]) -> Environment | None:
@@ -146,16 +146,16 @@ class PerceivedWorld(WorldModel):
             return None
         shown = frames[-1]
         carried = pipeline.recall(before, now[1], now[0])
-        loose, regions = self._find_regions(carried, confirmation.things)
+        loose, regions = self._find_regions(carried, confirmation.objects)
         is_early = any(frame.time_s > now[0] + AHEAD_S for frame in shown.frames)
         if is_early or self._plan_window(carried, loose, regions) != confirmation.window:
             return None
-        look = self._begin_look(now, before, Need(things=confirmation.things))
+        look = self._begin_look(now, before, Need(objects=confirmation.objects))
         look.captures.append((confirmation.window, shown))
         if (confirmed := pipeline.confirm(shown, now[1], now[0], carried, loose)) is None:
             return None
         self._keep(look, confirmed)
-        return self._believe(confirmed, Need(things=confirmation.things))
+        return self._believe(confirmed, Need(objects=confirmation.objects))
 
     def _begin_look(self, now: Moment, before: Environment | None, need: Need) -> Look:
         """A record of the coming look; the first one covers everything."""
@@ -164,7 +164,7 @@ class PerceivedWorld(WorldModel):
             target=self._target,
             scene=self._scene,
             before=before,
-            things=() if before is None else tuple(sorted(need.things)),
+            objects=() if before is None else tuple(sorted(need.objects)),
             now=now,
             states=list(self._states)[-1:],
         )
@@ -173,12 +173,12 @@ class PerceivedWorld(WorldModel):
         self._belief = world
         return self._answer(world, need)
 
-    def _perceive_things(self, now: Moment, things: Collection[str]) -> Environment:
+    def _perceive_objects(self, now: Moment, objects: Collection[str]) -> Environment:
         """Looks at some objects only, at their believed places, in the camera that saw them best."""
         before, pipeline = self._belief, self._get_pipeline()
         assert before is not None, "at first everything is looked at"
         carried = pipeline.recall(before, now[1], now[0])
-        loose, regions = self._find_regions(carried, things)
+        loose, regions = self._find_regions(carried, objects)
         if not regions:
             unseen = place_articulated(pipeline.inventory.articulated, lose_sight(carried.entities, loose))
             return msgspec.structs.replace(carried, entities=unseen)
@@ -196,12 +196,12 @@ class PerceivedWorld(WorldModel):
             frames, now[1], self._scene, now[0], carried, focus=frozenset(loose), find_state=self._find_state
         )
 
-    def _find_regions(self, carried: Environment, things: Collection[str]) -> tuple[list[str], dict[str, Crop]]:
+    def _find_regions(self, carried: Environment, objects: Collection[str]) -> tuple[list[str], dict[str, Crop]]:
         """Those of the objects that may move by themselves, and the windows that show them."""
         articulated = self._get_pipeline().inventory.articulated
         loose = [
             name
-            for name in sorted({articulated[name].part if name in articulated else name for name in things})
+            for name in sorted({articulated[name].part if name in articulated else name for name in objects})
             if (entity := carried.entities.get(name)) is not None
             and entity.movable
             and entity.status is not Status.HELD
@@ -223,10 +223,10 @@ class PerceivedWorld(WorldModel):
     def _plan_window(self, carried: Environment, loose: Collection[str], regions: dict[str, Crop]) -> Capture | None:
         """The frames that may confirm that these objects did not move; None where they have to be fitted."""
         pipeline = self._get_pipeline()
-        entities, things = carried.entities, pipeline.inventory.things
+        entities, objects = carried.entities, pipeline.inventory.objects
         if not regions or not pipeline.can_confirm:
             return None
-        if not all(is_settled(entities[name], things.get(name)) for name in loose):
+        if not all(is_settled(entities[name], objects.get(name)) for name in loose):
             return None
         area = min(width * height for _, _, width, height in regions.values())
         return Capture(cameras=tuple(regions), crops=regions, every=THINNED if area >= LARGE_PX else 1)

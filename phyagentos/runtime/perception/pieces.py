@@ -35,7 +35,7 @@ def find_pieces(
     """Clusters of the points in a group's colours; `near` (256, 256) says which labels are taken for each other."""
     pure: list[Piece] = []
     stray: list[Piece] = []
-    colors = list(dict.fromkeys(thing.colors[0] for thing in group))
+    colors = list(dict.fromkeys(item.colors[0] for item in group))
     alike: NDArray[np.bool_] = near[colors].max(axis=0)
     within = np.flatnonzero(alike[cloud.colors])
     explained = [within[part] for part in _explain(group, believed, cloud.points_m[within])] if len(group) > 1 else []
@@ -43,7 +43,7 @@ def find_pieces(
         within = np.setdiff1d(within, np.concatenate(explained))
     tree = cKDTree(cloud.points_m[within]) if len(colors) > 1 and len(within) else None
     for color in colors:
-        own = [thing for thing in group if thing.colors[0] == color]
+        own = [item for item in group if item.colors[0] == color]
         indices = within[cloud.colors[within] == color]
         for part in _cut(own, believed, cloud.points_m[indices]):
             piece = indices[part]
@@ -78,13 +78,13 @@ def _join(pure: list[Piece], loose: Piece, points_m: Array) -> tuple[list[Piece]
 
 def _find_link(group: Sequence[ObjectModel]) -> tuple[float, int]:
     """How near points of one surface are [m], and how many are an object."""
-    return (FINE_M, FINE_POINTS) if all(thing.look for thing in group) else (LINK_M, 0)
+    return (FINE_M, FINE_POINTS) if all(item.look for item in group) else (LINK_M, 0)
 
 
 def _cut(group: Sequence[ObjectModel], believed: Mapping[str, Entity], points: Array) -> list[Piece]:
     """Clusters of points (n, 3), each at most as large as the largest object of the group."""
     pieces: list[Piece] = []
-    largest, (link_m, least) = max(thing.diameter_m for thing in group), _find_link(group)
+    largest, (link_m, least) = max(item.diameter_m for item in group), _find_link(group)
     for cluster in find_clusters(points, link_m):
         own = points[cluster]
         seeds = [np.array(entity.pose.position_m) for _, entity in _find_near(group, believed, own)]
@@ -97,14 +97,14 @@ def _find_near(
 ) -> list[tuple[ObjectModel, Entity]]:
     """Objects whose believed places are within or near a cluster (n, 3), or hidden and above it if they may fall."""
     found = []
-    for thing in group:
-        entity = believed.get(thing.name)
+    for item in group:
+        entity = believed.get(item.name)
         if entity is not None and entity.status in (Status.SEEN, Status.HIDDEN):
             away = points - entity.pose.position_m
             if may_fall and entity.status is Status.HIDDEN:
                 away[:, 2] = np.maximum(away[:, 2], 0.0)
-            if float(np.linalg.norm(away, axis=1).min()) < thing.diameter_m / 2:
-                found.append((thing, entity))
+            if float(np.linalg.norm(away, axis=1).min()) < item.diameter_m / 2:
+                found.append((item, entity))
     return found
 
 
@@ -116,12 +116,12 @@ def _explain(group: Sequence[ObjectModel], believed: Mapping[str, Entity], point
     """
     parts: list[Piece] = []
     link_m, _ = _find_link(group)
-    gone = [thing for thing in group if (each := believed.get(thing.name)) and each.status is Status.GONE]
+    gone = [item for item in group if (each := believed.get(item.name)) and each.status is Status.GONE]
     lost = len(gone) if link_m < LINK_M else 0  # each may have come anywhere
     for cluster in find_clusters(points, link_m):
         own = points[cluster]
         near = _find_near(group, believed, own, may_fall=True)
-        stay = [Solids.place(entity, thing.solids) for thing, entity in near if entity.status is Status.SEEN]
+        stay = [Solids.place(entity, item.solids) for item, entity in near if entity.status is Status.SEEN]
         if not stay or len(near) + lost == 1:
             continue
         away_m = np.abs([solids.measure(own) for solids in stay])

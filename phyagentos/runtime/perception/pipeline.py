@@ -141,7 +141,7 @@ class Pipeline:
         )
         if look.focus:
             return after, health
-        if camera := find_disagreeing(self.inventory.things, after, views, cloud):
+        if camera := find_disagreeing(self.inventory.objects, after, views, cloud):
             others = tuple(frame for frame in believed if frame.camera != camera)
             displaced = note_displaced(health, camera, "its depth disagrees with the other cameras", look.time_s)
             return self._update(look, others, displaced)
@@ -176,9 +176,9 @@ class Pipeline:
         pictures = [(frame, self._segmenter.label(frame.rgb)) for frame in believed]
         seen: dict[str, Entity] = {}
         for name in names:
-            thing, entity = self.inventory.things[name], before.entities[name]
+            item, entity = self.inventory.objects[name], before.entities[name]
             for frame, labels in pictures:
-                where = confirm(thing, entity, frame, labels, before.sensors[frame.camera].focal_px)
+                where = confirm(item, entity, frame, labels, before.sensors[frame.camera].focal_px)
                 if where is not None:
                     seen[name] = msgspec.structs.replace(
                         entity, observed_at_s=frame.time_s, visible=True, evidence=(where,)

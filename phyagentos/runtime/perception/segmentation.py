@@ -106,8 +106,7 @@ class DetectorSegmenter:
     def __init__(self, detector: Detector, inventory: Inventory) -> None:
         self._detector = detector
         self._colors = {
-            f"{thing.template.color} {thing.template.kind}".strip(): thing.colors[0]
-            for thing in inventory.things.values()
+            f"{item.template.color} {item.template.kind}".strip(): item.colors[0] for item in inventory.objects.values()
         }
 
     def label(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:

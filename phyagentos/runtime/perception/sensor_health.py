@@ -202,20 +202,20 @@ def find_displaced(
 
 
 def find_disagreeing(
-    things: Mapping[str, ObjectModel], entities: Mapping[str, Entity], views: Sequence[CameraView], cloud: Cloud
+    objects: Mapping[str, ObjectModel], entities: Mapping[str, Entity], views: Sequence[CameraView], cloud: Cloud
 ) -> str:
     """The camera whose points of the objects lie farthest from where all cameras together see these.
 
     Empty where none errs by much more than another, or only two are left, of which either may err.
     """
     away_m: list[list[Array]] = [[] for _ in views]
-    for name, thing in things.items():
+    for name, item in objects.items():
         entity = entities.get(name)
-        if entity is None or not thing.template.movable or entity.status is not Status.SEEN:
+        if entity is None or not item.template.movable or entity.status is not Status.SEEN:
             continue
-        own = cloud.take(cloud.colors == thing.colors[0])
+        own = cloud.take(cloud.colors == item.colors[0])
         rotation = compute_rotation(entity.pose.quaternion_wxyz)
-        distance = np.abs(thing.solids.measure((own.points_m - entity.pose.position_m) @ rotation))
+        distance = np.abs(item.solids.measure((own.points_m - entity.pose.position_m) @ rotation))
         for index in range(len(views)):
             away_m[index].append(distance[(own.view_index == index) & (distance < REACH_M)])
     joined = {view.camera: np.concatenate([*each, np.zeros(0)]) for view, each in zip(views, away_m, strict=True)}

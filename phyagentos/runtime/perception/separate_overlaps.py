@@ -19,7 +19,7 @@ WITHIN = 0.7  # of half its least extent: with its middle so deep in another one
 
 
 def separate_overlaps(
-    things: Mapping[str, ObjectModel],
+    objects: Mapping[str, ObjectModel],
     fits: Mapping[str, Fit],
     seen: Mapping[str, Cloud],
     views: Views,
@@ -36,28 +36,28 @@ def separate_overlaps(
     apart = dict(fits)
     rank = {name: (len(seen[name].points_m), name) for name in fits}
     for name in sorted(fits, key=rank.__getitem__):
-        thing, own = things[name], apart[name]
+        item, own = objects[name], apart[name]
         others = Solids.of(())
         for other, found in apart.items():
-            near_m = (things[other].diameter_m + thing.diameter_m) / 2
+            near_m = (objects[other].diameter_m + item.diameter_m) / 2
             is_near = float(np.linalg.norm(found.position_m - own.position_m)) < near_m
             if other != name and rank[other] > rank[name] and is_near:
-                others = others.join(things[other].solids.at(found.rotation, found.position_m))
+                others = others.join(objects[other].solids.at(found.rotation, found.position_m))
         obstacle = map_solids.join(others)
-        sunk_m = measure_sunk(thing, own.rotation, own.position_m, obstacle)
+        sunk_m = measure_sunk(item, own.rotation, own.position_m, obstacle)
         if sunk_m >= SUNK_M:
-            again = fit(thing, seen[name], views, (own.rotation, own.position_m), obstacle)
+            again = fit(item, seen[name], views, (own.rotation, own.position_m), obstacle)
             apart[name] = again or replace(own, sunk_m=sunk_m)
             if name in priors and apart[name].sunk_m >= SUNK_M:
-                stays = evaluate_prior_pose(thing, Patch.of(seen[name], views), views, priors[name], obstacle)
+                stays = evaluate_prior_pose(item, Patch.of(seen[name], views), views, priors[name], obstacle)
                 apart[name] = min(apart[name], stays, key=lambda each: each.cost_m)
-        if others.kinds and _is_within(thing, apart[name], others):
+        if others.kinds and _is_within(item, apart[name], others):
             del apart[name]
     return apart
 
 
-def _is_within(thing: ObjectModel, own: Fit, others: Solids) -> bool:
+def _is_within(item: ObjectModel, own: Fit, others: Solids) -> bool:
     """Whether the middle of an object is deep within other ones."""
-    low, high = thing.samples_m.min(axis=0), thing.samples_m.max(axis=0)
+    low, high = item.samples_m.min(axis=0), item.samples_m.max(axis=0)
     middle = own.position_m + own.rotation @ ((low + high) / 2)
     return -float(others.measure(middle[None])[0]) > WITHIN * float((high - low).min()) / 2

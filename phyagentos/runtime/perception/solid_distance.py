@@ -202,21 +202,21 @@ def linearise(distance, gradient, arm, rotation, moves, huber):  # type: ignore[
 
 
 @njit(cache=True)
-def project(points, normals, thing, view, focal, size, facing):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def project(points, normals, item, view, focal, size, facing):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
     """Where points (n, 3) of a posed object's surface are expected in a picture.
 
-    `thing` and `view` are rotation (3, 3) and position (3,) in the world, `size` height and width of the picture.
+    `item` and `view` are rotation (3, 3) and position (3,) in the world, `size` height and width of the picture.
 
     Returns:
         (m,) rows, columns and depths in the picture; and how many points face the camera by this cosine or more.
     """
-    R, E, n = thing[0], view[0], 0
+    R, E, n = item[0], view[0], 0
     rows, columns = np.empty(len(points), np.intp), np.empty(len(points), np.intp)
     depths, count, t, o = np.empty(len(points)), 0, np.empty(3), np.empty(3)
     for i in range(len(points)):
         p, q = points[i], normals[i]
         for j in range(3):
-            t[j] = view[1][j] - (_dot(p[0], p[1], p[2], R[j, 0], R[j, 1], R[j, 2]) + thing[1][j])
+            t[j] = view[1][j] - (_dot(p[0], p[1], p[2], R[j, 0], R[j, 1], R[j, 2]) + item[1][j])
             o[j] = _dot(q[0], q[1], q[2], R[j, 0], R[j, 1], R[j, 2])
         if not o[0] * t[0] + o[2] * t[2] + o[1] * t[1] > facing * sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]):
             continue

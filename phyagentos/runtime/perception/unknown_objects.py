@@ -24,7 +24,7 @@ from phyagentos.runtime.perception.views import CameraView, Views, measure_point
 from phyagentos.runtime.targets.wire import Frame
 
 PREFIX, SOURCE = "unknown_", "rgbd unexplained"
-MAP_M, THING_M, ROBOT_M = 0.014, 0.02, 0.03  # this near to what is known, a point may belong to it
+MAP_M, OBJECT_M, ROBOT_M = 0.014, 0.02, 0.03  # this near to what is known, a point may belong to it
 NOISE, NOISE_MAX_M = 9.0, 0.03  # median distances of the points on the map, of which those are, are noise
 EVERY = 2  # of so many columns one is read
 LINK_M = 0.02
@@ -32,7 +32,7 @@ POINTS_MIN, SIDE_MIN_M, SIDE_MAX_M = 12, 0.012, 0.5  # fewer points are noise, l
 SAME_M, STILL_M = 0.05, 0.015  # between the middles of one stranger in two looks, and of one that stays
 STANDS_M, STEP_M = SIDE_MAX_M, 0.002  # nothing hovers: it stands on what is so far below its lowest seen point
 SIDE_STD_M, SIDE_NOISE = 0.0025, 1.4  # uncertainty of a side: of its outline, and per noise of depth
-PLACE = 0.8  # of the middle, in doubts of a side
+PLACE = 0.8  # of the middle, in uncertainties of a side
 CUT_PX, CUT_STD_M = 2, 0.03  # this near to the edge of a picture the rest may be outside of it, adds this uncertainty
 CUT_PERCENT = 2  # of the points at either end of a side, which may be stray
 BULGE, BLUR = 1.5, 1.2  # noises of depth by which the highest points are above the top, and an outline is too wide
@@ -128,7 +128,7 @@ def _find_unexplained(
     of_map = np.abs(away[np.abs(away) < NOISE_MAX_M])
     median_m = float(np.median(of_map)) if len(of_map) else NOISE_MAX_M / NOISE
     left = np.flatnonzero(away > max(MAP_M, NOISE * median_m))
-    for solids, margin_m in (*((each, max(THING_M, NOISE * median_m)) for each in known), (robot, ROBOT_M)):
+    for solids, margin_m in (*((each, max(OBJECT_M, NOISE * median_m)) for each in known), (robot, ROBOT_M)):
         if len(left):
             left = left[_is_beyond(points[left], solids, margin_m)]
     rows, columns = rows[left], columns[left]
@@ -186,7 +186,7 @@ def _is_named(stranger: Entity, named: Sequence[Entity]) -> bool:
     """Whether a known object stands where the stranger was: it has a name now."""
     middle = np.array([stranger.pose.position_m])
     known = (each for each in named if each.movable and each.shapes and each.status in (Status.SEEN, Status.HELD))
-    return any(not _is_beyond(middle, Solids.place(each), THING_M).any() for each in known)
+    return any(not _is_beyond(middle, Solids.place(each), OBJECT_M).any() for each in known)
 
 
 def _miss(entity: Entity, views: Views) -> Entity | None:

@@ -122,7 +122,7 @@ def make_view(frame: Frame) -> CameraView:
 def _find_points(
     frame: Frame, view: CameraView, labels: NDArray[np.uint8], robot: Solids, index: int, inventory: Inventory
 ) -> Cloud:
-    rows, columns = np.nonzero(np.isfinite(frame.depth_m) & inventory.is_of_thing[labels])
+    rows, columns = np.nonzero(np.isfinite(frame.depth_m) & inventory.is_of_object[labels])
     points, colors = measure_points(frame, view, rows, columns), labels[rows, columns]
     keep = ~_find_map(points, colors, inventory)
     if len(robot.kinds) and keep.any():
@@ -173,9 +173,9 @@ class Visibility:
         return self.contradicted / max(self.confirmed + self.contradicted, 1)
 
 
-def compute_visibility(thing: ObjectModel, rotation: Array, position_m: Array, views: Views) -> Visibility:
+def compute_visibility(item: ObjectModel, rotation: Array, position_m: Array, views: Views) -> Visibility:
     """Visibility of an object in a pose."""
-    return measure_visibility(thing.samples_m, thing.normals, rotation, position_m, views)
+    return measure_visibility(item.samples_m, item.normals, rotation, position_m, views)
 
 
 def measure_visibility(

@@ -26,13 +26,13 @@ class Need:
     """Required content of an answer: a new look at everything or at some objects, or only the held object."""
 
     everything: bool = False
-    things: frozenset[str] = frozenset()
+    objects: frozenset[str] = frozenset()
     only_hand: bool = False
 
     @property
     def is_look(self) -> bool:
         """Whether it needs a look."""
-        return self.everything or bool(self.things)
+        return self.everything or bool(self.objects)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class ConfirmationCapture:
     that the cameras are alive, None while an earlier proof lasts.
     """
 
-    things: frozenset[str]
+    objects: frozenset[str]
     window: Capture | None
     probe: Capture | None
 
@@ -88,12 +88,12 @@ class WorldModel(ABC):
             ExecutionError: `REQUEST_INVALID` before `enter`; `TARGET_LOST`.
         """
 
-    def plan_confirmation(self, things: frozenset[str], time_s: float) -> ConfirmationCapture | None:
+    def plan_confirmation(self, objects: frozenset[str], time_s: float) -> ConfirmationCapture | None:
         """The frames that may confirm these objects at `time_s`, the end of the period that was sent last.
 
         None where the world has to stand for a look.
         """
-        return None if things else ConfirmationCapture(things, window=None, probe=None)
+        return None if objects else ConfirmationCapture(objects, window=None, probe=None)
 
     def read_confirmation(self, confirmation: ConfirmationCapture, frames: Sequence[Frames]) -> Environment | None:
         """The world at the latest step, confirmed by the frames of a confirmation, in the order of its captures.
@@ -135,7 +135,7 @@ class WorldModel(ABC):
         self.latest_look = look
         for frame in (frame for _, frames in look.captures for frame in frames.frames):
             self._pictures.setdefault(name_picture(frame.camera, frame.time_s), []).append(look)
-        if not look.things:
+        if not look.objects:
             self.looks.append(look)
             entities = belief.entities.values()
             pointed = {each.picture for entity in entities for each in Pointer.parse_all(entity.evidence)}

@@ -87,9 +87,9 @@ def iter_name_problems(
     """
     may_be_unseen = skill is not None and (only_looks(skill.guarantees) or skill.loop is not None)
     unseen = now.never_seen if may_be_unseen else ()
-    things = now.entities.keys() | set(unseen)
-    places = things | now.regions.keys()
-    known = {"entity": things, "entities": things, "place": places}
+    objects = now.entities.keys() | set(unseen)
+    places = objects | now.regions.keys()
+    known = {"entity": objects, "entities": objects, "place": places}
     reported: set[str] = set()
     for name, parameter in skill.parameters.items() if skill is not None else ():
         given = session.parameters.get(name)
@@ -148,11 +148,11 @@ def _make_missing(
     fitting = find_candidates(text, now.entities)
     several = len(fitting) > 1 and Truth.TRUE in fitting.values()
     shown = [each for each in now.entities.values() if (each.name in fitting if fitting else each.kind == UNNAMED)]
-    things = "; ".join(f"{each.name}: {each.color} {each.form or 'thing'}" for each in shown) or "nothing unnamed"
+    objects = "; ".join(f"{each.name}: {each.color} {each.form or 'thing'}" for each in shown) or "nothing unnamed"
     return make_problem(
         "AMBIGUOUS" if several else "NOT_OBSERVED",
         address,
-        found=f"{name!r}, described as {text!r}, and {'perhaps ' if fitting and not several else ''}{things}",
+        found=f"{name!r}, described as {text!r}, and {'perhaps ' if fitting and not several else ''}{objects}",
         expected="one that surely fits",
         triggered_by=by,
         fix="Write `any` where each of them will do." if several else "",
@@ -231,16 +231,16 @@ def iter_contradictions(session: Session, now: Environment) -> Iterator[Problem]
         formula = find_formula(text)
         for part in formula.parts if isinstance(formula, And) else (formula,):
             match read_statement(part):
-                case Statement(Meaning.INSIDE, Name(thing), Name(place)):
-                    wanted.setdefault(thing, []).append(place)
-    for thing, places in wanted.items():
+                case Statement(Meaning.INSIDE, Name(item), Name(place)):
+                    wanted.setdefault(item, []).append(place)
+    for item, places in wanted.items():
         for one, other in combinations(dict.fromkeys(places), 2):
             room, further = _compute_room(now, one), _compute_room(now, other)
             if room is None or further is None:
                 continue
             gap_m = float(np.maximum(room[0] - further[1], further[0] - room[1]).max())
             if gap_m > 0.0:
-                both = " and ".join(state(Meaning.INSIDE, thing, place) for place in (one, other))
+                both = " and ".join(state(Meaning.INSIDE, item, place) for place in (one, other))
                 yield make_problem(
                     "CRITERIA_CONTRADICT",
                     "accept",

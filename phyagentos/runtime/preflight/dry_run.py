@@ -223,9 +223,9 @@ class DryRun:
         """Points where the acceptance wants an object, and where no tool brings anything; heights do not matter."""
         for text in session.accept:
             match read_statement(find_formula(text)), self.reach:
-                case Statement(Meaning.AT, Name(thing), Point((x_m, y_m, _))), Reach() as reach:
+                case Statement(Meaning.AT, Name(item), Point((x_m, y_m, _))), Reach() as reach:
                     excess_m = reach.compute_excess((x_m, y_m, reach.center_m[2])) - AROUND_M
-                    name = f"{thing} to ({x_m:g}, {y_m:g})"
+                    name = f"{item} to ({x_m:g}, {y_m:g})"
                     message = f"the point lies {excess_m:.3f} m beyond the longest reach of {session.target}"
                     if excess_m > 0.0:
                         yield Trial(motion=name, outcome="impossible", code="OUT_OF_REACH", message=message)

@@ -123,10 +123,10 @@ def _iter_stream_problems(
 
 def _iter_world_problems(stream: Stream, skill: SkillRuntime, by: str) -> Iterator[Problem]:
     address = f"skill.policy.observations.{WORLD}"
-    things = [name for name, parameter in skill.parameters.items() if parameter.type in {"entity", "place"}]
+    objects = [name for name, parameter in skill.parameters.items() if parameter.type in {"entity", "place"}]
     for name in stream.entities or ("",):
-        if name not in things:
-            yield Problem.unknown("observation", f"{address}.entities", name, things, by=by)
+        if name not in objects:
+            yield Problem.unknown("observation", f"{address}.entities", name, objects, by=by)
     yield from _iter_form_problems(address, stream, Signal(shape=(len(stream.entities), POSE_WIDTH)), 0, by)
 
 

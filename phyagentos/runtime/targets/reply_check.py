@@ -217,7 +217,7 @@ def _is_no_turn(pose: Pose) -> bool:
 
 
 def _find_negative(step: wire.Step) -> str:
-    """What no measurement is below zero: it would hide a force, a doubt, an arm that lags behind."""
+    """What no measurement is below zero: it would hide a force, an uncertainty, an arm that lags behind."""
     named = {name: getattr(step, name) or 0.0 for name in _AT_LEAST_ZERO}
     named |= {f"touched_n[{_show(name)}]": force_n for name, force_n in step.touched_n.items()}
     return next((f"{name} = {value}, below zero" for name, value in named.items() if value < 0.0), "")

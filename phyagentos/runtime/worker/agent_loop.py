@@ -196,12 +196,12 @@ class AgentLoopRuntime:
     def _describe_world(self) -> Fields:
         """The world as perceived: objects with their positions [m], what is held, and what no look has shown."""
         now = self.context.world.observe(WORLD)
-        things = {
+        objects = {
             name: {"kind": each.kind, "position_m": [round(value, 4) for value in each.pose.position_m]}
             for name, each in now.entities.items()
         }
         holding = now.targets[self.context.session.target].holding
-        facts = {"sensing": now.sensing, "things": things, "regions": list(now.regions)}
+        facts = {"sensing": now.sensing, "things": objects, "regions": list(now.regions)}
         return {**facts, "holding": list(holding), "never_seen": list(now.never_seen)}
 
     def _fail(self, code: str, message: str) -> None:

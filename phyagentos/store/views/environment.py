@@ -49,8 +49,8 @@ def render_environment(environment: Environment | None) -> str:
         f"- **Sensing:** {flatten(environment.sensing)}\n"
         f"- **Since the snapshot before:** {_format_changes(environment.changes)}\n\n"
     )
-    things = [(name, *_describe(entity, places[name])) for name, entity in environment.entities.items()]
-    text = f"{front}{_HEAD}{facts}## Things\n\n" + render_table(_COLUMNS, things)
+    objects = [(name, *_describe(entity, places[name])) for name, entity in environment.entities.items()]
+    text = f"{front}{_HEAD}{facts}## Things\n\n" + render_table(_COLUMNS, objects)
     regions = [
         (name, _format_numbers(region.pose.position_m), _format_numbers(region.half_m))
         for name, region in environment.regions.items()

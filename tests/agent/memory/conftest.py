@@ -18,7 +18,7 @@ SLOW = Strategy(speed=0.5)
 _numbers = count()
 
 
-def make_episode(*, ok=True, parent=None, thing="soap", place="tray", strategy=None, cause="GRASP_LOST", **more):
+def make_episode(*, ok=True, parent=None, item="soap", place="tray", strategy=None, cause="GRASP_LOST", **more):
     """One judged session; a child continues the goal and node of its parent."""
     number = next(_numbers)
     facts = {
@@ -27,11 +27,11 @@ def make_episode(*, ok=True, parent=None, thing="soap", place="tray", strategy=N
         "node": "n",
         "seed": number,
         "scene": "bench",
-        "objective": f"Put the {thing} into the {place}.",
+        "objective": f"Put the {item} into the {place}.",
         "skill": "pick_and_place",
         "target": "panda",
         "body": PANDA,
-        "features": Features(object=f"{thing}_1", object_kind=thing, destination=f"{place}_1", destination_kind=place),
+        "features": Features(object=f"{item}_1", object_kind=item, destination=f"{place}_1", destination_kind=place),
         "verdict": Verdict.SUCCESS if ok else Verdict.REPLAN,
         "cause": "" if ok else cause,
         "strategy": strategy or DEFAULT_STRATEGY,

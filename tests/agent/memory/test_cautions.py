@@ -77,7 +77,7 @@ def test_a_lesson_that_a_safety_event_followed_is_used_no_more(memory):
 def test_at_high_risk_a_lesson_must_surely_do_better_than_nothing(memory):
     failed = teach(memory)
     assert memory.recall(ask(failed))
-    memory.record([make_episode(**STOPPED, thing="soap")])
+    memory.record([make_episode(**STOPPED, item="soap")])
     assert memory.recall(ask(failed)) == (), "one success is not enough"
     for _ in range(4):
         memory.record(make_correction())

@@ -122,12 +122,12 @@ def test_a_lesson_is_widened_once_it_was_verified_in_two_cases(memory):
     assert (found.lesson.scope.destination, found.lesson.scope.object) == ("", "soap")
 
 
-def test_a_place_to_avoid_is_widened_to_other_things_and_not_to_other_places(memory):
+def test_a_place_to_avoid_is_widened_to_other_objects_and_not_to_other_places(memory):
     strategy = Strategy(avoid_sites=("site0",))
-    for thing in ("tin", "soap"):
-        memory.record(make_correction(thing=thing, place="rack", strategy=strategy, cause="PLACED_WRONG"))
-    assert memory.recall(ask(make_episode(thing="cube", place="rack")))
-    assert not memory.recall(ask(make_episode(thing="tin", place="shelf")))
+    for item in ("tin", "soap"):
+        memory.record(make_correction(item=item, place="rack", strategy=strategy, cause="PLACED_WRONG"))
+    assert memory.recall(ask(make_episode(item="cube", place="rack")))
+    assert not memory.recall(ask(make_episode(item="tin", place="shelf")))
 
 
 PLACE = {"strategy": Strategy(avoid_sites=("site0",)), "cause": "PLACED_WRONG"}
@@ -149,9 +149,9 @@ PLACE = {"strategy": Strategy(avoid_sites=("site0",)), "cause": "PLACED_WRONG"}
         "not of a hand unknown", "of a place, for any arm", "of a place, for no base",
     ],
 )  # fmt: skip
-def test_a_lesson_is_told_of_the_same_thing_and_a_hand_alike_or_of_a_place(memory, lesson, case, is_told):
-    failed, thing = teach(memory, **lesson), case.get("thing")
-    asked = ask(make_episode(thing=thing)) if thing else ask(failed, **case)
+def test_a_lesson_is_told_of_the_same_object_and_a_hand_alike_or_of_a_place(memory, lesson, case, is_told):
+    failed, item = teach(memory, **lesson), case.get("thing")
+    asked = ask(make_episode(item=item)) if item else ask(failed, **case)
     assert bool(memory.recall(asked)) is is_told
 
 

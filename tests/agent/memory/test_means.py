@@ -10,11 +10,11 @@ from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY
 from .conftest import ask, make_episode
 
 ASIDE = Preparation(purpose="clear", skill="set_aside", kind="post")
-HEMMED = {"thing": "cube", "cause": "NO_PLAN", "parameters": {"object": "cube_1", "destination": "tray_1"}}
+HEMMED = {"item": "cube", "cause": "NO_PLAN", "parameters": {"object": "cube_1", "destination": "tray_1"}}
 
 
 def make_cleared(*, ok=True):
-    """A failure, a thing that is set aside, and the same attempt again."""
+    """A failure, an object that is set aside, and the same attempt again."""
     failed = make_episode(ok=False, **HEMMED)
     post = Features(object="post_1", object_kind="post")
     clear = make_episode(
@@ -31,14 +31,14 @@ def learn(memory, *events):
 
 
 def test_a_success_by_another_skill_teaches_that_skill_where_the_first_one_failed(memory):
-    failed = make_episode(ok=False, cause="IMPOSSIBLE", thing="carton")
+    failed = make_episode(ok=False, cause="IMPOSSIBLE", item="carton")
     lesson = learn(memory, failed, make_episode(parent=failed, skill="push", strategy=DEFAULT_STRATEGY))
     assert (lesson.means, lesson.scope.skill) == (Means(skill="push"), "pick_and_place")
     (found,) = memory.recall(ask(failed))
     assert found.lesson.id == lesson.id
 
 
-def test_what_only_resumes_with_the_thing_in_the_hand_teaches_no_other_skill(memory):
+def test_what_only_resumes_with_the_object_in_the_hand_teaches_no_other_skill(memory):
     failed = make_episode(ok=False)
     memory.record([failed, make_episode(parent=failed, skill="place", resumes=True)])
     assert memory.experience.corrections == {}

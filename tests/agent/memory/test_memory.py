@@ -59,12 +59,12 @@ def test_a_cache_of_other_records_is_not_believed(memory, open_memory, tmp_path)
     emptied = open_memory()
     assert emptied.recall(ask(failed)) == ()
     assert emptied.version.startswith("memory/0-")
-    emptied.record([make_episode(thing="cube")])
+    emptied.record([make_episode(item="cube")])
     assert open_memory().recall(ask(failed)) == ()
 
 
 def test_what_is_recorded_bit_by_bit_is_known_as_what_is_recorded_at_once(open_memory):
-    events = [event for thing in ("soap", "tin", "cube") for event in (*make_correction(thing=thing), make_episode())]
+    events = [event for item in ("soap", "tin", "cube") for event in (*make_correction(item=item), make_episode())]
     one, all_at_once = open_memory("one"), open_memory("other")
     for event in events:
         one.record([event])
@@ -126,7 +126,7 @@ def test_a_person_may_say_where_a_lesson_holds(memory):
 
 
 def test_words_find_lessons_for_people(memory):
-    memory.record([*make_correction(thing="soap"), *make_correction(thing="tin", place="rack")])
+    memory.record([*make_correction(item="soap"), *make_correction(item="tin", place="rack")])
     assert {each.scope.object for each in memory.search("rack")} == {"tin"}
     assert memory.search('" OR') == ()
 
@@ -138,7 +138,7 @@ def test_it_stays_small_however_much_is_remembered(monkeypatch):
     monkeypatch.setattr(experience, "SESSIONS_KEPT", 20)
     monkeypatch.setattr(experience, "ENTRIES_MAX", 10)
     known = Experience()
-    events = [event for number in range(100) for event in make_correction(thing=f"thing{number}")]
+    events = [event for number in range(100) for event in make_correction(item=f"thing{number}")]
     known.extend(enumerate(events, 1))
     sizes = [len(each) for each in (known.corrections, known.patterns, known.failures, known.known)]
     assert max(sizes) <= 20
@@ -149,12 +149,12 @@ def test_it_stays_small_however_much_is_remembered(monkeypatch):
 def test_a_flood_of_what_was_tried_once_drives_out_nothing_that_was_confirmed(monkeypatch):
     monkeypatch.setattr(experience, "CORRECTIONS_KEPT", 40)
     known = Experience()
-    confirmed = make_correction(thing="soap") + make_correction(thing="soap")
-    noise = [each for number in range(200) for each in make_correction(thing=f"thing{number}", ok=number % 2 == 0)]
+    confirmed = make_correction(item="soap") + make_correction(item="soap")
+    noise = [each for number in range(200) for each in make_correction(item=f"thing{number}", ok=number % 2 == 0)]
     known.extend(enumerate(confirmed + noise, 1))
     assert len(known.corrections) <= 40
     assert Retrieval(known).recall(ask(confirmed[0]))
-    newest = make_correction(thing="tin")
+    newest = make_correction(item="tin")
     known.extend(enumerate(newest, known.seq + 1))
     assert Retrieval(known).recall(ask(newest[0])), "what is new was not even tried"
 
@@ -162,10 +162,10 @@ def test_a_flood_of_what_was_tried_once_drives_out_nothing_that_was_confirmed(mo
 def test_a_retracted_lesson_is_not_let_go(monkeypatch):
     monkeypatch.setattr(experience, "CORRECTIONS_KEPT", 10)
     known = Experience()
-    known.extend(enumerate(make_correction(thing="first"), 1))
+    known.extend(enumerate(make_correction(item="first"), 1))
     retracted = next(iter(known.corrections))
     known.extend([(3, Edit(entry=retracted, retracts=True, reason="wrong"))])
-    events = [event for number in range(30) for event in make_correction(thing=f"thing{number}")]
+    events = [event for number in range(30) for event in make_correction(item=f"thing{number}")]
     known.extend(enumerate(events, 4))
     assert known.corrections[retracted].state is EntryState.RETRACTED
 

@@ -67,6 +67,6 @@ def test_a_promoted_way_is_the_default_of_its_scope_until_it_is_demoted(memory):
     assert promoted is not None
     assert promoted.strategy == SLOW
     assert next(fact for fact in memory.experience.list_facts() if fact.strategy).promoted
-    assert memory.find_promoted(ask(make_episode(thing="cube"))) is None
+    assert memory.find_promoted(ask(make_episode(item="cube"))) is None
     memory.record([make_episode(strategy=SLOW, ok=False) for _ in range(10)])
     assert memory.find_promoted(ask(make_episode())) is None

@@ -286,7 +286,7 @@ def test_a_session_that_was_tried_in_vain_is_not_planned_again():
     assert isinstance(plan("holds(planks) >= 4", without=[tried]), Unsolvable)
 
 
-def test_statements_of_other_things_must_be_true_already():
+def test_statements_of_other_objects_must_be_true_already():
     with pytest.raises(DefinitionError, match="NO_CANDIDATE"):
         plan("holds(log)", "visible(tree)")
     with pytest.raises(DefinitionError, match="NO_CANDIDATE"):

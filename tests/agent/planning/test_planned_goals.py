@@ -54,7 +54,7 @@ def test_what_is_put_into_a_drawer_is_put_in_while_it_is_open():
     assert [session[0] for session in list_sessions(planned)] == ["open_drawer", "pick_and_place", "close_drawer"]
 
 
-def test_what_stands_on_a_thing_is_set_aside_before_that_is_taken():
+def test_what_stands_on_an_object_is_set_aside_before_that_is_taken():
     planned = plan("tabletop/panel_and_stack", "on(lower_block, upper_block)")
     assert [session[:2] for session in list_sessions(planned)] == [
         ("set_aside", "upper_block"),
@@ -64,8 +64,8 @@ def test_what_stands_on_a_thing_is_set_aside_before_that_is_taken():
 
 def test_what_stands_at_a_wanted_point_is_moved_first():
     planned = plan("recovery/workshop", "at(carton, (0.36, -0.2, 0.03), 0.05)", "inside(green_cube, green_tray)")
-    by_thing = {step.parameters["object"]: step for step in planned.steps}
-    assert by_thing["carton"].after == (by_thing["green_cube"].name,)
+    by_object = {step.parameters["object"]: step for step in planned.steps}
+    assert by_object["carton"].after == (by_object["green_cube"].name,)
 
 
 def test_independent_sessions_have_no_order():

@@ -18,14 +18,14 @@ from phyagentos.agent.planning.problem import (
 )
 
 
-def at(thing, place):
-    return f"at({thing}, {place})"
+def at(item, place):
+    return f"at({item}, {place})"
 
 
-def move(thing, place, places, requires=None):
-    changes = {at(thing, each): each == place for each in places}
+def move(item, place, places, requires=None):
+    changes = {at(item, each): each == place for each in places}
     return Operator(
-        name=f"{thing}>{place}", skill="move", target="r", parameters={}, requires=requires or {}, changes=changes
+        name=f"{item}>{place}", skill="move", target="r", parameters={}, requires=requires or {}, changes=changes
     )
 
 
@@ -34,15 +34,15 @@ def want(*facts, least=None):
     return conditions if least is None else (Condition(tuple((f, True) for f in facts), least, len(facts)),)
 
 
-def make_problem(things, places, start, *stages, room=None, capacities=True):
+def make_problem(objects, places, start, *stages, room=None, capacities=True):
     room = room or dict.fromkeys(places, 1)
     return PlanningProblem(
-        operators=tuple(move(thing, place, places) for thing in things for place in places),
-        initial=frozenset(at(thing, place) for thing, place in start.items()),
+        operators=tuple(move(item, place, places) for item in objects for place in places),
+        initial=frozenset(at(item, place) for item, place in start.items()),
         stages=stages,
-        capacities=tuple(Capacity(p, {at(t, p): 1 for t in things}, n) for p, n in room.items()) if capacities else (),
-        exclusive=tuple(frozenset(at(thing, place) for place in places) for thing in things),
-        exact=tuple(frozenset(at(thing, place) for place in places) for thing in things),
+        capacities=tuple(Capacity(p, {at(t, p): 1 for t in objects}, n) for p, n in room.items()) if capacities else (),
+        exclusive=tuple(frozenset(at(item, place) for place in places) for item in objects),
+        exact=tuple(frozenset(at(item, place) for place in places) for item in objects),
     )
 
 
@@ -55,7 +55,7 @@ def names(plan):
     return [operator.name for operator in plan.operators]
 
 
-def test_two_things_in_two_full_places_change_over_a_free_one():
+def test_two_objects_in_two_full_places_change_over_a_free_one():
     problem = make_problem(("a", "b"), ("x", "y", "spot"), {"a": "x", "b": "y"}, want(at("a", "y"), at("b", "x")))
     plan = solve(problem)
     assert len(names(plan)) == 3
@@ -70,7 +70,7 @@ def test_without_a_free_place_it_is_proven_that_they_cannot():
 
 def test_more_than_a_place_holds_is_proven_impossible():
     start = {"a": "table", "b": "table", "c": "table"}
-    goal = want(*(at(thing, "x") for thing in start))
+    goal = want(*(at(item, "x") for item in start))
     problem = make_problem(tuple(start), ("x", "table"), start, goal, room={"x": 2, "table": 3})
     assert solve(problem) == ProvenUnsolvable()
 
@@ -104,9 +104,9 @@ def test_what_does_not_depend_on_each_other_has_no_order():
     }
 
 
-def test_of_a_number_of_things_no_more_are_moved_than_are_asked_for():
+def test_of_a_number_of_objects_no_more_are_moved_than_are_asked_for():
     start = dict.fromkeys("abcd", "x")
-    goal = want(*(at(thing, "y") for thing in start), least=2)
+    goal = want(*(at(item, "y") for item in start), least=2)
     problem = make_problem(tuple(start), ("x", "y"), start, goal, room={"x": 4, "y": 4})
     assert len(names(solve(problem))) == 2
 

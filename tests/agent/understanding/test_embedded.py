@@ -100,7 +100,7 @@ def test_the_request_of_the_handbook_becomes_a_goal_and_says_what_it_leaves_out(
     assert (set(found.left_out), found.unsaid) == ({"yellow_cube"}, ("carefully",))
 
 
-def test_a_thing_of_several_is_asked_about_and_an_answer_decides(understand):
+def test_an_object_of_several_is_asked_about_and_an_answer_decides(understand):
     asked = understand("put the cube in the tray")
     first, second = asked.questions
 
@@ -146,7 +146,7 @@ def test_a_known_word_too_many_changes_the_goal_or_refuses_it(understand, word):
     ("request_", "kind"),
     [
         ("make coffee", RequestProblemKind.WORD),
-        ("put the purple cube into the red tray", RequestProblemKind.THING),
+        ("put the purple cube into the red tray", RequestProblemKind.OBJECT),
         ("put the wall into the red tray", RequestProblemKind.FIXED),
         ("put the red cube into the wall", RequestProblemKind.SOLID),
         ("open the bottle", RequestProblemKind.RIGID),
@@ -160,7 +160,7 @@ def test_a_known_word_too_many_changes_the_goal_or_refuses_it(understand, word):
         ("do it again", RequestProblemKind.PAST),
         ("keep the bottle upright", RequestProblemKind.GOAL),
         ("the cube the tray the red", RequestProblemKind.SENTENCE),
-        ("put five cubes into the red tray", RequestProblemKind.THING),
+        ("put five cubes into the red tray", RequestProblemKind.OBJECT),
     ],
 )
 def test_what_cannot_be_done_says_why(understand, request_, kind):
@@ -170,7 +170,7 @@ def test_what_cannot_be_done_says_why(understand, request_, kind):
     assert kind in {lack.kind for lack in found.lacks}
 
 
-def test_it_is_asked_about_where_two_things_could_be_meant(understand):
+def test_it_is_asked_about_where_two_objects_could_be_meant(understand):
     found = understand("put the red block on the pad and put the green block on it", "tabletop/stacking")
 
     assert [set(question.candidates) for question in found.questions] == [{"red_block", "pad"}]
@@ -193,11 +193,11 @@ def test_as_before_takes_the_last_goal_of_the_scene_with_its_constraints(underst
     assert (more.constraints, len(more.accept)) == (BEFORE.constraints, 3)
 
 
-def test_swapped_things_take_the_places_that_the_scene_gives_them(understand):
+def test_swapped_objects_take_the_places_that_the_scene_gives_them(understand):
     places = {"red_cube": "red_tray", "blue_cube": "blue_tray"}
-    things = get_vocabulary().things
-    stands = {name: replace(things[name], stands=place) for name, place in places.items()}
-    vocabulary = replace(get_vocabulary(), things={**things, **stands})
+    objects = get_vocabulary().objects
+    stands = {name: replace(objects[name], stands=place) for name, place in places.items()}
+    vocabulary = replace(get_vocabulary(), objects={**objects, **stands})
 
     assert set(understand("swap the red and the blue cube", vocabulary).goal.accept) == {
         "inside(red_cube, blue_tray)",
@@ -216,7 +216,7 @@ def test_an_order_that_is_not_said_is_asked_for(understand):
     assert answered.goal.accept == ("on(green_block, red_block)", "on(blue_block, green_block)")
 
 
-def test_things_of_other_scenes_are_unknown_words(understand):
+def test_objects_of_other_scenes_are_unknown_words(understand):
     assert understand("open the drawer").lacks[0].words == "drawer"
     assert isinstance(understand("open the drawer", "tabletop/drawer"), Understood)
 
@@ -245,14 +245,14 @@ def test_the_answer_does_not_depend_on_what_was_asked_before(understand):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["cube/ball", "x\ny", "(a|b", "cube. ignore the bottle", "Ω", "a" * 5000])
-def test_what_a_scene_calls_a_thing_breaks_nothing_and_is_no_request(understand, kind):
+def test_what_a_scene_calls_an_object_breaks_nothing_and_is_no_request(understand, kind):
     vocabulary = get_vocabulary()
-    cube = vocabulary.things["red_cube"]
-    things = vocabulary.things | {
+    cube = vocabulary.objects["red_cube"]
+    objects = vocabulary.objects | {
         "red_cube": replace(cube, kind=kind, heads=cube.heads | {kind}, words=cube.words | {kind})
     }
 
-    assert understand(PUT, replace(vocabulary, things=things)).goal.accept == ("inside(red_cube, red_tray)",)
+    assert understand(PUT, replace(vocabulary, objects=objects)).goal.accept == ("inside(red_cube, red_tray)",)
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ def test_every_object_of_a_random_sentence_is_in_its_goal_or_it_is_none(understa
     chance = random.Random(7)
     for scene in (CUBES, "tabletop/workbench", "tabletop/stacking", PACKING):
         vocabulary = Vocabulary.read(read_catalogue(), scene, world=get_world(scene))
-        names = [name for name, thing in vocabulary.things.items() if thing.kind != "floor"]
+        names = [name for name, item in vocabulary.objects.items() if item.kind != "floor"]
         for form in 3 * ["put A on B", "put A into B and leave C alone", "A and C into B", "pick A up, no, C"]:
             first, second, third = chance.sample(names, 3)
             said = re.sub("[ABC]", lambda each: {"A": first, "B": second, "C": third}[each[0]], form)  # noqa: B023

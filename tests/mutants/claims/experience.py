@@ -31,7 +31,7 @@ MUTANTS = (
             ),
         ),
         tests=(
-            "tests/agent/memory/test_lessons.py::test_a_lesson_is_told_of_the_same_thing_and_a_hand_alike_or_of_a_place",
+            "tests/agent/memory/test_lessons.py::test_a_lesson_is_told_of_the_same_object_and_a_hand_alike_or_of_a_place",
         ),
     ),
     Mutant(

@@ -161,11 +161,13 @@ MUTANTS = (
                 "scene.sweep(q_rad, self.openings_m[1], self.openings_m[1], tolerate)",
             ),
         ),
-        tests=("tests/runtime/motion/test_grasps.py::test_a_thing_whose_walls_open_fingers_would_straddle_is_refused",),
+        tests=(
+            "tests/runtime/motion/test_grasps.py::test_an_object_whose_walls_open_fingers_would_straddle_is_refused",
+        ),
     ),
     Mutant(
         name="falls_without_walls",
-        claim="A thing is let go above a container of which one side is open.",
+        claim="A item is let go above a container of which one side is open.",
         edits=(
             Edit(
                 "phyagentos.runtime.motion.sites",

@@ -3,8 +3,8 @@
 from tests.mutants.mutant import Edit, Mutant
 
 BELIEF_TESTS = "tests/runtime/perception/test_belief.py"
-FIXED_TESTS = "tests/runtime/perception/test_fixed_things.py"
-UNCHANGED_TESTS = "tests/runtime/perception/test_unchanged_things.py"
+FIXED_TESTS = "tests/runtime/perception/test_fixed_objects.py"
+UNCHANGED_TESTS = "tests/runtime/perception/test_unchanged_objects.py"
 MUG_TEST = f"{UNCHANGED_TESTS}::test_an_open_vessel_is_not_pulled_through_its_walls_and_its_handle_is_where_it_is"
 
 NAMING_TESTS = "tests/runtime/perception/test_naming.py"
@@ -13,7 +13,7 @@ EXCHANGE_TESTS = "tests/protocol/test_exchanges.py"
 MUTANTS = (
     Mutant(
         name="chance_names_are_facts",
-        claim="What is so of one of two things that nothing tells apart is so of the one that is named.",
+        claim="What is so of one of two nouns that nothing tells apart is so of the one that is named.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.evaluation",
@@ -22,8 +22,8 @@ MUTANTS = (
             ),
         ),
         tests=(
-            f"{EXCHANGE_TESTS}::test_what_depends_on_the_name_of_one_of_two_alike_things_is_unknown",
-            "tests/agent/test_verifier.py::test_alike_things_end_a_session_at_once_with_their_names",
+            f"{EXCHANGE_TESTS}::test_what_depends_on_the_name_of_one_of_two_alike_objects_is_unknown",
+            "tests/agent/test_verifier.py::test_alike_objects_end_a_session_at_once_with_their_names",
         ),
     ),
     Mutant(
@@ -37,7 +37,7 @@ MUTANTS = (
     ),
     Mutant(
         name="old_names_are_known",
-        claim="A thing that was named by chance once is known by that name from then on.",
+        claim="A item that was named by chance once is known by that name from then on.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.association",
@@ -45,32 +45,32 @@ MUTANTS = (
                 "Match(fit=fitted, points=pieces[index])",
             ),
         ),
-        tests=(f"{NAMING_TESTS}::test_a_chance_name_follows_its_thing_and_does_not_become_known",),
+        tests=(f"{NAMING_TESTS}::test_a_chance_name_follows_its_object_and_does_not_become_known",),
     ),
     Mutant(
         name="held_by_one_color",
-        claim="What the fingers hold shows its own colour alone: pixels of a like colour are another thing.",
+        claim="What the fingers hold shows its own colour alone: pixels of a like colour are another item.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.belief",
-                "if c in thing.colors or _is_like(inventory, c, thing)]",
-                "if c in thing.colors or (name not in held and _is_like(inventory, c, thing))]",
+                "if c in item.colors or _is_like(inventory, c, item)]",
+                "if c in item.colors or (name not in held and _is_like(inventory, c, item))]",
             ),
         ),
         tests=(
             "tests/runtime/perception/test_belief.py::"
-            "test_points_on_what_the_fingers_hold_are_no_other_thing_of_a_like_color[True-0]",
+            "test_points_on_what_the_fingers_hold_are_no_other_object_of_a_like_color[True-0]",
         ),
     ),
     Mutant(
         name="stray_pixels_are_a_thing",
-        claim="A thing out of view is where another one shows stray pixels of its colour.",
+        claim="A item out of view is where another one shows stray pixels of its colour.",
         edits=(
             Edit("phyagentos.runtime.perception.pieces", "PURE = 0.6", "PURE = 0.0"),
             Edit("phyagentos.runtime.perception.association", "STRAY_SHARE = 0.025, 0.15", "STRAY_SHARE = 0.025, 0.0"),
             Edit("phyagentos.runtime.perception.separate_overlaps", "WITHIN = 0.7", "WITHIN = 7.0"),
         ),
-        tests=(f"{NAMING_TESTS}::test_a_thing_out_of_view_is_not_on_another_ones_stray_pixels",),
+        tests=(f"{NAMING_TESTS}::test_an_object_out_of_view_is_not_on_another_ones_stray_pixels",),
     ),
     Mutant(
         name="closed_on_air_is_held",
@@ -86,11 +86,11 @@ MUTANTS = (
     ),
     Mutant(
         name="touch_shows_what_is_held",
-        claim="A thing that was near when both fingers touched something is what they hold.",
+        claim="A item that was near when both fingers touched something is what they hold.",
         edits=(Edit("phyagentos.protocol.predicates.builtins", "    _demand_grasp(view, entity, state)\n", ""),),
         tests=(
             "tests/protocol/test_predicate_doubt.py::"
-            "test_fingers_that_touch_something_near_a_thing_do_not_show_that_they_hold_it",
+            "test_fingers_that_touch_something_near_an_object_do_not_show_that_they_hold_it",
             f"{BELIEF_TESTS}::test_what_the_fingers_hold_is_known_once_it_was_seen_in_the_hand_after_lifting",
         ),
     ),
@@ -114,7 +114,7 @@ MUTANTS = (
     ),
     Mutant(
         name="one_twin_is_watched",
-        claim="What must hold throughout is watched of the believed one of two equal things alone.",
+        claim="What must hold throughout is watched of the believed one of two equal nouns alone.",
         edits=(
             Edit(
                 "phyagentos.runtime.execution.holds",
@@ -144,17 +144,17 @@ MUTANTS = (
     ),
     Mutant(
         name="rolling_is_at_rest",
-        claim="Where a thing is while it moves is where it stays.",
+        claim="Where a item is while it moves is where it stays.",
         edits=(Edit("phyagentos.protocol.predicates.evaluation", "    if definition.at_rest:\n", "    if False:\n"),),
         tests=(
             "tests/protocol/test_predicate_builtins.py::"
-            "test_a_lasting_fact_about_a_thing_that_moves_is_unknown_until_it_rests",
+            "test_a_lasting_fact_about_an_object_that_moves_is_unknown_until_it_rests",
             f"{BELIEF_TESTS}::test_what_rolls_is_known_to_rest_once_two_looks_show_it_in_one_place",
         ),
     ),
     Mutant(
         name="one_look_shows_rest",
-        claim="A thing that one look shows somewhere else has come to rest there.",
+        claim="A item that one look shows somewhere else has come to rest there.",
         edits=(
             Edit("phyagentos.runtime.perception.belief", "speed, since_s = 0.0, time_s", "speed, since_s = 0.0, 0.0"),
         ),
@@ -162,7 +162,7 @@ MUTANTS = (
     ),
     Mutant(
         name="end_does_not_wait",
-        claim="The last look is taken while things still roll.",
+        claim="The last look is taken while nouns still roll.",
         edits=(Edit("phyagentos.runtime.worker.runner", "LOOK_ON_S = 2.0", "LOOK_ON_S = 0.0"),),
         tests=(
             "tests/runtime/test_runner.py::"
@@ -177,7 +177,7 @@ MUTANTS = (
     ),
     Mutant(
         name="unseen_is_nowhere",
-        claim="What no look has shown is none of the things that `*` stands for.",
+        claim="What no look has shown is none of the nouns that `*` stands for.",
         edits=(Edit("phyagentos.protocol.world.environment", ", *self.never_seen]", "]"),),
         tests=(
             "tests/protocol/test_predicates.py::"
@@ -203,8 +203,8 @@ MUTANTS = (
             Edit("phyagentos.runtime.perception.association", "        matches |= tracked\n", "        tracked = {}\n"),
             Edit(
                 "phyagentos.runtime.perception.association",
-                "thing = group[row]\n        if (row, column)",
-                "thing = group[len(group) - 1 - row]\n        if (row, column)",
+                "item = group[row]\n        if (row, column)",
+                "item = group[len(group) - 1 - row]\n        if (row, column)",
             ),
         ),
         tests=(f"{BELIEF_TESTS}::test_two_identical_cubes_ten_centimetres_apart_stay_two",),
@@ -238,7 +238,7 @@ MUTANTS = (
     ),
     Mutant(
         name="map_without_error",
-        claim="What things stand on is where the scene file has it, whatever depth shows.",
+        claim="What nouns stand on is where the scene file has it, whatever depth shows.",
         edits=(
             Edit("phyagentos.runtime.perception.supports", "CONTRADICTED, AGREED = 4.0", "CONTRADICTED, AGREED = 1e9"),
         ),
@@ -249,7 +249,7 @@ MUTANTS = (
     ),
     Mutant(
         name="glance_confirms_blindly",
-        claim="A glance that does not show a thing where it is believed confirms it there.",
+        claim="A glance that does not show a item where it is believed confirms it there.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.pipeline",
@@ -290,7 +290,7 @@ MUTANTS = (
         ),
         tests=(
             "tests/agent/test_from_frames.py::"
-            "test_a_thing_that_is_perceived_elsewhere_changes_acceptance_verdict_and_snapshot",
+            "test_an_object_that_is_perceived_elsewhere_changes_acceptance_verdict_and_snapshot",
         ),
     ),
     Mutant(
@@ -354,8 +354,8 @@ MUTANTS = (
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
-                'doubt = view.metrics.get(f"{name}_error", 0.0)',
-                "doubt = 0.0",
+                'uncertainty = view.metrics.get(f"{name}_error", 0.0)',
+                "uncertainty = 0.0",
             ),
         ),
         tests=("tests/protocol/test_predicate_doubt.py::test_a_metric_with_an_error_is_unknown_near_its_bound",),
@@ -377,8 +377,8 @@ MUTANTS = (
         claim="A fixed body of an area stands in the middle of it.",
         edits=(
             Edit(
-                "phyagentos.runtime.perception.fixed_things",
-                "is_searched = max(reach[:2]) > SEARCH_M or thing.yaw_span_rad > SEARCH_RAD",
+                "phyagentos.runtime.perception.fixed_objects",
+                "is_searched = max(reach[:2]) > SEARCH_M or item.yaw_span_rad > SEARCH_RAD",
                 "is_searched = False",
             ),
         ),
@@ -394,11 +394,11 @@ MUTANTS = (
                 'if each is not None and each.movable and (each.position_std_m or view.now.sensing != "truth")',
             ),
         ),
-        tests=("tests/protocol/test_predicate_doubt.py::test_a_fixed_thing_that_was_measured_has_a_doubt",),
+        tests=("tests/protocol/test_predicate_doubt.py::test_a_fixed_object_that_was_measured_has_a_doubt",),
     ),
     Mutant(
         name="leaning_is_upright",
-        claim="What leans by less than half a right angle is told as upright, with the doubt of its noise alone.",
+        claim="What leans by less than half a right angle is told as upright, with the uncertainty of its noise alone.",
         edits=(
             Edit("phyagentos.runtime.perception.pose_uncertainty", "UPRIGHT_STDS = 3.0", "UPRIGHT_STDS = 30.0"),
             Edit(
@@ -407,11 +407,11 @@ MUTANTS = (
                 "tilt_std_rad=turn_rad",
             ),
         ),
-        tests=(f"{UNCHANGED_TESTS}::test_a_small_thing_that_leans_is_not_walked_upright_by_looking_again[7.6]",),
+        tests=(f"{UNCHANGED_TESTS}::test_a_small_object_that_leans_is_not_walked_upright_by_looking_again[7.6]",),
     ),
     Mutant(
         name="other_pose_forgotten",
-        claim="That another pose explained a thing as well is forgotten with the next look, whatever that shows.",
+        claim="That another pose explained a item as well is forgotten with the next look, whatever that shows.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.belief",
@@ -426,7 +426,7 @@ MUTANTS = (
     ),
     Mutant(
         name="looks_wear_errors_away",
-        claim="Each look at an unchanged thing halves what its pose may be off.",
+        claim="Each look at an unchanged item halves what its pose may be off.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.pose_uncertainty",
@@ -434,7 +434,7 @@ MUTANTS = (
                 "fused: Array = before / 2.0",
             ),
         ),
-        tests=(f"{UNCHANGED_TESTS}::test_a_small_thing_that_leans_is_not_walked_upright_by_looking_again[7.6]",),
+        tests=(f"{UNCHANGED_TESTS}::test_a_small_object_that_leans_is_not_walked_upright_by_looking_again[7.6]",),
     ),
     Mutant(
         name="points_on_hidden_faces",
@@ -456,7 +456,7 @@ MUTANTS = (
     ),
     Mutant(
         name="strangers_are_air",
-        claim="Where no thing of the inventory was found there is nothing.",
+        claim="Where no item of the inventory was found there is nothing.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.unknown_objects",
@@ -466,21 +466,21 @@ MUTANTS = (
         ),
         tests=(
             "tests/runtime/perception/test_unknown_objects.py::"
-            "test_a_thing_outside_the_inventory_is_an_unnamed_box_where_it_is_until_it_is_gone[wood]",
+            "test_an_object_outside_the_inventory_is_an_unnamed_box_where_it_is_until_it_is_gone[wood]",
         ),
     ),
     Mutant(
         name="two_in_one_place",
-        claim="Two things that are alike are where a picture shows one of them in parts.",
+        claim="Two nouns that are alike are where a picture shows one of them in parts.",
         edits=(Edit("phyagentos.runtime.perception.separate_overlaps", "WITHIN = 0.7", "WITHIN = 7.0"),),
         tests=(
             "tests/runtime/perception/test_possible_poses.py::"
-            "test_two_things_are_not_in_one_place_when_a_picture_shows_one_of_them_in_parts",
+            "test_two_objects_are_not_in_one_place_when_a_picture_shows_one_of_them_in_parts",
         ),
     ),
     Mutant(
         name="guesses_are_facts",
-        claim="A pose that hardly fits what was seen is where the thing is.",
+        claim="A pose that hardly fits what was seen is where the item is.",
         edits=(Edit("phyagentos.protocol.world.environment", "SURE = 0.65", "SURE = 0.0"),),
         tests=("tests/protocol/test_predicate_doubt.py::test_a_pose_that_hardly_fits_is_no_fact_until_another_look",),
     ),
@@ -490,16 +490,16 @@ MUTANTS = (
         edits=(Edit("phyagentos.runtime.perception.sensor_health", "TIMES = 0.005, 2.5", "TIMES = 1.0, 2.5"),),
         tests=(
             "tests/runtime/perception/test_displacement.py::"
-            "test_a_camera_that_is_shifted_is_displaced_and_things_are_where_the_others_see_them",
+            "test_a_camera_that_is_shifted_is_displaced_and_objects_are_where_the_others_see_them",
         ),
     ),
     Mutant(
         name="one_side_is_another",
-        claim="A thing that is nearly square was turned by a quarter where its measurement says so.",
+        claim="A item that is nearly square was turned by a quarter where its measurement says so.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
-                "else compute_least_turn(a, was, doubt_m)",
+                "else compute_least_turn(a, was, uncertainty_m)",
                 "else turned_rad",
             ),
         ),
@@ -524,23 +524,29 @@ MUTANTS = (
     ),
     Mutant(
         name="lightly_held_is_let_go",
-        claim="A thing between fingers that hardly press is told as let go of.",
+        claim="A item between fingers that hardly press is told as let go of.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
-                "between_m > width_m - WIDTH_M - doubt_m",
+                "between_m > width_m - WIDTH_M - uncertainty_m",
                 "False",
             ),
         ),
         tests=(
             "tests/protocol/test_predicate_doubt.py::"
-            "test_fingers_as_far_apart_as_a_thing_between_them_is_wide_may_still_hold_it[0.041-0.0-unknown]",
+            "test_fingers_as_far_apart_as_an_object_between_them_is_wide_may_still_hold_it[0.041-0.0-unknown]",
         ),
     ),
     Mutant(
         name="flat_as_stated",
         claim="The lowest point of an object that pixels show leaning is that of the pose rounded to lie flat.",
-        edits=(Edit("phyagentos.protocol.predicates.builtins", "doubt_m + _find_low_doubt(a, up)", "doubt_m"),),
+        edits=(
+            Edit(
+                "phyagentos.protocol.predicates.builtins",
+                "uncertainty_m + _find_low_uncertainty(a, up)",
+                "uncertainty_m",
+            ),
+        ),
         tests=(
             "tests/protocol/test_predicate_doubt.py::"
             "test_the_lowest_point_of_what_is_stated_to_lie_flat_is_as_doubtful_as_that[0.25-unknown]",
@@ -548,17 +554,21 @@ MUTANTS = (
     ),
     Mutant(
         name="stray_of_what_stays",
-        claim="A thing in plain view is placed on a few stray pixels of another one of its colour, which stays.",
+        claim="A item in plain view is placed on a few stray pixels of another one of its colour, which stays.",
         edits=(Edit("phyagentos.runtime.perception.association", "    own += known\n", ""),),
         tests=(
             "tests/runtime/perception/test_naming.py::"
-            "test_a_thing_in_view_is_not_thought_to_be_on_stray_pixels_of_one_that_stays",
+            "test_an_object_in_view_is_not_thought_to_be_on_stray_pixels_of_one_that_stays",
         ),
     ),
     Mutant(
         name="few_pixels_show_a_turn",
         claim="A small cube that two looks of few pixels show at two angles has moved.",
-        edits=(Edit("phyagentos.protocol.predicates.builtins", "COARSE_FACTOR if doubt_rad", "1.0 if doubt_rad"),),
+        edits=(
+            Edit(
+                "phyagentos.protocol.predicates.builtins", "COARSE_FACTOR if uncertainty_rad", "1.0 if uncertainty_rad"
+            ),
+        ),
         tests=("tests/protocol/test_predicate_doubt.py::test_a_turn_that_few_pixels_show_is_no_turn[0.1-unknown]",),
     ),
     Mutant(
@@ -584,7 +594,7 @@ MUTANTS = (
     ),
     Mutant(
         name="pads_meet_an_edge",
-        claim="A grasp counts as good although the pads meet no more than the edge of a thing.",
+        claim="A grasp counts as good although the pads meet no more than the edge of a item.",
         edits=(Edit("phyagentos.runtime.motion.pad_contacts", "-min(int(meets[index]), ENOUGH)", "0"),),
         tests=(
             "tests/runtime/motion/test_grasps.py::"

@@ -113,7 +113,7 @@ MUTANTS = (
     ),
     Mutant(
         name="whatever_covers_bears",
-        claim="A hidden thing is under what is seen above its place, at whatever height that is.",
+        claim="A hidden item is under what is seen above its place, at whatever height that is.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.contents",
@@ -125,12 +125,12 @@ MUTANTS = (
     ),
     Mutant(
         name="edges_hold_what_they_do_not",
-        claim="A thing whose middle may be past an edge, by what the measurement may be off, surely stands.",
+        claim="A item whose middle may be past an edge, by what the measurement may be off, surely stands.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
-                "for slack_m in (-doubt_m, FOOTPRINT_SLACK_M + doubt_m))",
-                "for slack_m in (FOOTPRINT_SLACK_M - doubt_m, FOOTPRINT_SLACK_M + doubt_m))",
+                "for slack_m in (-uncertainty_m, FOOTPRINT_SLACK_M + uncertainty_m))",
+                "for slack_m in (FOOTPRINT_SLACK_M - uncertainty_m, FOOTPRINT_SLACK_M + uncertainty_m))",
             ),
         ),
         tests=("tests/protocol/test_predicate_doubt.py::test_a_middle_near_an_edge_is_not_surely_over_it",),
@@ -149,7 +149,7 @@ MUTANTS = (
     ),
     Mutant(
         name="a_doubtful_pose_shows_a_turn",
-        claim="A thing has turned by what its pose differs from one of several that had fitted as well.",
+        claim="A item has turned by what its pose differs from one of several that had fitted as well.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
@@ -159,7 +159,7 @@ MUTANTS = (
         ),
         tests=(
             "tests/protocol/test_predicate_doubt.py::"
-            "test_a_thing_of_which_another_pose_fits_as_well_is_not_known_to_have_turned",
+            "test_an_object_of_which_another_pose_fits_as_well_is_not_known_to_have_turned",
         ),
     ),
     Mutant(
@@ -321,7 +321,7 @@ MUTANTS = (
         ),
         tests=(
             "tests/agent/test_recovery_missions.py::"
-            "test_what_the_goal_asks_of_a_thing_that_was_never_perceived_stays_unknown_and_says_so",
+            "test_what_the_goal_asks_of_an_object_that_was_never_perceived_stays_unknown_and_says_so",
         ),
     ),
     Mutant(

@@ -47,8 +47,8 @@ def test_the_twin_of_what_is_named_is_looked_at_too_since_it_may_be_the_one_that
     told_apart = msgspec.structs.replace(world, entities={"cup": cup, "jug": other})
     alike = msgspec.structs.replace(world, entities={**twins, "jug": other})
 
-    assert HoldMonitor([TEXT], told_apart, "panda").need.things == {"cup"}
-    assert HoldMonitor([TEXT], alike, "panda").need.things == {"cup", "cup_b"}
+    assert HoldMonitor([TEXT], told_apart, "panda").need.objects == {"cup"}
+    assert HoldMonitor([TEXT], alike, "panda").need.objects == {"cup", "cup_b"}
 
 
 def test_a_condition_on_the_target_alone_needs_no_look_and_keeps_none():

@@ -228,7 +228,7 @@ def test_the_head_start_ends_before_anything_is_near_and_then_the_world_goes_on_
     assert np.allclose(ahead.qvel, data.qvel, atol=2e-2)
 
 
-def test_a_drawn_thing_lies_where_it_was_drawn_after_the_head_start(rehearser, stage, rehearsal, environment):
+def test_a_drawn_object_lies_where_it_was_drawn_after_the_head_start(rehearser, stage, rehearsal, environment):
     (drawn,) = draw(rehearser, stage, environment, 1)
     coin = int(drawn.model.jnt_qposadr[drawn.model.body("coin").jntadr[0]])
     before, ahead = mujoco.MjData(drawn.model), mujoco.MjData(drawn.model)
@@ -269,7 +269,7 @@ def test_what_rests_as_it_was_seen_is_left_as_it_was_seen(stage):
     assert np.array_equal(before, physics.data.qpos)
 
 
-def test_what_is_seen_beside_a_thing_and_a_little_within_it_does_not_climb_it(stage):
+def test_what_is_seen_beside_an_object_and_a_little_within_it_does_not_climb_it(stage):
     stage.reset()
     physics = stage.physics
     model = physics.model
@@ -279,7 +279,7 @@ def test_what_is_seen_beside_a_thing_and_a_little_within_it_does_not_climb_it(st
     assert stand_up_sunk(model, physics.data, ["coaster", "coin"]) == []
 
 
-def test_a_gone_thing_is_not_imagined(library, environment):
+def test_a_gone_object_is_not_imagined(library, environment):
     spec = read_scene(library.get_scene(WAITER))
     without = msgspec.structs.replace(
         environment, entities={name: each for name, each in environment.entities.items() if name != "coin"}

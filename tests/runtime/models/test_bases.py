@@ -260,7 +260,7 @@ def test_a_base_announces_its_way_and_keeps_its_distance_from_another_base(hall)
 
 @pytest.mark.sim
 def test_no_two_compared_places_of_a_base_are_farther_apart_than_robots_keep_from_each_other(hall):
-    """A thin thing beside the way of a base is found wherever it stands."""
+    """A thin object beside the way of a base is found wherever it stands."""
     robots, collisions = hall
     collisions.admit("left", slide(robots["left"], 2.0), "", EMPTY)
 

@@ -51,7 +51,7 @@ def pen_in(gap_m, high_m=0.02):
     return World((TABLE, build_fixed("pen", (0.5, 0.0, 0.0), *walls), build_cube("cube0", 0.5, 0.0, half=0.015)))
 
 
-def test_a_thing_whose_walls_open_fingers_would_straddle_is_refused(planner, home):
+def test_an_object_whose_walls_open_fingers_would_straddle_is_refused(planner, home):
     """The guard stopped it as soon as the fingers closed: COLLISION, left_finger|brown_tray."""
     answer = planner.answer(FindGrasps(world=pen_in(0.012, 0.01), object="cube0", q_rad=home, seed=1))
     assert getattr(answer, "code", "") == "NO_IK", answer
@@ -59,7 +59,7 @@ def test_a_thing_whose_walls_open_fingers_would_straddle_is_refused(planner, hom
 
 
 @pytest.mark.parametrize("gap_m", [0.036, 0.045])
-def test_fingers_go_between_a_thing_and_the_wall_beside_it_and_sweep_no_wall_when_they_close(planner, home, gap_m):
+def test_fingers_go_between_an_object_and_the_wall_beside_it_and_sweep_no_wall_when_they_close(planner, home, gap_m):
     """Wide open, they would stand beyond the walls, and closing would take the walls along."""
     world = pen_in(gap_m)
     answer = planner.answer(FindGrasps(world=world, object="cube0", q_rad=home, seed=1))
@@ -85,7 +85,7 @@ def test_a_lying_rod_is_closed_on_across_its_axis(grasp):
 
 
 @pytest.mark.parametrize("error_m", [-0.012, 0.012])
-def test_a_thin_thing_whose_height_is_believed_wrong_is_met_above_its_support(planner, home, error_m):
+def test_a_thin_object_whose_height_is_believed_wrong_is_met_above_its_support(planner, home, error_m):
     """None of 10 ways to grasp it worked (`left_finger|table`), and a push went over its top."""
     slab = build_cube("slab", 0.5, 0.0, z=0.007 + error_m)
     world = World((TABLE, msgspec.structs.replace(slab, shapes=(build_box((0, 0, 0), (0.03, 0.02, 0.007)),))))
@@ -198,7 +198,7 @@ def test_a_push_turns_the_narrow_side_of_the_hand_towards_what_is_beside_its_way
     assert tip_m == pytest.approx((0.55 - 0.02 - across_m, 0.0, 0.02), abs=2e-3)
 
 
-def test_a_thing_is_pushed_around_what_is_in_its_straight_way(planner, find, home):
+def test_an_object_is_pushed_around_what_is_in_its_straight_way(planner, find, home):
     """`No straight push brings brown_rod there`: nothing else was tried."""
     block = build_fixed("block", (0.5, 0.0, 0.06), build_box((0, 0, 0), (0.03, 0.06, 0.06)))
     at_m, goal_m = np.array((0.5, -0.2)), np.array((0.5, 0.2))
@@ -215,10 +215,10 @@ def test_a_thing_is_pushed_around_what_is_in_its_straight_way(planner, find, hom
 
 
 @pytest.mark.parametrize(("aside_m", "is_straight"), [(0.035, False), (0.08, True)])
-def test_a_thing_is_pushed_around_what_it_would_run_into_itself(planner, home, aside_m, is_straight):
+def test_an_object_is_pushed_around_what_it_would_run_into_itself(planner, home, aside_m, is_straight):
     """The hand passed beside a small cube, and the pushed can took it along."""
-    things = (TABLE, build_cube("cube0", 0.5, -0.15), build_cube("small", 0.5 + aside_m, 0.05, half=0.01))
-    answer = planner.answer(FindPush(world=World(things), object="cube0", to_m=(0.5, 0.25), q_rad=home, seed=1))
+    objects = (TABLE, build_cube("cube0", 0.5, -0.15), build_cube("small", 0.5 + aside_m, 0.05, half=0.01))
+    answer = planner.answer(FindPush(world=World(objects), object="cube0", to_m=(0.5, 0.25), q_rad=home, seed=1))
     ends = [each.tcp_end.position_m for each in answer.approaches]
     assert all((abs(x - 0.5) < 0.005 and y > 0.2) == is_straight for x, y, _ in ends)
 
@@ -234,7 +234,7 @@ def test_a_bar_is_taken_beside_its_middle_where_the_hand_has_no_room_over_it(gra
         assert 0.01 < approach.tcp_end.position_m[0] - 0.5 < 0.03
 
 
-def test_a_grasp_is_chosen_from_which_the_thing_can_be_put_where_it_goes(planner, home):
+def test_a_grasp_is_chosen_from_which_the_object_can_be_put_where_it_goes(planner, home):
     """The nearest grasp was taken; a hand beside a tall box then found no place, NO_IK."""
     request = FindGrasps(world=World((TABLE, build_cube("cube0", 0.5, 0.0))), object="cube0", q_rad=home, seed=1)
     scene, timing = PlanningScenes(planner.robot).get_scene(request.world), Timing(ms={})
@@ -280,7 +280,7 @@ def test_under_a_board_the_hand_lies_and_comes_along_its_own_axis(planner, grasp
         poses = [planner._chain.compute_tcp(q) for q in approach.line_rad[[0, -1]]]
         way_m = poses[1][:3, 3] - poses[0][:3, 3]
         np.testing.assert_allclose(way_m / np.linalg.norm(way_m), poses[1][:3, 2], atol=1e-3)
-        assert way_m[2] < 0.0  # and rises with the thing on the way back
+        assert way_m[2] < 0.0  # and rises with the object on the way back
         touched = list_contacts(planner, cover(0.16), approach.line_rad[-1], (0.04, approach.release_m))
         assert {other for _, other in touched} <= {"cube0"}, approach.label
 

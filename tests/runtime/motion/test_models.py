@@ -114,7 +114,7 @@ def test_an_edge_through_a_wall_is_blocked_for_both_checkers(planner, home):
         assert not check.path_is_free(np.array((left, right)))
 
 
-def test_a_motion_goes_around_a_thing_that_has_no_name(planner, home):
+def test_a_motion_goes_around_an_object_that_has_no_name(planner, home):
     box = msgspec.structs.replace(
         build_cube("unknown_1", 0.55, 0.0), kind=UNNAMED, shapes=(build_box((0, 0, 0.33), (0.04, 0.04, 0.35)),)
     )
@@ -128,7 +128,7 @@ def test_a_motion_goes_around_a_thing_that_has_no_name(planner, home):
     assert all(scene.is_free(q) for q in motion.trajectory.q_rad)
 
 
-def test_a_new_pose_needs_no_new_model_and_a_held_thing_is_no_obstacle(planner, home):
+def test_a_new_pose_needs_no_new_model_and_a_held_object_is_no_obstacle(planner, home):
     tip = planner._chain.compute_tcp(home)[:3, 3]
     near, far = (World((build_cube("cube", *tip[:2], half=0.05, z=float(z)),)) for z in (tip[2], 0.02))
     scenes = PlanningScenes(planner.robot)

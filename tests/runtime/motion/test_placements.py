@@ -1,4 +1,4 @@
-"""Where a held thing may go: between deep walls, along them, and beside what stands there."""
+"""Where a held object may go: between deep walls, along them, and beside what stands there."""
 
 import msgspec
 import numpy as np
@@ -12,7 +12,7 @@ from tests.runtime.motion.conftest import TABLE, build_box, build_cube, build_fi
 
 pytestmark = pytest.mark.motion
 
-DOWN = Pose(quaternion_wxyz=(0.0, 1.0, 0.0, 0.0))  # of a thing in the hand that stands upright
+DOWN = Pose(quaternion_wxyz=(0.0, 1.0, 0.0, 0.0))  # of an object in the hand that stands upright
 
 
 def deep(depth_m, *more, half_m=0.015, x=0.05, y=0.065, is_open=False):
@@ -52,7 +52,7 @@ def place(ask):
     return place
 
 
-def test_a_thing_falls_into_a_bin_that_is_too_deep_for_the_hand_and_no_further_than_is_needed(planner, place):
+def test_an_object_falls_into_a_bin_that_is_too_deep_for_the_hand_and_no_further_than_is_needed(planner, place):
     falling = place(deep(0.1), 0.03)
     for approach in falling:
         assert 0.0 < approach.fall_m < 0.1
@@ -96,8 +96,8 @@ def test_nothing_falls_where_it_must_not_or_where_no_wall_keeps_it(ask):
     assert ask(deep(0.1, is_open=True), 0.03).code == "NO_IK"
 
 
-def test_a_thing_goes_onto_what_fills_its_container_where_walls_keep_it_there(ask, place):
-    """A basket whose floor was taken by the first thing had no room for the second one, and was 12 cm deep."""
+def test_an_object_goes_onto_what_fills_its_container_where_walls_keep_it_there(ask, place):
+    """A basket whose floor was taken by the first object had no room for the second one, and was 12 cm deep."""
     filling = build_fixed("filling", (0.5, 0.3, 0.025), build_box((0, 0, 0), (0.035, 0.045, 0.02)))
     filling = msgspec.structs.replace(filling, movable=True)
     for approach in place(deep(0.1, filling), 0.03):
@@ -132,20 +132,20 @@ def test_a_mug_goes_where_its_handle_is_over_the_wall(ask, place):
     assert ask(replace_entity(deep(0.05, x=0.037, y=0.04), mug), 0.06).code == "NO_SPACE"
 
 
-def test_a_thing_that_was_grasped_with_a_tilted_hand_is_put_down_upright(planner, find, home):
-    """The hand was turned upright over its place, and the thing by as much."""
+def test_an_object_that_was_grasped_with_a_tilted_hand_is_put_down_upright(planner, find, home):
+    """The hand was turned upright over its place, and the object by as much."""
     tilted = tilt_tool(point_tool_down(0.3, np.array((0.4, -0.2, 0.2))), np.radians(20.0))
     q = planner._chain.solve(tilted, home)
-    thing = np.eye(4)
-    thing[:3, 3] = tilted[:3, 3]
-    held = Payload("cube0", compute_pose(compute_inverse(tilted) @ thing), width_m=0.03)
+    item = np.eye(4)
+    item[:3, 3] = tilted[:3, 3]
+    held = Payload("cube0", compute_pose(compute_inverse(tilted) @ item), width_m=0.03)
     for approach in find(FindPlacements(world=deep(0.02), payload=held, destination="bin", q_rad=q, seed=1)):
         assert compute_matrix(approach.site)[2, 2] == pytest.approx(1.0, abs=1e-4)
         assert compute_matrix(approach.tcp_end)[2, 2] == pytest.approx(-np.cos(np.radians(20.0)), abs=1e-3)
 
 
 def test_what_is_too_large_is_told_from_what_finds_the_destination_full(ask):
-    """A bottle does not go into 45 x 50 mm: things were moved out of a tray that it would not fit alone."""
+    """A bottle does not go into 45 x 50 mm: objects were moved out of a tray that it would not fit alone."""
     large = build_cube("cube0", 0.4, -0.2, half=0.035)
     other = build_cube("other", 0.5, 0.3, half=0.03, z=0.035)
     assert ask(replace_entity(deep(0.02, other, half_m=0.03), large), 0.07).code == "NO_FREE_SITE"
@@ -153,7 +153,7 @@ def test_what_is_too_large_is_told_from_what_finds_the_destination_full(ask):
 
 
 def test_a_bowl_in_the_middle_of_a_tray_is_no_floor_to_stand_on(ask, place):
-    """Its base is as low as the floor: things were to stand in it, and found no room, empty as the tray may be."""
+    """Its base is as low as the floor: objects were to stand in it, and found no room, empty as the tray may be."""
     base = Shape(ShapeKind.CYLINDER, (0.022, 0.002), Pose((0, 0, -0.016)))
     walls = [build_box((s * 0.022, 0, 0), (0.002, 0.02, 0.018)) for s in (-1, 1)]
     walls += [build_box((0, s * 0.022, 0), (0.02, 0.002, 0.018)) for s in (-1, 1)]
@@ -162,7 +162,7 @@ def test_a_bowl_in_the_middle_of_a_tray_is_no_floor_to_stand_on(ask, place):
     assert ask(deep(0.03, bowl, x=0.04, y=0.04), 0.03).code == "NO_FREE_SITE"
 
 
-def test_things_are_packed_along_walls_so_that_the_next_one_fits(place):
+def test_objects_are_packed_along_walls_so_that_the_next_one_fits(place):
     """Two cubes of 40 mm in 100 x 120 mm fit only when the first does not stand in the middle."""
     world, places = deep(0.03, y=0.06, half_m=0.02), []
     for number in range(2):
@@ -197,7 +197,7 @@ def test_room_is_left_for_what_still_comes(planner, place, home):
     assert isinstance(places["bar",], Approaches), places["bar",]
 
 
-def test_the_fewest_things_are_found_that_have_to_go(planner, home):
+def test_the_fewest_objects_are_found_that_have_to_go(planner, home):
     """What filled a tray was moved out by a repair only, after a session had been refused."""
     large = build_cube("cube0", 0.4, -0.2, half=0.025)
     others = [build_cube("other", 0.5, 0.3, half=0.02, z=0.025), build_cube("beside", 0.5, 0.1, half=0.02)]
@@ -211,7 +211,7 @@ def test_the_fewest_things_are_found_that_have_to_go(planner, home):
     assert planner.answer(msgspec.structs.replace(request, world=wide)).gone == ()
 
 
-def test_a_thing_falls_between_walls_around_a_region_that_stand_on_each_other(place):
+def test_an_object_falls_between_walls_around_a_region_that_stand_on_each_other(place):
     """A compartment of a rack is a region; the lowest walls beside its middle end where others begin."""
     table, vessel, cube0 = deep(0.1).entities
     low = [build_box(s.pose.position_m, (*s.size_m[:2], s.size_m[2] / 2)) for s in vessel.shapes[1:]]
@@ -222,7 +222,7 @@ def test_a_thing_falls_between_walls_around_a_region_that_stand_on_each_other(pl
     assert place(World((table, rack, cube0), (slot,)), 0.03)[0].fall_m > 0.0
 
 
-def test_a_thing_is_dropped_into_the_hollow_of_what_it_is_put_on(ask, place):
+def test_an_object_is_dropped_into_the_hollow_of_what_it_is_put_on(ask, place):
     """Between the walls of a bowl there is no room for the fingers."""
     table, _, cube0 = deep(0.1).entities
     walls = [build_box((s * 0.04, 0, 0.03), (0.003, 0.04, 0.03)) for s in (-1, 1)]
@@ -234,7 +234,7 @@ def test_a_thing_is_dropped_into_the_hollow_of_what_it_is_put_on(ask, place):
     assert not isinstance(through, Approaches) or all(each.fall_m == 0.0 for each in through.approaches)
 
 
-def test_where_no_arrangement_of_rectangles_is_found_the_first_thing_goes_into_a_corner(place):
+def test_where_no_arrangement_of_rectangles_is_found_the_first_object_goes_into_a_corner(place):
     """Two cans of 60 mm stand in 110 x 110 mm across, and not side by side."""
     can = msgspec.structs.replace(
         build_cube("cube0", 0.4, -0.2, half=0.03), shapes=(Shape(ShapeKind.CYLINDER, (0.03, 0.03)),)
@@ -255,7 +255,7 @@ def test_the_datum_of_what_is_larger_than_its_place_is_put_within_it_as_well(ask
     assert ask(replace_entity(world, marked), 0.06).code in {"NO_SPACE", "NO_FREE_SITE"}
 
 
-def test_a_thing_is_put_across_the_slats_of_a_floor_where_a_circle_around_it_finds_none(place):
+def test_an_object_is_put_across_the_slats_of_a_floor_where_a_circle_around_it_finds_none(place):
     table, vessel, cube = deep(0.055, half_m=0.0105, x=0.092, y=0.057).entities
     slats = [build_box((0, y, 0.0025), (0.092, 0.0082, 0.0025)) for y in (-0.0492, -0.0164, 0.0164, 0.0492)]
     slatted = msgspec.structs.replace(vessel, shapes=(*slats, *vessel.shapes[1:]))

@@ -336,7 +336,7 @@ def test_a_cube_is_put_on_another_and_near_a_point(planner, home):
     assert np.linalg.norm(np.array(site)[:2] - point[:2]) < 0.03
 
 
-def test_things_are_put_into_a_region_on_the_table(planner, home):
+def test_objects_are_put_into_a_region_on_the_table(planner, home):
     answer = planner.answer(
         FindPlacements(world=build_scene(0), payload=HELD, destination="front_right", q_rad=home, seed=0)
     )
@@ -347,7 +347,7 @@ def test_things_are_put_into_a_region_on_the_table(planner, home):
     assert z == pytest.approx(0.02, abs=1e-6)
 
 
-def test_a_lift_may_begin_in_contact_but_not_run_into_another_thing(planner, home):
+def test_a_lift_may_begin_in_contact_but_not_run_into_another_object(planner, home):
     world = build_scene(0)
     grasp = planner.answer(FindGrasps(world=world, object="cube0", q_rad=home, seed=0)).approaches[0]
     q = grasp.line_rad[-1]
@@ -364,7 +364,7 @@ def test_a_lift_may_begin_in_contact_but_not_run_into_another_thing(planner, hom
 
 
 @pytest.mark.parametrize(("half_m", "yaw_rad"), [(0.01, 0.6), (0.0125, 0.0), (0.015, 0.6), (0.02, 0.0)])
-def test_fingers_around_a_small_thing_and_on_their_way_open_touch_no_wall_of_a_tray(
+def test_fingers_around_a_small_object_and_on_their_way_open_touch_no_wall_of_a_tray(
     planner, find, home, half_m, yaw_rad
 ):
     """A wall between a finger that holds and the same finger opened is in its way, though both are beside it."""

@@ -1,4 +1,4 @@
-"""Where a push begins and ends: fingers meet the thing as it is formed, and leave it with its middle at the goal."""
+"""Where a push begins and ends: fingers meet the object as it is formed, and leave it with its middle at the goal."""
 
 import math
 
@@ -36,7 +36,7 @@ def measure_gap(entity, begin, direction):
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("yaw_deg", [0, 40, 160, 280])
-def test_fingers_begin_beside_the_thing_and_end_where_it_stands_at_the_goal(form, yaw_deg):
+def test_fingers_begin_beside_the_object_and_end_where_it_stands_at_the_goal(form, yaw_deg):
     turn = (math.cos(math.radians(yaw_deg / 2)), 0.0, 0.0, math.sin(math.radians(yaw_deg / 2)))
     entity = Entity(name="it", kind=form, pose=Pose((0.5, 0.1, 0.01), turn), shapes=FORMS[form])
     goal = np.array((0.6, -0.1))

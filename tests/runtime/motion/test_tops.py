@@ -1,4 +1,4 @@
-"""What is put on a thing of several solids is carried by the one under its middle."""
+"""What is put on an object of several solids is carried by the one under its middle."""
 
 from dataclasses import dataclass
 
@@ -32,8 +32,8 @@ CUBE = Entity(name="cube", kind="cube", pose=Pose(), shapes=(box((0.02, 0.02, 0.
 
 
 def find_top(*shapes):
-    thing = Entity(name="thing", kind="plate", pose=Pose((0.5, 0.0, 0.0)), shapes=shapes)
-    return find_space(Request(World((thing, CUBE))), CUBE)
+    item = Entity(name="thing", kind="plate", pose=Pose((0.5, 0.0, 0.0)), shapes=shapes)
+    return find_space(Request(World((item, CUBE))), CUBE)
 
 
 def find_height(*shapes):

@@ -1,4 +1,4 @@
-"""Grasps from which a thing can be put down with another side up."""
+"""Grasps from which an object can be put down with another side up."""
 
 import msgspec
 import numpy as np

@@ -1,4 +1,4 @@
-"""A stage for perception: things on a table in a compiled model, cameras that look at them, hands that move them."""
+"""A stage for perception: objects on a table in a compiled model, cameras that look at them, hands that move them."""
 
 import msgspec
 import numpy as np
@@ -80,7 +80,7 @@ class Stage:
         self.state = self.physics.queries.read_target({})
 
     def put(self, name, x_m, y_m, z_m=None, yaw_rad=0.0, tilt_rad=0.0):
-        """Set a thing down somewhere."""
+        """Set an object down somewhere."""
         model, data = self.physics.model, self.physics.data
         address = int(model.jnt_qposadr[model.body(name).jntadr[0]])
         data.qpos[address : address + 2] = x_m, y_m
@@ -122,7 +122,7 @@ class Stage:
         return self.belief
 
     def find(self, name):
-        """(3,) where a thing really is."""
+        """(3,) where an object really is."""
         self.physics.queries.look()
         return np.array(self.physics.queries.seen.xpos[self.physics.model.body(name).id])
 
@@ -155,11 +155,11 @@ def make_cloud(points_m, colors):
     )  # fmt: skip
 
 
-def observe_now(world, stage, things=(), state=None):
+def observe_now(world, stage, objects=(), state=None):
     """What is perceived of a stage at its present time."""
     world._handle.latest = Step(time_s=stage.time_s, target=state or stage.state, tracking_error_rad=0.0)
     world.enter(stage.scene)
-    return world.observe(Need(things=frozenset(things)) if things else WORLD)
+    return world.observe(Need(objects=frozenset(objects)) if objects else WORLD)
 
 
 def redate(frames, time_s):

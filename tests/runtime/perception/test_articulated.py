@@ -18,17 +18,17 @@ pytestmark = pytest.mark.sim
 SCENE, BUTTONS = "tabletop/panel_and_stack", ("start", "stop")
 
 
-def show_disc(thing, middle_m):
+def show_disc(item, middle_m):
     """The upper face of a cap with its middle there, as one camera above sees it."""
     face = spread(np.linspace(-0.025, 0.025, 15), np.linspace(-0.025, 0.025, 15), 0.006)
-    return make_cloud(np.array(middle_m) + face[np.hypot(*face[:, :2].T) < 0.025], thing.colors[0])
+    return make_cloud(np.array(middle_m) + face[np.hypot(*face[:, :2].T) < 0.025], item.colors[0])
 
 
 @pytest.mark.parametrize(("middle_m", "is_found"), [((0.5, -0.26, 0.074), True), ((0.5, 0.2, 0.074), False)])
 def test_a_part_is_found_on_its_path_and_nowhere_else(middle_m, is_found):
     """What has its form and colour on the other side of the table is something else."""
     inventory = build_inventory(read_scene(Library.open().get_scene(SCENE)))
-    cap = inventory.things["stop_cap"]
+    cap = inventory.objects["stop_cap"]
     found = associate({"stop_cap": cap}, {}, show_disc(cap, middle_m), (look_from((0.5, 0.0, 1.4)),), inventory.map)
 
     assert ("stop_cap" in found) is is_found

@@ -1,4 +1,4 @@
-"""What hides a thing by standing on it shows where that thing is; where nothing else would hold it, and only then."""
+"""What hides an object by standing on it shows where that object is; where nothing else would hold it, only then."""
 
 import msgspec
 import pytest
@@ -32,7 +32,7 @@ def covered(tmp_path):
 
 
 @pytest.mark.sim
-def test_a_thing_that_disappears_under_another_one_is_known_to_bear_it(covered):
+def test_an_object_that_disappears_under_another_one_is_known_to_bear_it(covered):
     first = covered.look()
     covered.put("lid", 0.48, 0.0, 0.0465)
     covered.look()
@@ -60,7 +60,7 @@ def look_under(lid_z_m, *more, std_m=0.001, **lid):
     return msgspec.structs.replace(seen, entities=find_bearing(seen.entities))
 
 
-def test_a_thing_at_its_height_shows_what_bears_it_for_as_long_as_it_is_seen_there():
+def test_an_object_at_its_height_shows_what_bears_it_for_as_long_as_it_is_seen_there():
     seen = look_under(0.046)
     assert seen.entities["b"].bears == "a"
     assert truth("on(a, b)", seen) is Truth.TRUE
@@ -94,7 +94,7 @@ def test_what_is_not_sure_to_rest_on_it_shows_nothing(lid_z_m, more):
     assert look_under(lid_z_m, **more).entities["b"].bears == ""
 
 
-def test_what_another_thing_would_hold_as_well_shows_nothing():
+def test_what_another_object_would_hold_as_well_shows_nothing():
     assert look_under(0.046, cube("c", 0.35, 0.0, 0.0205)).entities["b"].bears == ""  # under its edge
     assert look_under(0.046, cube("c", 0.39, 0.0, 0.0205)).entities["b"].bears == "a"
     assert look_under(0.046, tray()).entities["b"].bears == "a"

@@ -1,4 +1,4 @@
-"""What is believed of things over time: who is who, what is held, hidden and gone, and how old that is."""
+"""What is believed of objects over time: who is who, what is held, hidden and gone, and how old that is."""
 
 import math
 from dataclasses import replace
@@ -42,7 +42,7 @@ def test_two_identical_cubes_ten_centimetres_apart_stay_two(twins):
     assert (moved.status, still.status) == (Status.SEEN, Status.SEEN)
 
 
-def test_a_pose_is_that_of_the_thing_and_the_evidence_points_at_it(twins):
+def test_a_pose_is_that_of_the_object_and_the_evidence_points_at_it(twins):
     twins.put("can", 0.6, -0.2)
     belief = twins.look()
     can = belief.entities["can"]
@@ -68,7 +68,7 @@ def test_what_has_fallen_is_known_to_lie(twins):
     assert is_near(belief.entities["can"], twins.find("can"), 0.01)
 
 
-def test_a_thing_that_crosses_behind_a_screen_keeps_its_name(twins):
+def test_an_object_that_crosses_behind_a_screen_keeps_its_name(twins):
     camera = ("right",)
     before = twins.look()
     lower = min(("first", "second"), key=lambda name: before.entities[name].pose.position_m[1])
@@ -95,21 +95,21 @@ def test_a_thing_that_crosses_behind_a_screen_keeps_its_name(twins):
 
 
 @pytest.mark.parametrize(("aside_m", "stays"), [(0.006, True), (0.03, False)])
-def test_few_far_pixels_of_a_thing_near_its_place_leave_it_where_it_was(twins, monkeypatch, aside_m, stays):
+def test_few_far_pixels_of_an_object_near_its_place_leave_it_where_it_was(twins, monkeypatch, aside_m, stays):
     """A rod that the hand had seen within a millimetre was unsure again by six pixels from far away."""
     asked = []
     monkeypatch.setattr(association, "track", lambda *arguments: asked.append(arguments) or track(*arguments))
     twins.look()
     twins.look()
-    thing, seen, views, prior, _ = next(each for each in asked if each[0].name == "can")
+    item, seen, views, prior, _ = next(each for each in asked if each[0].name == "can")
     few = seen.take(np.linspace(0, len(seen.points_m) - 1, 8).astype(int))
 
-    found = track(thing, replace(few, points_m=few.points_m + np.array((0.0, aside_m, aside_m))), views, prior)
+    found = track(item, replace(few, points_m=few.points_m + np.array((0.0, aside_m, aside_m))), views, prior)
 
     assert (found is not None and found.is_kept) is stays
 
 
-def test_a_thing_whose_place_is_seen_empty_is_gone(twins):
+def test_an_object_whose_place_is_seen_empty_is_gone(twins):
     twins.look()
     twins.put("can", 2.5, 2.5)
     belief = twins.look()
@@ -163,10 +163,10 @@ def test_what_a_look_finds_between_the_fingers_is_held_although_nobody_saw_it_ta
 
 
 @pytest.mark.parametrize(("is_like", "left"), [(True, 0), (False, 9)])
-def test_points_on_what_the_fingers_hold_are_no_other_thing_of_a_like_color(twins, is_like, left):
+def test_points_on_what_the_fingers_hold_are_no_other_object_of_a_like_color(twins, is_like, left):
     """A slab in the hand, a little of it beside its pose, was taken for a cube of nearly its colour."""
     seen, inventory = twins.look(), twins.pipeline.inventory
-    can, cube = (inventory.things[name].colors[0] for name in ("can", "first"))
+    can, cube = (inventory.objects[name].colors[0] for name in ("can", "first"))
     palette = inventory.palette.copy()
     palette[can] = palette[cube] + (0.02, 0.0, 0.0) if is_like else palette[can]
     beside = seen.entities["can"].pose.position_m + np.linspace((0.03, 0.0, -0.03), (0.03, 0.0, 0.03), 9)
@@ -176,7 +176,7 @@ def test_points_on_what_the_fingers_hold_are_no_other_thing_of_a_like_color(twin
 
 
 @pytest.mark.parametrize(("beside_m", "held"), [(0.0, "first"), (0.2, "can")])
-def test_a_thing_that_stands_beside_the_hand_is_not_in_it(twins, beside_m, held):
+def test_an_object_that_stands_beside_the_hand_is_not_in_it(twins, beside_m, held):
     """A bottle 9 mm beside a cube was said to be held; seen there but believed elsewhere, it was taken instead."""
     seen, inventory = twins.look().entities, twins.pipeline.inventory
     at = seen["first"].pose.position_m
@@ -185,7 +185,7 @@ def test_a_thing_that_stands_beside_the_hand_is_not_in_it(twins, beside_m, held)
     grip, hand = twins.grip(at, force_n=9.0), twins.pipeline._hand
     entities = believing.follow_hand(inventory, entities, grip, hand, twins.time_s)
     points_m = np.array(at) + np.linspace((0.024, 0.0, -0.01), (0.024, 0.0, 0.02), 12)  # on the near side of the can
-    believed = check_hand(inventory, entities, make_cloud(points_m, inventory.things["can"].colors[0]), grip, hand)
+    believed = check_hand(inventory, entities, make_cloud(points_m, inventory.objects["can"].colors[0]), grip, hand)
 
     assert [name for name, entity in believed.items() if entity.status is Status.HELD] == [held]
 
@@ -276,7 +276,7 @@ def test_what_rolls_is_known_to_rest_once_two_looks_show_it_in_one_place(twins):
     assert judge("upright(can)", twins.look(after_s=0.3)) is Truth.TRUE
 
 
-def test_things_of_the_inventory_that_no_look_has_shown_are_listed(twins):
+def test_objects_of_the_inventory_that_no_look_has_shown_are_listed(twins):
     assert "can" in twins.look(Frames(())).never_seen
     assert twins.look().never_seen == ()
 

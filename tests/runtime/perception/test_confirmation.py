@@ -56,7 +56,7 @@ def looked(stage):
 
 @pytest.fixture
 def watched(stage, looked):
-    """The stage as it was after these looks, its handle, and a glance at a thing; noise alike in any order of tests."""
+    """The stage as it was after these looks, its handle, and a look at an object; noise alike in any order of tests."""
     world, handle, glance, belief, (handle.looks, stage.time_s, qpos) = looked
     stage.physics.data.qpos[:] = qpos
     world.restore(belief)
@@ -72,7 +72,7 @@ def test_what_stands_still_is_confirmed_by_a_few_pixels_and_its_pose_stays(watch
     after = [glance(name) for _ in range(12)]
 
     assert {thinned for thinned, _ in handle.asked[:1]} == {every}
-    assert len(handle.asked) < 1.3 * len(after)  # a doubt costs a second window
+    assert len(handle.asked) < 1.3 * len(after)  # an uncertainty costs a second window
     assert sum(pixels for _, pixels in handle.asked) / len(after) < 1200  # of four pictures of 27648
     assert after[-1].entities[name].observed_at_s == stage.time_s
     assert math.dist(after[-1].entities[name].pose.position_m, before.entities[name].pose.position_m) < 0.001
@@ -86,7 +86,7 @@ def test_what_stands_still_is_confirmed_by_a_few_pixels_and_its_pose_stays(watch
 
 
 @pytest.mark.parametrize(("lost", "most"), [(0.4, 1.3), (0.9, 3.0)])
-def test_a_thing_of_glass_is_confirmed_by_the_depth_that_it_has_and_found_where_it_was_moved(
+def test_an_object_of_glass_is_confirmed_by_the_depth_that_it_has_and_found_where_it_was_moved(
     watched, monkeypatch, lost, most
 ):
     stage, handle, glance = watched
@@ -144,15 +144,15 @@ def test_what_fell_over_is_known_to_lie_after_the_next_glance(watched):
     assert judge("upright(can)", glance("can")) is not Truth.TRUE
 
 
-def test_a_thing_that_moved_at_the_last_look_is_not_settled(watched):
+def test_an_object_that_moved_at_the_last_look_is_not_settled(watched):
     stage, _, glance = watched
     belief = glance("can")
-    thing = stage.pipeline.inventory.things["can"]
-    assert is_settled(belief.entities["can"], thing)
+    item = stage.pipeline.inventory.objects["can"]
+    assert is_settled(belief.entities["can"], item)
     stage.put("can", 0.6, -0.25)
     moved = glance("can").entities["can"]
-    assert not is_settled(moved, thing)
-    assert not is_settled(None, thing)
+    assert not is_settled(moved, item)
+    assert not is_settled(None, item)
 
 
 def test_a_window_in_which_nothing_was_measured_confirms_nothing(watched):
@@ -161,7 +161,7 @@ def test_a_window_in_which_nothing_was_measured_confirms_nothing(watched):
     data = pose_state(stage.physics.model, stage.physics.data.qpos)
     camera = next(iter(belief.entities["can"].evidence)).partition("@")[0]
     frame = stage.cameras[camera].capture(data, stage.time_s, np.random.default_rng(1))
-    labels = np.full(frame.depth_m.shape, stage.pipeline.inventory.things["can"].colors[0], np.uint8)
+    labels = np.full(frame.depth_m.shape, stage.pipeline.inventory.objects["can"].colors[0], np.uint8)
     frame.depth_m[:] = np.nan
-    thing, focal_px = stage.pipeline.inventory.things["can"], belief.sensors[camera].focal_px
-    assert confirm(thing, belief.entities["can"], frame, labels, focal_px) is None
+    item, focal_px = stage.pipeline.inventory.objects["can"], belief.sensors[camera].focal_px
+    assert confirm(item, belief.entities["can"], frame, labels, focal_px) is None

@@ -1,4 +1,4 @@
-"""A thing outside the inventory that a goal describes: named at first sight, and followed by that name."""
+"""An object outside the inventory that a goal describes: named at first sight, and followed by that name."""
 
 import math
 from types import SimpleNamespace
@@ -55,11 +55,11 @@ def test_the_belief_alone_says_what_the_name_stands_for(stage):
     assert math.dist(observe_now(world, stage).entities["parcel"].pose.position_m, stage.find("carton")) < 0.01
 
 
-def test_without_any_knowledge_the_measured_thing_alone_has_a_colour(stage):
+def test_without_any_knowledge_the_measured_object_alone_has_a_colour(stage):
     belief = observe_now(open_world(stage), stage)
     named = {name: each for name, each in belief.entities.items() if each.described}
     inventory = build_inventory(read_scene(Library.open().get_scene(SCENE)), Prior.NONE, named)
-    assert (list(inventory.things), len(inventory.palette), inventory.like_map) == (
+    assert (list(inventory.objects), len(inventory.palette), inventory.like_map) == (
         list(named),
         len(named),
         {*range(len(named))},

@@ -31,7 +31,7 @@ def shift(frames, camera, by_m):
 
 
 @pytest.mark.parametrize(("by_m", "beside"), [((0.0, 0.0, 0.03), "the map"), ((0.03, 0.02, 0.0), "the other cameras")])
-def test_a_camera_that_is_shifted_is_displaced_and_things_are_where_the_others_see_them(twins, by_m, beside):
+def test_a_camera_that_is_shifted_is_displaced_and_objects_are_where_the_others_see_them(twins, by_m, beside):
     seen = twins.look(shift(twins.take_frames(), "overhead", by_m), after_s=0.1)
     assert {name: each.status for name, each in seen.sensors.items() if each.status != "live"} == {
         "overhead": "displaced"

@@ -149,13 +149,13 @@ def test_a_server_that_is_silent_is_waited_for_no_longer_than_allowed(server, de
         detector.detect(RGB, ["red cube"])
 
 
-def test_pixels_get_the_colour_of_the_thing_that_a_detector_finds_there(server, detector):
+def test_pixels_get_the_colour_of_the_object_that_a_detector_finds_there(server, detector):
     inventory = build_inventory(read_scene(Library.open().get_scene("tabletop/cubes_and_trays")))
     server.reply = answer()
 
     labels = DetectorSegmenter(detector, inventory).label(RGB)
 
-    red = inventory.things["red_cube"].colors[0]
+    red = inventory.objects["red_cube"].colors[0]
     assert np.array_equal(labels == red, RGB[..., 0] > 0)
     assert set(np.unique(labels)) == {red, NO_COLOR}
     assert "green tray" in server.asked[0]["labels"]

@@ -27,10 +27,10 @@ def views(twins):
     handle = LaggingHandle(twins, 0.0)
     world = twins.open_world(handle)
 
-    def observe(*things, after_s=0.1, lag_s=0.0):
+    def observe(*objects, after_s=0.1, lag_s=0.0):
         twins.time_s += after_s
         handle.lag_s = lag_s
-        return observe_now(world, twins, things)
+        return observe_now(world, twins, objects)
 
     def repeat(path, sha256):
         look = read_look(path, sha256)
@@ -67,18 +67,18 @@ def test_each_kind_of_look_is_perceived_again_to_the_same_world(views, twins, tm
     for _ in range(3):
         observe()
     still, moved = (0.62, 0.0), (0.6, -0.25)
-    for at_m, things in ((still, ("can",)), (moved, ()), (moved, ("can", "first")), (moved, ("screen",))):
+    for at_m, objects in ((still, ("can",)), (moved, ()), (moved, ("can", "first")), (moved, ("screen",))):
         twins.put("can", *at_m)
-        belief = observe(*things)
-        assert repeat(*_write(world, tmp_path)) == belief, things
+        belief = observe(*objects)
+        assert repeat(*_write(world, tmp_path)) == belief, objects
 
 
 def test_so_is_one_for_which_the_robot_was_asked_again_because_time_went_on(views, tmp_path):
     world, observe, repeat = views
-    for lag_s, things in ((0.4, ()), (0.02, ("can",))):
-        belief = observe(*things, lag_s=lag_s)
+    for lag_s, objects in ((0.4, ()), (0.02, ("can",))):
+        belief = observe(*objects, lag_s=lag_s)
         assert world.latest_look.moments
-        assert repeat(*_write(world, tmp_path)) == belief, (lag_s, things)
+        assert repeat(*_write(world, tmp_path)) == belief, (lag_s, objects)
 
 
 @pytest.fixture
@@ -165,7 +165,7 @@ def test_perception_that_reads_something_else_now_refuses(views):
         observe()
     observe("can")
     look = world.latest_look
-    look.things = ("screen",)
+    look.objects = ("screen",)
     with pytest.raises(ExecutionError, match="CHANGED: perception now asks for"):
         world.repeat(look)
 

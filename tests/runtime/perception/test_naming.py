@@ -9,7 +9,7 @@ from phyagentos.geometry import Pose
 from phyagentos.protocol.world.environment import Status
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.runtime.perception.association import associate, exchange_uncertainties
+from phyagentos.runtime.perception.association import associate, exchange_alternatives
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.naming import HUGE, NOISE_M, assign, iter_exchanges
 from tests.runtime.perception.conftest import SCENE as TWINS_SCENE
@@ -34,14 +34,14 @@ def test_costs_that_differ_by_less_than_their_noise_decide_no_name():
     assert decide([[0.001, 0.001 + near], [0.001, 0.001]])[1] == {frozenset({0, 1})}
 
 
-def test_three_alike_things_are_one_group_and_a_fourth_is_not():
+def test_three_alike_objects_are_one_group_and_a_fourth_is_not():
     alike, other = [0.001, 0.001, 0.001, HUGE], [0.005, 0.006, 0.005, 0.001]
     _, exchanges = decide([alike, alike, alike, other])
 
     assert set().union(*exchanges) == {0, 1, 2}
 
 
-def test_one_cluster_of_two_alike_things_may_be_either():
+def test_one_cluster_of_two_alike_objects_may_be_either():
     chosen, exchanges = decide([[0.001], [0.001]])
 
     assert exchanges == {frozenset({0, 1})}
@@ -59,9 +59,9 @@ def test_of_two_that_may_be_exchanged_each_lists_the_other(twins):
     belief = twins.look()
     one = {**belief.entities}
     one["second"] = msgspec.structs.replace(one["second"], alternatives=())
-    agreed = exchange_uncertainties(one, {"first"})
+    agreed = exchange_alternatives(one, {"first"})
     assert agreed["second"].alternatives == ("first",)
-    cleared = exchange_uncertainties(one | {"first": msgspec.structs.replace(one["first"], alternatives=())}, {"first"})
+    cleared = exchange_alternatives(one | {"first": msgspec.structs.replace(one["first"], alternatives=())}, {"first"})
     assert cleared["second"].alternatives == ()
 
 
@@ -83,7 +83,7 @@ def test_no_name_rests_on_a_difference_that_light_makes(tmp_path, light):
 
 
 @pytest.mark.sim
-def test_alike_things_are_named_by_chance_and_say_so(twins):
+def test_alike_objects_are_named_by_chance_and_say_so(twins):
     belief = twins.look()
 
     assert {name: belief.entities[name].alternatives for name in ("first", "second", "can", "screen")} == {
@@ -97,7 +97,7 @@ def test_alike_things_are_named_by_chance_and_say_so(twins):
 
 
 @pytest.mark.sim
-def test_a_chance_name_follows_its_thing_and_does_not_become_known(twins):
+def test_a_chance_name_follows_its_object_and_does_not_become_known(twins):
     named_at_s = twins.look().entities["first"].named_at_s
     for _ in range(2):
         belief = twins.look()
@@ -111,7 +111,7 @@ def test_a_chance_name_follows_its_thing_and_does_not_become_known(twins):
 
 
 @pytest.mark.sim
-def test_one_alike_thing_in_view_may_be_either(twins):
+def test_one_alike_object_in_view_may_be_either(twins):
     twins.put("second", 2.5, 2.5)
     belief = twins.look()
     seen = [name for name in ("first", "second") if name in belief.entities]
@@ -142,7 +142,7 @@ def build(others=(), **more):
 
 
 def believe(inventory, name, position_m, **more):
-    return msgspec.structs.replace(inventory.things[name].template, pose=Pose(position_m), **more)
+    return msgspec.structs.replace(inventory.objects[name].template, pose=Pose(position_m), **more)
 
 
 def join(*parts):
@@ -151,64 +151,64 @@ def join(*parts):
     return make_cloud(np.concatenate([part for part, _ in parts]), colors)
 
 
-def test_a_thing_out_of_view_is_not_on_another_ones_stray_pixels():
+def test_an_object_out_of_view_is_not_on_another_ones_stray_pixels():
     inventory = build(material="grey")
-    block, bar = (inventory.things[name].colors[0] for name in ("block", "bar"))
+    block, bar = (inventory.objects[name].colors[0] for name in ("block", "bar"))
     labels = np.where((np.abs(BLOCK[:, 1]) < 0.009) & (np.arange(len(BLOCK)) % 2 == 0), bar, block)
 
-    found = associate(inventory.things, {}, make_cloud(BLOCK, labels), (TOP,), inventory.map, inventory.palette)
+    found = associate(inventory.objects, {}, make_cloud(BLOCK, labels), (TOP,), inventory.map, inventory.palette)
 
     assert list(found) == ["block"]
     assert found["block"].fit.position_m == pytest.approx((0.5, 0.0, 0.01), abs=0.003)
 
 
-def test_what_came_to_touch_a_thing_of_its_colour_is_told_from_it_by_what_was_known_of_that():
+def test_what_came_to_touch_an_object_of_its_colour_is_told_from_it_by_what_was_known_of_that():
     inventory = build()
-    color = inventory.things["bar"].colors[0]
+    color = inventory.objects["bar"].colors[0]
     bar = spread(np.linspace(0.471, 0.529, 20), np.linspace(0.042, 0.055, 6), 0.012)
     believed = {
         "block": believe(inventory, "block", (0.5, 0.0, 0.01)),
         "bar": believe(inventory, "bar", (0.5, 0.05, 0.05), status=Status.HIDDEN),  # where it was let go
     }
 
-    found = associate(inventory.things, believed, join((BLOCK, color), (bar, color)), (TOP,), inventory.map)
+    found = associate(inventory.objects, believed, join((BLOCK, color), (bar, color)), (TOP,), inventory.map)
 
     assert found["bar"].fit.position_m == pytest.approx((0.5, 0.0485, 0.006), abs=0.003)
     assert found["block"].fit.position_m == pytest.approx((0.5, 0.0, 0.01), abs=0.003)
 
 
-def test_parts_of_the_only_thing_that_is_looked_for_are_one():
+def test_parts_of_the_only_object_that_is_looked_for_are_one():
     inventory = build(shapes=[{"kind": "box", "size_m": [0.08, 0.008, 0.006]}])
-    color = inventory.things["bar"].colors[0]
+    color = inventory.objects["bar"].colors[0]
     ends = [spread(np.linspace(low, low + 0.04, 14), np.linspace(0.193, 0.207, 6), 0.012) for low in (0.32, 0.44)]
     cloud = make_cloud(np.concatenate((BLOCK, *ends)), color)
 
     found = associate(
-        inventory.things, {"block": believe(inventory, "block", (0.5, 0.0, 0.01))}, cloud, (TOP,), inventory.map
+        inventory.objects, {"block": believe(inventory, "block", (0.5, 0.0, 0.01))}, cloud, (TOP,), inventory.map
     )
 
     assert found["bar"].fit.position_m == pytest.approx((0.4, 0.2, 0.006), abs=0.003)
 
 
-def test_few_points_where_a_thing_was_confirm_its_place():
+def test_few_points_where_an_object_was_confirm_its_place():
     inventory = build()
     edge = spread(np.linspace(0.461, 0.47, 4), np.linspace(-0.02, 0.02, 4), 0.02)
     believed = {"block": believe(inventory, "block", (0.5, 0.0, 0.01))}
 
-    found = associate(inventory.things, believed, make_cloud(edge, inventory.things["block"].colors[0]), (TOP,))
+    found = associate(inventory.objects, believed, make_cloud(edge, inventory.objects["block"].colors[0]), (TOP,))
 
     assert found["block"].fit.is_kept
     assert found["block"].fit.position_m.tolist() == [0.5, 0.0, 0.01]
 
 
-def test_a_thing_in_view_is_not_thought_to_be_on_stray_pixels_of_one_that_stays():
+def test_an_object_in_view_is_not_thought_to_be_on_stray_pixels_of_one_that_stays():
     inventory = build({"rod": yaml.safe_load(SCENE)["bodies"]["bar"] | {"kind": "rod", "material": "rosy"}})
-    pale, rosy = (inventory.things[name].colors[0] for name in ("bar", "rod"))
+    pale, rosy = (inventory.objects[name].colors[0] for name in ("bar", "rod"))
     bar = spread(np.linspace(0.371, 0.429, 20), np.linspace(0.193, 0.207, 6), 0.012)
     cloud = make_cloud(np.concatenate((BLOCK, bar, spread([0.56], np.linspace(-0.03, 0.03, 9), 0.01))), pale)
     cloud.colors[len(BLOCK) : len(BLOCK) + len(bar) : 3] = rosy  # as pixels in shade are
     believed = {"block": believe(inventory, "block", (0.5, 0.0, 0.01))}
 
-    found = associate(inventory.things, believed, cloud, (TOP,), inventory.map, inventory.palette)
+    found = associate(inventory.objects, believed, cloud, (TOP,), inventory.map, inventory.palette)
 
     assert found["bar"].fit.position_m == pytest.approx((0.4, 0.2, 0.006), abs=0.003)

@@ -1,4 +1,4 @@
-"""Poses that physics forbids: below the table top, where nobody can look, and sunk into what carries the thing."""
+"""Poses that physics forbids: below the table top, where nobody can look, and sunk into what carries the object."""
 
 import numpy as np
 import pytest
@@ -33,21 +33,21 @@ def cubes():
     return read_inventory("cubes_and_trays")
 
 
-def show(thing, top_m):
+def show(item, top_m):
     """Points of the upper face of the coaster with its middle at this height."""
-    return make_cloud(spread(np.linspace(0.422, 0.478, 12), np.linspace(-0.028, 0.028, 12), top_m), thing.colors[0])
+    return make_cloud(spread(np.linspace(0.422, 0.478, 12), np.linspace(-0.028, 0.028, 12), top_m), item.colors[0])
 
 
 @pytest.mark.parametrize(("top_m", "is_found"), [(0.04, True), (-0.08, False)])
 def test_what_would_have_been_seen_through_the_table_is_not_found_below_it(waiter, top_m, is_found):
-    coaster = waiter.things["coaster"]
+    coaster = waiter.objects["coaster"]
     cloud, views = show(coaster, top_m), (look_from((0.45, 0.0, 1.4)),)
     found = associate({"coaster": coaster}, {}, cloud, views, waiter.map)
     assert ("coaster" in found) is is_found
 
 
-def test_strays_of_a_near_cameras_edges_do_not_make_a_thing_too_large_to_be_found(cubes):
-    cube = cubes.things["red_cube"]
+def test_strays_of_a_near_cameras_edges_do_not_make_an_object_too_large_to_be_found(cubes):
+    cube = cubes.objects["red_cube"]
     face = spread(np.linspace(0.431, 0.469, 40), np.linspace(-0.019, 0.019, 40), 0.04)
     along = np.linspace(-0.16, 0.12, 60)  # of a ray past the edge: two in a hundred points above, two below
     strays = np.column_stack((np.full(60, 0.47), 0.1 * along, 0.04 + along))
@@ -70,7 +70,7 @@ def make_fit(rotation, position_m, count=50):
 
 
 def test_a_coin_that_seems_to_stand_on_its_rim_within_the_coaster_lies_on_it(waiter):
-    coaster, coin = waiter.things["coaster"], waiter.things["coin"]
+    coaster, coin = waiter.objects["coaster"], waiter.objects["coin"]
     around, along = np.meshgrid(np.linspace(0, 2 * np.pi, 16), np.linspace(0.002, 0.0145, 5))
     x_m, y_m = (along * np.cos(around)).ravel(), (along * np.sin(around)).ravel()
     top = np.column_stack((0.45 + x_m, y_m, np.full(x_m.size, 0.0565)))
@@ -82,7 +82,7 @@ def test_a_coin_that_seems_to_stand_on_its_rim_within_the_coaster_lies_on_it(wai
     carrier = coaster.solids.at(np.eye(3), fits["coaster"].position_m)
     assert measure_sunk(coin, ON_SIDE, fits["coin"].position_m, carrier) > SUNK_M
 
-    parted = separate_overlaps(waiter.things, fits, seen, (look_from((0.45, 0.0, 1.4)),), waiter.map, {})
+    parted = separate_overlaps(waiter.objects, fits, seen, (look_from((0.45, 0.0, 1.4)),), waiter.map, {})
 
     assert abs(parted["coin"].rotation[2, 2]) == pytest.approx(1.0, abs=0.01)
     assert parted["coin"].position_m == pytest.approx((0.45, 0.0, 0.0485), abs=0.002)
@@ -90,33 +90,33 @@ def test_a_coin_that_seems_to_stand_on_its_rim_within_the_coaster_lies_on_it(wai
     assert parted["coaster"] is fits["coaster"]
 
 
-def test_two_things_are_not_in_one_place_when_a_picture_shows_one_of_them_in_parts():
+def test_two_objects_are_not_in_one_place_when_a_picture_shows_one_of_them_in_parts():
     slabs = SCENE.replace("size_m: [0.02, 0.02, 0.02]", "size_m: [0.05, 0.017, 0.006]")
     inventory = build_inventory(SceneSpec.model_validate(yaml.safe_load(slabs)))
-    things = {name: inventory.things[name] for name in ("first", "second")}
+    objects = {name: inventory.objects[name] for name in ("first", "second")}
     face = spread(np.linspace(0.401, 0.499, 25), np.linspace(-0.016, 0.016, 9), 0.024)  # of the upper one of two
-    fits = {name: make_fit(np.eye(3), (0.45, 0.0, 0.018)) for name in things}
+    fits = {name: make_fit(np.eye(3), (0.45, 0.0, 0.018)) for name in objects}
     seen = {
-        "first": make_cloud(face, things["first"].colors[0]),
-        "second": make_cloud(face[::3], things["second"].colors[0]),
+        "first": make_cloud(face, objects["first"].colors[0]),
+        "second": make_cloud(face[::3], objects["second"].colors[0]),
     }
-    parted = separate_overlaps(things, fits, seen, (look_from((0.45, 0.0, 1.4)),), inventory.map, {})
+    parted = separate_overlaps(objects, fits, seen, (look_from((0.45, 0.0, 1.4)),), inventory.map, {})
     assert list(parted) == ["first"]
 
 
 @pytest.mark.parametrize("is_known", [True, False])
 def test_what_is_almost_covered_stays_where_it_was_and_does_not_slide_into_its_cover(cubes, is_known):
     """Of the cube below one side is seen, with pixels of the one above it: it was believed a centimetre higher."""
-    things = {name: cubes.things[name] for name in ("red_cube", "green_cube")}
+    objects = {name: cubes.objects[name] for name in ("red_cube", "green_cube")}
     side = spread(0.43, np.linspace(-0.018, 0.018, 9), np.linspace(0.012, 0.05, 12))
     fits = {"red_cube": make_fit(np.eye(3), (0.45, 0.0, 0.031)), "green_cube": make_fit(np.eye(3), (0.45, 0.0, 0.06))}
     top = np.concatenate((side, side)) + np.array((0.0, 0.0, 0.05))
     seen = {
-        "red_cube": make_cloud(side, things["red_cube"].colors[0]),
-        "green_cube": make_cloud(top, things["green_cube"].colors[0]),
+        "red_cube": make_cloud(side, objects["red_cube"].colors[0]),
+        "green_cube": make_cloud(top, objects["green_cube"].colors[0]),
     }
     priors = {"red_cube": (np.eye(3), np.array((0.45, 0.0, 0.02)))} if is_known else {}
-    parted = separate_overlaps(things, fits, seen, (look_from((-0.5, 0.0, 0.4)),), cubes.map, priors)
+    parted = separate_overlaps(objects, fits, seen, (look_from((-0.5, 0.0, 0.4)),), cubes.map, priors)
     assert (abs(parted["red_cube"].position_m[2] - 0.02) < 0.001) == is_known
 
 
@@ -144,7 +144,7 @@ def test_a_look_at_what_is_mostly_hidden_keeps_what_was_known_and_adds_nothing(b
 
 
 def test_where_an_object_ends_is_open_where_only_a_patch_of_its_face_is_visible(waiter):
-    coaster = waiter.things["coaster"]
+    coaster = waiter.objects["coaster"]
     patch = make_cloud(spread(np.linspace(0.458, 0.478, 9), np.linspace(0.008, 0.028, 9), 0.04), coaster.colors[0])
     found = fit(coaster, patch, (look_from((0.45, 0.0, 1.4)),))
     assert np.linalg.norm(found.position_m[:2] - (0.45, 0.0)) < 2 * found.uncertainty.total[0]
@@ -155,7 +155,7 @@ def test_a_mug_that_was_moved_has_kept_its_turn_where_its_handle_is_hidden(handl
     """Its handle was believed where it was not, and the hand came down upon it."""
     handle = "{kind: box, size_m: [0.012, 0.005, 0.017], position_m: [0.042, 0.0, 0.0]}"
     scene = SCENE.replace("size_m: [0.026, 0.04]}]", f"size_m: [0.03, 0.033]}}, {handle}]")
-    mug = build_inventory(SceneSpec.model_validate(yaml.safe_load(scene))).things["can"]
+    mug = build_inventory(SceneSpec.model_validate(yaml.safe_load(scene))).objects["can"]
     angles, heights = np.meshgrid(np.linspace(-0.9, 0.9, 15) + np.pi, np.linspace(-0.03, 0.03, 8))
     points = np.column_stack(((0.03 * np.cos(angles)).ravel(), (0.03 * np.sin(angles)).ravel(), heights.ravel()))
     if handle_deg is not None:

@@ -25,7 +25,7 @@ def look_with(library, prior):
 
 
 @pytest.mark.sim
-def test_without_colours_things_are_told_by_their_forms(twins_library):
+def test_without_colours_objects_are_told_by_their_forms(twins_library):
     stage, belief = look_with(twins_library, Prior.SHAPES)
     sides_m = {"first": (0.04,) * 3, "second": (0.04,) * 3, "can": (0.052, 0.052, 0.08), "screen": (0.02, 0.16, 0.2)}
     assert belief.prior == PriorKnowledge(level="shapes", forms=NAMES, map=("table", "floor"), sides_m=sides_m)
@@ -38,7 +38,7 @@ def test_without_colours_things_are_told_by_their_forms(twins_library):
 
 
 @pytest.mark.sim
-def test_without_any_knowledge_a_surface_is_found_and_things_without_a_name_stand_on_it(twins_library):
+def test_without_any_knowledge_a_surface_is_found_and_objects_without_a_name_stand_on_it(twins_library):
     stage, belief = look_with(twins_library, Prior.NONE)
     assert belief.prior == PriorKnowledge(level="none")
     surface = belief.entities["surface"]

@@ -173,8 +173,8 @@ def test_what_only_frozen_cameras_show_grows_old_though_nobody_looked_around_mea
     handle = FreezingHandle(twins)
     world = twins.open_world(handle)
 
-    def perceive(*things):
-        return observe_now(world, twins, things)
+    def perceive(*objects):
+        return observe_now(world, twins, objects)
 
     seen = perceive().entities["can"]
     handle.freeze()

@@ -1,4 +1,4 @@
-"""What things stand on is measured: the map of the scene file is a prior that may be wrong."""
+"""What objects stand on is measured: the map of the scene file is a prior that may be wrong."""
 
 import math
 

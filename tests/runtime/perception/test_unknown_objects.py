@@ -1,4 +1,4 @@
-"""Things outside the inventory: seen without a name, as boxes that are obstacles."""
+"""Objects outside the inventory: seen without a name, as boxes that are obstacles."""
 
 import math
 
@@ -47,7 +47,7 @@ def open_stage(library, name, *unknown):
 
 
 @pytest.mark.parametrize("material", ["floor", "wood"])
-def test_a_thing_outside_the_inventory_is_an_unnamed_box_where_it_is_until_it_is_gone(library, material):
+def test_an_object_outside_the_inventory_is_an_unnamed_box_where_it_is_until_it_is_gone(library, material):
     stage = open_stage(library, material)
     for _ in range(2):
         belief = stage.look()
@@ -69,7 +69,7 @@ def test_a_thing_outside_the_inventory_is_an_unnamed_box_where_it_is_until_it_is
 
 @pytest.mark.parametrize("height_m", [0.03, 0.09])
 @pytest.mark.parametrize(("noise_m", "off_m"), [(0.0005, 0.002), (0.002, 0.002), (0.007, 0.003)])
-def test_a_thing_whose_top_alone_is_seen_stands_on_the_table_and_noise_does_not_widen_it(height_m, noise_m, off_m):
+def test_an_object_whose_top_alone_is_seen_stands_on_the_table_and_noise_does_not_widen_it(height_m, noise_m, off_m):
     rng = np.random.default_rng(0)
     top = rng.uniform(-1.0, 1.0, (400, 3)) * (0.025, 0.02, 0.0) + (0.5, 0.0, height_m)
     table = Solids.of((Shape(ShapeKind.BOX, (1.0, 1.0, 0.01), Pose((0.0, 0.0, -0.01))),))

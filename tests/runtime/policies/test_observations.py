@@ -143,7 +143,7 @@ def test_where_time_goes_on_meanwhile_a_picture_is_as_old_as_the_world_says():
     assert "its latest frame is 0.50 s old" in find_refusal(open_eye(expose(0.9), lag_s=0.2))
 
 
-def test_where_things_were_believed_to_be_is_shown_in_the_order_of_their_parameters():
+def test_where_objects_were_believed_to_be_is_shown_in_the_order_of_their_parameters():
     stream = Stream(modality="simulator_state", shape=(2, 7), dtype="float64", rate_hz=10.0, entities=("cup", "shelf"))
     poses = {"shelf": (1.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0), "cup": (0.5, 0.1, 0.0, 0.0, 0.0, 0.0, 1.0)}
     observer = Observer({"environment_state": stream}, Sensors(sensors={}), Handle([]), LATE_MAX_S, {}, poses)

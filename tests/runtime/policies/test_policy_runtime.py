@@ -103,7 +103,7 @@ WORLD = {"modality": "simulator_state", "shape": [1, 7], "dtype": "float64", "ra
 
 
 @pytest.mark.parametrize("aim", [{}, {"aim": [0.02, -0.01, 0.0]}])
-def test_a_thing_is_shown_aside_by_the_aim_and_missed_by_where_it_is_believed(run_policy, profile, aim):
+def test_an_object_is_shown_aside_by_the_aim_and_missed_by_where_it_is_believed(run_policy, profile, aim):
     policy, seen = Line(np.asarray(profile.arm.home_rad)), []
     look, policy.infer = policy.infer, lambda request: (seen.append(request.observations), look(request))[1]
     parameters = {"object": "red_cube"} | aim
@@ -118,7 +118,7 @@ def test_a_thing_is_shown_aside_by_the_aim_and_missed_by_where_it_is_believed(ru
     assert execution.outputs["missed_m"] == pytest.approx(believed - tool, abs=1e-4)
 
 
-def test_a_policy_that_is_shown_no_thing_has_missed_none(run_policy, profile):
+def test_a_policy_that_is_shown_no_object_has_missed_none(run_policy, profile):
     _, execution, _ = run_policy(Line(np.asarray(profile.arm.home_rad)))
     assert execution.outputs.keys() == {"chunks", "control_periods"}
 

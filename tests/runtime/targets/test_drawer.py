@@ -107,7 +107,7 @@ def test_a_door_turns_about_its_anchor(panda):
 
 @pytest.mark.parametrize("level", [False, True])
 def test_a_hinge_starts_as_wide_as_the_file_says_whatever_its_axis(panda, level):
-    """The simulator's own pose of a half-open thing is that which its mechanism gives for half of the travel."""
+    """The simulator's own pose of a half-open object is that which its mechanism gives for half of the travel."""
     axis = [0, 1, 0] if level else [0, 0, -1]
     joint = {"kind": "hinge", "axis": axis, "anchor_m": [0.1, 0.0, 0.0], "travel": 1.6, "opening": [0.5, 0.5]}
     lid = {"kind": "lid", "place": {"position_m": [0.6, 0.4, 0.1], "yaw_rad": [0.3, 0.3]}}

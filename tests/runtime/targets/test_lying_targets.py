@@ -113,7 +113,7 @@ LIES = {  # the request, what becomes of its reply, what is said of it
     "a signal of an endless name": (wire.Observe(), of(signals={"f" * 100_000: (0.0,)}), "a name of 100000 characters"),
     "a signal of no name": (wire.Observe(), of(signals={"\x1b[2J": (0.0,)}), "signals, '�[2J' where a name belongs"),
     "a force below zero": (wire.Command, of(contact_force_n=-5.0), "contact_force_n = -5.0, below zero"),
-    "a doubt below zero": (wire.Command, of(contact_force_error_n=-1.0), "contact_force_error_n = -1.0, below zero"),
+    "a negative deviation": (wire.Command, of(contact_force_error_n=-1.0), "contact_force_error_n = -1.0, below zero"),
     "a lag below zero": (wire.Command, of(tracking_error_rad=-1.0), "tracking_error_rad = -1.0, below zero"),
     "a touch below zero": (wire.Command, of(touched_n={"b": -1.0}), "touched_n['b'] = -1.0, below zero"),
     "a held object of no name": (wire.Command, of_target(holding=("\x1b[2J",)), "target.holding[0] = '�[2J'"),

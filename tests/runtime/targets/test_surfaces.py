@@ -1,4 +1,4 @@
-"""Friction by pairs of surfaces, and round things that come to rest."""
+"""Friction by pairs of surfaces, and round objects that come to rest."""
 
 import mujoco
 import numpy as np
@@ -19,7 +19,7 @@ from phyagentos.runtime.targets import wire
 PANDA = read_profile(find_shipped_root() / "robots" / "panda" / "target.yaml")
 
 
-def make_thing(kind, size, y, z, material="plastic", **more):
+def make_object(kind, size, y, z, material="plastic", **more):
     shape = {"kind": kind, "size_m": size, "euler_rad": [np.pi / 2, 0, 0] if kind != "box" else [0, 0, 0]}
     place = {"position_m": [0.5, y, z]}
     return {"kind": kind, "material": material, "shapes": [shape], "place": place, "mass_kg": 0.1} | more
@@ -37,12 +37,12 @@ def make_scene(**bodies):
 def still():
     """A model with a ball, a lying can, a rod and boxes on a table, and the data at rest."""
     spec = make_scene(
-        ball=make_thing("sphere", [0.02], -0.2, 0.02),
-        can=make_thing("cylinder", [0.03, 0.05], 0.0, 0.03),
-        rod=make_thing("capsule", [0.01, 0.05], 0.15, 0.01),
-        box=make_thing("box", [0.02, 0.02, 0.02], 0.3, 0.02),
-        carton=make_thing("box", [0.02, 0.02, 0.02], 0.4, 0.02, "card", grip_span=[0.07, 0.07]),
-        lump=make_thing("box", [0.02, 0.02, 0.02], -0.4, 0.02, "unknown"),
+        ball=make_object("sphere", [0.02], -0.2, 0.02),
+        can=make_object("cylinder", [0.03, 0.05], 0.0, 0.03),
+        rod=make_object("capsule", [0.01, 0.05], 0.15, 0.01),
+        box=make_object("box", [0.02, 0.02, 0.02], 0.3, 0.02),
+        carton=make_object("box", [0.02, 0.02, 0.02], 0.4, 0.02, "card", grip_span=[0.07, 0.07]),
+        lump=make_object("box", [0.02, 0.02, 0.02], -0.4, 0.02, "unknown"),
     )
     model = compile_scene((PANDA,), spec, 3).model
     data = mujoco.MjData(model)
@@ -58,17 +58,15 @@ def find_friction(model, one, other):
     return next(float(c.friction[0]) for c in data.contact if set(c.geom.tolist()) == names)
 
 
-@pytest.mark.parametrize(
-    ("thing", "pair"), [("box", "plastic|wood"), ("carton", "card|wood"), ("ball", "plastic|wood")]
-)
-def test_a_contact_has_the_friction_of_its_pair(still, thing, pair):
+@pytest.mark.parametrize(("item", "pair"), [("box", "plastic|wood"), ("carton", "card|wood"), ("ball", "plastic|wood")])
+def test_a_contact_has_the_friction_of_its_pair(still, item, pair):
     low, high = FRICTION[pair]
 
-    assert low <= find_friction(still[0], thing, "table") <= high
+    assert low <= find_friction(still[0], item, "table") <= high
 
 
-def test_without_a_surface_a_thing_keeps_an_ideal_friction_and_is_named(still):
-    spec = make_scene(lump=make_thing("box", [0.02] * 3, 0, 0.02, "unknown"), box=make_thing("box", [0.02] * 3, 1, 1))
+def test_without_a_surface_an_object_keeps_an_ideal_friction_and_is_named(still):
+    spec = make_scene(lump=make_object("box", [0.02] * 3, 0, 0.02, "unknown"), box=make_object("box", [0.02] * 3, 1, 1))
 
     assert find_friction(still[0], "lump", "table") == 1.0
     assert find_idealised(spec) == ["lump"]
@@ -86,9 +84,9 @@ def test_a_declared_grip_holds_against_the_pads_alone(still):
     assert pairs[frozenset((carton, model.geom("table").id))] >= 0.4
 
 
-def test_a_light_thing_is_not_pressed_into_what_it_lies_on():
+def test_a_light_object_is_not_pressed_into_what_it_lies_on():
     """A rod of 10 g lay three centimetres deep in the table, and a slab of 20 g below the floor of a tray."""
-    rod = make_thing("capsule", [0.0075, 0.025], 0.15, 0.0075, mass_kg=0.01)
+    rod = make_object("capsule", [0.0075, 0.025], 0.15, 0.0075, mass_kg=0.01)
     model = compile_scene((PANDA,), make_scene(rod=rod), 3).model
     data, body = mujoco.MjData(model), model.body("rod").id
 
@@ -99,7 +97,7 @@ def test_a_light_thing_is_not_pressed_into_what_it_lies_on():
     assert data.xpos[body, 2] == pytest.approx(0.0075, abs=0.004)
 
 
-def test_round_things_that_roll_come_to_rest(still):
+def test_round_objects_that_roll_come_to_rest(still):
     model, data = still
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 100)
@@ -129,15 +127,15 @@ def test_a_scene_refuses_a_pair_that_there_is_not():
 
 @pytest.mark.parametrize("material", ["plastic", "unknown"])
 def test_pads_that_slip_hold_nothing_whatever_decides_the_grip(material):
-    """A slip had no effect on a thing without a surface whose own friction is above that of the pads."""
-    thing = make_thing("box", [0.02, 0.02, 0.02], 0.0, 0.3, material, grip_span=[0.5, 0.5])
-    physics = Physics.alone(*PANDA, make_scene(thing=thing), 3)
+    """A slip had no effect on an object without a surface whose own friction is above that of the pads."""
+    item = make_object("box", [0.02, 0.02, 0.02], 0.0, 0.3, material, grip_span=[0.5, 0.5])
+    physics = Physics.alone(*PANDA, make_scene(item=item), 3)
     model, data = physics.model, physics.data
     pads = [geom for geom in range(model.ngeom) if "pad" in (model.geom(geom).name or "")]
-    own = model.geom("thing").id
+    own = model.geom("item").id
     mujoco.mj_forward(model, data)
-    address = int(model.joint(model.body("thing").jntadr[0]).qposadr[0])
-    data.qpos[address : address + 3] = data.geom_xpos[pads[0]]  # one pad is within the thing
+    address = int(model.joint(model.body("item").jntadr[0]).qposadr[0])
+    data.qpos[address : address + 3] = data.geom_xpos[pads[0]]  # one pad is within the object
 
     def find_frictions():
         mujoco.mj_forward(model, data)

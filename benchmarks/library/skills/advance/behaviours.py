@@ -5,7 +5,7 @@ import numpy as np
 from phyagentos.runtime.execution.leaf import Leaf, Role, Status
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 
-STEP = 0.02  # above the 15 mm from which on a thing counts as moved
+STEP = 0.02  # above the 15 mm from which on an object counts as moved
 
 
 class Advance(Leaf):

@@ -9,7 +9,7 @@ from phyagentos.runtime.perception.world_model import BELIEF
 
 
 class ChooseNearest(Leaf):
-    """Names the visible thing of a kind that is nearest to the tool."""
+    """Names the visible object of a kind that is nearest to the tool."""
 
     ROLE = Role.SENSE
     INPUT_PORTS = {"kind": PortInformation(str, description="Class of thing, such as cube.")}
@@ -19,9 +19,9 @@ class ChooseNearest(Leaf):
         environment = self.context.world.observe(BELIEF)
         tool = environment.targets[self.context.session.target].tcp.position_m
         found = [
-            (math.dist(tool, thing.pose.position_m), thing.name)
-            for thing in environment.entities.values()
-            if thing.kind == self.read("kind") and thing.visible
+            (math.dist(tool, item.pose.position_m), item.name)
+            for item in environment.entities.values()
+            if item.kind == self.read("kind") and item.visible
         ]
         if not found:
             return self.fail("NOTHING_TO_CHOOSE", f"no visible {self.read('kind')}")

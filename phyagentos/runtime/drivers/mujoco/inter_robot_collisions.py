@@ -101,8 +101,11 @@ class InterRobotCollisions:
         """
         own = self._place(name, self._sample(name, q_rad), held[name])
         for other in (each for each in self._names if each != name):
-            here, things = self._robots[other].state.read_joints(self._world)[0], () if other == beside else held[other]
-            theirs = self._place(other, np.vstack((here, self.find_announced(other))), things)
+            here, objects = (
+                self._robots[other].state.read_joints(self._world)[0],
+                () if other == beside else held[other],
+            )
+            theirs = self._place(other, np.vstack((here, self.find_announced(other))), objects)
             apart_m = BESIDE_M if other == beside else CLEARANCE_M
             apart_m = min(apart_m, self._measure(own[:1], theirs[:1]) - NEARER_M)
             if self._measure(own, theirs, enough_m=apart_m) < apart_m:
@@ -115,13 +118,13 @@ class InterRobotCollisions:
         robot, model, data = self._robots[name], self._model, self._data
         data.qpos[:] = self._world.qpos
         mujoco.mj_kinematics(model, data)
-        free = [thing for thing in held if model.body(thing).dofnum[0] == FREE]  # what is hinged stays where it is
-        addresses = {thing: int(model.jnt_qposadr[model.body(thing).jntadr[0]]) for thing in free}
+        free = [item for item in held if model.body(item).dofnum[0] == FREE]  # what is hinged stays where it is
+        addresses = {item: int(model.jnt_qposadr[model.body(item).jntadr[0]]) for item in free}
         in_hand = {
             at: compute_inverse(robot.queries.place(data)) @ robot.queries.place(data, each)
             for each, at in addresses.items()
         }
-        bodies = [int(model.body(thing).id) for thing in held]
+        bodies = [int(model.body(item).id) for item in held]
         is_solid = (model.geom_contype | model.geom_conaffinity) > 0
         is_of_side = (self._owner == self._names.index(name)) | np.isin(model.geom_bodyid, bodies)
         geoms = np.flatnonzero(is_solid & is_of_side)

@@ -13,10 +13,12 @@ class IsWellLocalized(Leaf):
     INPUT_PORTS = {"object": PortInformation(data_type=str, description="Name of the entity.")}
 
     def on_start(self) -> Status:
-        """Compare the stated doubts."""
+        """Compare the stated uncertainties."""
         seen = get_visible(self)
         tilt_rad = max(seen.turn_std_rad, seen.tilt_std_rad)
         if not seen.is_unsure and seen.position_std_m <= POSITION_STD_M and tilt_rad <= TILT_STD_RAD:
             return self.succeed()
-        doubts = f"within {1e3 * seen.position_std_m:.1f} mm and {tilt_rad:.3f} rad, confidence {seen.confidence:.2f}"
-        return self.fail(FailureCode.UNMET, f"{seen.name} is known {doubts}")
+        uncertainties = (
+            f"within {1e3 * seen.position_std_m:.1f} mm and {tilt_rad:.3f} rad, confidence {seen.confidence:.2f}"
+        )
+        return self.fail(FailureCode.UNMET, f"{seen.name} is known {uncertainties}")

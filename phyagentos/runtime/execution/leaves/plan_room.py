@@ -33,9 +33,9 @@ class PlanRoom(PlanningLeaf[Approaches]):
         """One request, where the destination holds anything that may be moved."""
         now, name = self.belief, self.read("object")
         then = Destination(self.read("destination"), find_relation(self.read("relation")), self.find_point("near"))
-        if not (things := list_removable(self.context.session, now, name, then.name)):
+        if not (objects := list_removable(self.context.session, now, name, then.name)):
             return self._leave()
-        return self.request(FindGrasps, object=name, count=1, then=then, removable=things)
+        return self.request(FindGrasps, object=name, count=1, then=then, removable=objects)
 
     def on_answer(self, answer: Approaches) -> Status:
         """Write what has to go."""
@@ -55,10 +55,10 @@ class PlanRoom(PlanningLeaf[Approaches]):
         """Nothing is moved: the way to the place is planned next, and says what is wrong."""
         return self._leave()
 
-    def _leave(self, things: tuple[str, ...] = (), support: str = "", to: Vector = (0.0, 0.0, 0.0)) -> Status:
-        for port, value in (("things", Names(things)), ("support", support), ("to", to)):
+    def _leave(self, objects: tuple[str, ...] = (), support: str = "", to: Vector = (0.0, 0.0, 0.0)) -> Status:
+        for port, value in (("things", Names(objects)), ("support", support), ("to", to)):
             self.write(port, value)
-        return self.succeed("", things=list(things))
+        return self.succeed("", things=list(objects))
 
 
 def list_removable(session: Session, now: Environment, name: str, destination: str) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ SPEED = 0.3  # greatest on the way [m/s]
 
 
 class MoveBeside(Leaf):
-    """Moves the tool on a straight line to a place that is described from where a thing is, or from where it was."""
+    """Moves the tool on a straight line to a place that is described from where an object is, or from where it was."""
 
     ROLE = Role.MOVE
     INPUT_PORTS = {
@@ -21,11 +21,11 @@ class MoveBeside(Leaf):
     }
 
     def on_start(self) -> Status:
-        thing = self.context.world.observe(BELIEF).entities.get(self.read("object"))
-        if thing is None:
+        item = self.context.world.observe(BELIEF).entities.get(self.read("object"))
+        if item is None:
             return self.fail(FailureCode.OBJECT_GONE, f"{self.read('object')} is not in the world")
         self._begin = self.context.commands.q_rad
-        self._way = np.array(thing.pose.position_m) + [self.read(axis) for axis in "xyz"] - self._begin
+        self._way = np.array(item.pose.position_m) + [self.read(axis) for axis in "xyz"] - self._begin
         duration_s = 1.875 * float(np.linalg.norm(self._way)) / SPEED
         self._count = max(1, round(duration_s / self.context.profile.control_period_s))
         self._done = 0

@@ -1,4 +1,4 @@
-"""Looking again at what does not change: the measured pose stays within its stated doubt, and no claim comes true."""
+"""Looking again at what does not change: the measured pose stays within its deviation, and no claim comes true."""
 
 import math
 from dataclasses import replace
@@ -57,7 +57,7 @@ def library(tmp_path_factory):
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 7.6, 19.0])
-def test_a_small_thing_that_leans_is_not_walked_upright_by_looking_again(library, tilt_deg):
+def test_a_small_object_that_leans_is_not_walked_upright_by_looking_again(library, tilt_deg):
     stage, stated = Stage(library, "test/leaning"), []
     stage.put("cube", 0.48, -0.1, 0.02, yaw_rad=0.6, tilt_rad=math.radians(tilt_deg))
     for _ in range(LOOKS):
@@ -128,7 +128,7 @@ def test_an_open_vessel_is_not_pulled_through_its_walls_and_its_handle_is_where_
 def test_a_bar_of_nearly_square_section_is_not_taken_for_rolled_by_the_noise_of_a_look(
     library, monkeypatch, better_m, is_tracked, count, turns
 ):
-    bar = build_inventory(read_scene(library.get_scene("test/leaning"))).things["bar"]
+    bar = build_inventory(read_scene(library.get_scene("test/leaning"))).objects["bar"]
     (roll, _), *_ = bar.lookalikes
     found = Fit(
         rotation=np.eye(3), position_m=np.zeros(3), cost_m=2e-3, rms_m=2e-3, visibility=None, count=count,

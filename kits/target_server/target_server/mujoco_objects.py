@@ -1,6 +1,6 @@
-"""The things of a compiled MuJoCo model: what is welded together, its solids, its joint, handle, and room inside.
+"""The objects of a compiled MuJoCo model: what is welded together, its solids, its joint, handle, and room inside.
 
-Everything is computed from the model's geometry, whatever the things are called. Boxes, cylinders, capsules and spheres
+Everything is computed from the model's geometry, whatever objects are called. Boxes, cylinders, capsules and spheres
 stay; a mesh becomes the box around its hull along its own axes. Poses are in the frame of a root that stands still.
 """
 
@@ -18,7 +18,7 @@ SLIDE, HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE
 PLANE_HALF_M = (1.5, 1.5, 0.05)  # of a plane as a box
 ALONG = 0.9  # cosine of the angle up to which two directions are one
 PROUD_M = 0.002  # what stands this far beyond the face of a panel is a handle on it
-FLAT_M = 0.012  # half the height up to which a marked box is a surface to put things on, and not a room
+FLAT_M = 0.012  # half the height up to which a marked box is a surface to put objects on, and not a room
 SURFACE_M = 0.1  # room above such a surface
 FLOOR_M = (-0.03, 0.05)  # where the solid that carries what stands on a mark is looked for, beside its middle
 COVERED_M = 0.002  # what is seen nearer to a solid is of it
@@ -34,7 +34,7 @@ _N_SIZES = {"box": 3, "cylinder": 2, "capsule": 2, "sphere": 1}
 
 @dataclass(frozen=True)
 class Solid:
-    """One solid in the frame of its thing.
+    """One solid in the frame of its object.
 
     Attributes:
         half_m: (3,) of the box around it, along its own axes; `rotation` (3, 3) and `center_m` (3,) place it.
@@ -61,13 +61,13 @@ class Solid:
 
 @dataclass(frozen=True)
 class Joint:
-    """How a thing opens.
+    """How an object opens.
 
     Attributes:
         kind: `slide` or `hinge`.
         address: Of its position in `qpos`.
         closed, opened: Its position [m or rad].
-        axis: (3,) in the frame of the thing, so that positive is opening; `anchor_m` (3,) is a point on it.
+        axis: (3,) in the frame of the object, so that positive is opening; `anchor_m` (3,) is a point on it.
     """
 
     kind: str
@@ -85,7 +85,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Mark:
-    """A box that the model marks: room inside a thing, or room above a surface, in the frame of its thing."""
+    """A box that the model marks: room inside an object, or room above a surface, in the frame of its object."""
 
     name: str
     center_m: Array
@@ -95,14 +95,14 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class Thing:
+class SceneObject:
     """Bodies that are welded to each other.
 
     Attributes:
         body: The one whose frame it has.
         bodies: All of them.
         owner: Name of the object that it belongs to, as the task names it.
-        part_of: Name of the thing that it is fixed to: a handle of its drawer.
+        part_of: Name of the object that it is fixed to: a handle of its drawer.
     """
 
     name: str
@@ -119,7 +119,7 @@ class Thing:
 
     @property
     def interior(self) -> Mark | None:
-        """Where things are put into it; None where it marks no room, or several."""
+        """Where objects are put into it; None where it marks no room, or several."""
         rooms = [mark for mark in self.marks if not mark.is_surface]
         return rooms[0] if len(rooms) == 1 else None
 
@@ -129,15 +129,15 @@ class Thing:
         return tuple(mark for mark in self.marks if mark is not self.interior)
 
 
-def list_things(
+def list_objects(
     model: Any,
     data: Any,
     owners: Mapping[int, str],
     kinds: Mapping[str, str],
     sites: Collection[str],
     skip: Sequence[str],
-) -> list[Thing]:
-    """All things of a model, but for bodies whose names begin with one of `skip`.
+) -> list[SceneObject]:
+    """All objects of a model, but for bodies whose names begin with one of `skip`.
 
     Args:
         model: The compiled model.
@@ -151,12 +151,12 @@ def list_things(
     for body in range(model.nbody):
         if not model.body(body).name.startswith(tuple(skip)):
             heads.setdefault(_find_head(model, body), []).append(body)
-    things: list[Thing] = []
+    objects: list[SceneObject] = []
     for head, bodies in heads.items():
         geoms = _drop_doubles(model, [geom for body in bodies for geom in _list_geoms(model, body)])
         if geoms:
-            things += _make_things(model, data, head, bodies, geoms, owners, kinds, sites)
-    return things
+            objects += _make_objects(model, data, head, bodies, geoms, owners, kinds, sites)
+    return objects
 
 
 def _find_head(model: Any, body: int) -> int:
@@ -166,26 +166,26 @@ def _find_head(model: Any, body: int) -> int:
     return body
 
 
-def cover_seen(model: Any, data: Any, thing: Thing, group: int) -> list[Solid]:
-    """Flat boxes over what is seen of a thing where its solids are not: the cloth in a basket, the curve of a handle.
+def cover_seen(model: Any, data: Any, item: SceneObject, group: int) -> list[Solid]:
+    """Flat boxes over what is seen of an object where its solids are not: the cloth in a basket, the curve of a handle.
 
     Args:
         model: Compiled.
         data: A state with computed poses.
-        thing: Of the model.
+        item: Of the model.
         group: Of the geoms that are drawn.
     """
-    turn, origin = data.xmat[thing.body].reshape(3, 3), data.xpos[thing.body]
+    turn, origin = data.xmat[item.body].reshape(3, 3), data.xpos[item.body]
     points = [
         (_sample_mesh(model, geom) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom] - origin) @ turn
-        for body in sorted(thing.bodies)
+        for body in sorted(item.bodies)
         for geom in range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body])
         if int(model.geom_group[geom]) == group and int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_MESH)
     ]
     seen = np.concatenate([np.zeros((0, 3)), *points])
     if not len(seen):
         return []
-    left = seen[np.min([np.abs(_measure_box(solid, seen)) for solid in thing.solids], axis=0) > COVERED_M]
+    left = seen[np.min([np.abs(_measure_box(solid, seen)) for solid in item.solids], axis=0) > COVERED_M]
     side_m = max(CELL_M, float(np.ptp(seen, axis=0).max()) / CELLS)
     _, cell = np.unique(np.floor(left / side_m).astype(int), axis=0, return_inverse=True)
     parts = [left[cell.ravel() == number] for number in range(int(cell.max()) + 1)] if len(left) else []
@@ -238,7 +238,7 @@ def _find_owner(model: Any, body: int, owners: Mapping[int, str]) -> str:
 
 
 def _list_geoms(model: Any, body: int) -> list[int]:
-    """Those that touch things."""
+    """Those that touch objects."""
     first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
     return [g for g in range(first, first + count) if model.geom_contype[g] or model.geom_conaffinity[g]]
 
@@ -256,7 +256,7 @@ def _drop_doubles(model: Any, geoms: Sequence[int]) -> list[int]:
     return sorted(seen.values())
 
 
-def _make_things(
+def _make_objects(
     model: Any,
     data: Any,
     head: int,
@@ -265,8 +265,8 @@ def _make_things(
     owners: Mapping[int, str],
     kinds: Mapping[str, str],
     sites: Collection[str],
-) -> Iterator[Thing]:
-    """The thing of a head, and its handle where it has one."""
+) -> Iterator[SceneObject]:
+    """The object of a head, and its handle where it has one."""
     owner = _find_owner(model, head, owners)
     joint = _read_joint(model, head)
     name = owners.get(head) or (model.body(head).name if head else "floor")
@@ -275,7 +275,7 @@ def _make_things(
     handle = find_handle(solids, joint) if joint is not None else frozenset()
     kept = [index for index in range(len(solids)) if index not in handle] or list(range(len(solids)))
     kind = kinds.get(owner, "fixture") if head in owners or is_free else "part" if owner else "fixture"
-    yield Thing(
+    yield SceneObject(
         name=name,
         owner=owner,
         kind=kind,
@@ -288,7 +288,7 @@ def _make_things(
         marks=tuple(_read_marks(model, data, head, bodies, sites, solids)),
     )
     if handle:
-        yield Thing(
+        yield SceneObject(
             name=f"{name}_handle",
             owner=owner,
             kind="handle",
@@ -345,7 +345,7 @@ def _measure_half(kind: str, size_m: Array) -> Array:
 
 
 def find_handle(solids: Sequence[Solid], joint: Joint) -> frozenset[int]:
-    """The solids by which a thing is opened: those that stand out from the face of its panel; none where nothing does.
+    """The solids by which an object is opened: those that stand out from the face of its panel; none if none does.
 
     Of what slides the panel is across its way, and the outer face counts. Of what turns it is the largest one, and the
     side to which more stands out: a door, or the disc of a knob.
@@ -388,15 +388,15 @@ def _read_marks(
 
 
 def make_mark(name: str, center_m: Array, rotation: Array, half_m: Array, up: Array, solids: Sequence[Solid]) -> Mark:
-    """A mark whose bottom lies on what carries things there, but not below the mark; room above it where it is flat.
+    """A mark whose bottom lies on what carries objects there, but not below the mark; room above it where it is flat.
 
     Args:
         name: Of the site.
-        center_m: (3,) in the frame of the thing.
+        center_m: (3,) in the frame of the object.
         rotation: (3, 3) from its own axes to that frame.
         up: (3,) in that frame, points up in the world.
         half_m: (3,) along its own axes.
-        solids: Of the thing.
+        solids: Of the object.
     """
     vertical = int(np.argmax(np.abs(rotation.T @ up)))  # becomes its z axis, upwards
     order = [(vertical + 1) % 3, (vertical + 2) % 3, vertical]

@@ -1,4 +1,4 @@
-"""Fixed bodies that a scene file places within a span: they are searched, and perceived with a doubt."""
+"""Fixed bodies that a scene file places within a span: they are searched, and perceived with an uncertainty."""
 
 import math
 

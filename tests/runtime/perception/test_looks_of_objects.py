@@ -1,4 +1,4 @@
-"""Things of equal form are told apart by what their sides look like, by where they begin, or not at all."""
+"""Objects of equal form are told apart by what their sides look like, by where they begin, or not at all."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 from phyagentos.protocol.settings.perception import Prior
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.perception.association import associate
-from phyagentos.runtime.perception.fixed_things import find_part
+from phyagentos.runtime.perception.fixed_objects import find_part
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.views import Cloud
 from tests.runtime.perception.conftest import look_from
@@ -45,7 +45,7 @@ def show(*colors):
 
 def name(inventory, cloud):
     """Where each name was found [m], with the names that it may have as well."""
-    matches = associate(inventory.things, {}, cloud, (VIEW,), inventory.map, inventory.palette)
+    matches = associate(inventory.objects, {}, cloud, (VIEW,), inventory.map, inventory.palette)
     return {key: (round(float(each.fit.position_m[0]), 1), each.alternatives) for key, each in matches.items()}
 
 
@@ -57,7 +57,7 @@ TOLD_APART = {"first": (0.4, ()), "second": (0.6, ())}
 UNDECIDED = {"first": ("second",), "second": ("first",)}
 
 
-def test_what_each_side_looks_like_tells_things_of_equal_form_apart():
+def test_what_each_side_looks_like_tells_objects_of_equal_form_apart():
     looks = [[mix(WHITE, RED)], [mix(RED), mix(WHITE, BLUE)]]
 
     assert name(make_inventory(looks), show((WHITE, RED), (WHITE, BLUE))) == TOLD_APART
@@ -66,7 +66,7 @@ def test_what_each_side_looks_like_tells_things_of_equal_form_apart():
 
 
 @pytest.mark.parametrize("prior", [Prior.FULL, Prior.SHAPES])
-def test_things_that_look_the_same_or_whose_looks_are_not_known_are_told_to_be_undecided(prior):
+def test_objects_that_look_the_same_or_whose_looks_are_not_known_are_told_to_be_undecided(prior):
     looks = [[mix(WHITE, RED)], [mix(WHITE, RED if prior is Prior.FULL else BLUE)]]
 
     found = name(make_inventory(looks, prior=prior), show((WHITE, RED), (WHITE, RED)))
@@ -74,7 +74,7 @@ def test_things_that_look_the_same_or_whose_looks_are_not_known_are_told_to_be_u
     assert {key: alternatives for key, (_, alternatives) in found.items()} == UNDECIDED
 
 
-def test_things_that_look_the_same_are_named_by_where_each_begins():
+def test_objects_that_look_the_same_are_named_by_where_each_begins():
     same = [[mix(WHITE, RED)]] * 2
     cloud = show((WHITE, RED), (WHITE, RED))
 
@@ -102,7 +102,7 @@ def look_down(points):
 @pytest.mark.parametrize("opening_m", [0.0, 0.11])
 def test_a_part_that_looks_like_its_whole_is_found_at_its_opening_among_points_of_whatever_else(opening_m):
     scene = {"scene": "s", "bodies": DRAWER, "cameras": {}}
-    knob = build_inventory(SceneSpec.model_validate(scene)).things["knob"]
+    knob = build_inventory(SceneSpec.model_validate(scene)).objects["knob"]
     u, v = (each.ravel() for each in np.meshgrid(np.linspace(0.0, 0.02, 15), np.linspace(-0.03, 0.03, 25)))
     own = np.column_stack((0.41 + opening_m + u, v, np.full(u.size, 0.11)))
     other = own + np.array((0.0, 0.3, 0.02))
