@@ -345,7 +345,7 @@ Positive = Annotated[float, pydantic.Field(gt=0.0)]
 NotNegative = Annotated[float, pydantic.Field(ge=0.0)]
 
 
-def _join_unions(data: Any, base: Address, errors: Sequence[Any]) -> Iterator[Any]:
+def _join_unions(data: Any, base: Address, errors: Sequence[ErrorDetails]) -> Iterator[ErrorDetails]:
     """The same errors; of a value of two possible forms, those of the form that it has, else of the first."""
     paths = [_strip_tags(data, (*base, *item["loc"])) for item in errors]
     for index, (item, path) in enumerate(zip(errors, paths, strict=True)):

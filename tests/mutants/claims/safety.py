@@ -167,7 +167,7 @@ MUTANTS = (
     ),
     Mutant(
         name="falls_without_walls",
-        claim="A item is let go above a container of which one side is open.",
+        claim="An object is let go above a container of which one side is open.",
         edits=(
             Edit(
                 "phyagentos.runtime.motion.sites",

@@ -113,7 +113,7 @@ MUTANTS = (
     ),
     Mutant(
         name="whatever_covers_bears",
-        claim="A hidden item is under what is seen above its place, at whatever height that is.",
+        claim="A hidden object is under what is seen above its place, at whatever height that is.",
         edits=(
             Edit(
                 "phyagentos.runtime.perception.contents",
@@ -125,7 +125,7 @@ MUTANTS = (
     ),
     Mutant(
         name="edges_hold_what_they_do_not",
-        claim="A item whose middle may be past an edge, by what the measurement may be off, surely stands.",
+        claim="An object whose middle may be past an edge, by what the measurement may be off, surely stands.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
@@ -149,7 +149,7 @@ MUTANTS = (
     ),
     Mutant(
         name="a_doubtful_pose_shows_a_turn",
-        claim="A item has turned by what its pose differs from one of several that had fitted as well.",
+        claim="An object has turned by what its pose differs from one of several that had fitted as well.",
         edits=(
             Edit(
                 "phyagentos.protocol.predicates.builtins",
