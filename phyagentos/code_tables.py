@@ -43,7 +43,7 @@ WRITE_FAILED        The disk took or confirmed no record, file or latch; nothing
     ("preflight", "author", "edited"): """
 ACTION_SPACE_MISMATCH No bridge leads from a source's form, joints, chunk, rate or range to the target's.
 CONTRACT_MISMATCH     runtime_contract.yaml expects another period, step, rate or mode than the target has.
-LIMIT_INVALID         A limit of safety.yaml is empty, too narrow, wider than the target's, or unenforceable.
+LIMIT_INVALID         A limit of safety.yaml is too narrow, wider than the target's, or unenforceable.
 NOT_OBSERVED          An argument, condition, fan-out or scene needs what no observation has shown.
 NOT_OFFERED           Target or runtime do not offer an observation, action, operation or kind of skill.
 NOT_SECURED           A target or client has no safe key, token, TLS or certificate, or others can use the sockets.

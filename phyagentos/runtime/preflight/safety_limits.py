@@ -158,16 +158,11 @@ def _iter_length_problems(limits: TargetLimits, profile: TargetProfile) -> Itera
 
 
 def _iter_range_problems(profile: TargetProfile, low: Array, high: Array) -> Iterator[Problem]:
-    for index, joint in enumerate(profile.arm.joints):
-        if low[index] >= high[index]:
-            address = f"{_place(profile, 'joint_position_min')}[{index}]"
-            found = f"{joint} from {low[index]:g} to {high[index]:g} rad"
-            yield make_problem("LIMIT_INVALID", address, found, "the least below the greatest", kind="empty")
     home = profile.arm.home_rad
     outside = [
         joint
         for index, joint in enumerate(profile.arm.joints)
-        if index < len(home) and low[index] < high[index] and not low[index] <= home[index] <= high[index]
+        if index < len(home) and not low[index] <= home[index] <= high[index]
     ]
     if outside:
         found = f"{', '.join(outside)} stands outside in the home posture"
