@@ -150,7 +150,7 @@ def test_a_setting_of_the_verifier_acts_on_the_path_of_benchmarks(setting, pursu
 def test_memory_is_left_alone_or_read_or_grows(pursue, tmp_path):
     memory = Memory(tmp_path / "memory", clock=CLOCK, by="another workspace")
     body = Embodiment(kind="slide", grip_width_m=0.1, grip_force_n=0.0, control_period_s=0.02)
-    case = {"thing": "mark", "place": "mark", "scene": "counter", "skill": "advance", "target": "counter", "body": body}
+    case = {"item": "mark", "place": "mark", "scene": "counter", "skill": "advance", "target": "counter", "body": body}
     failed = make_episode(ok=False, **case)
     memory.record([failed, make_episode(parent=failed, strategy=SLOW, skill="advance")])
 
