@@ -17,6 +17,7 @@ export OPENBLAS_NUM_THREADS := 1
 
 FAST  := fast
 BOTH  := -n 2 --dist worksteal
+MORE  := -n 3 --dist worksteal
 BY_PLANE := -n 2 --dist loadgroup
 OTHERS := peers gymnasium crafter scienceworld kit openpi libero lerobot planners
 ROS2   := ros2 ros2_jazzy
@@ -81,7 +82,7 @@ test-alone: $(STAMP)
 
 test-quick: $(STAMP)
 	@echo "test: fast, motion and simulation; beside them the journeys, grouped by the planes that they share"
-	@$(BIN)/pytest -q $(BOTH) -m "not journey and not alone"
+	@$(BIN)/pytest -q $(MORE) -m "not journey and not alone"
 
 test-journeys: $(STAMP)
 	@left=$$(mktemp -d); { \
