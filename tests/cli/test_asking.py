@@ -119,7 +119,7 @@ def test_questions_end_with_code_2_and_their_candidates_and_can_be_answered(paos
     ("request_", "kind", "words"),
     [
         ("make coffee", "word", "coffee"),
-        ("lift the red cube by 10 cm", "capability", "10 cm"),
+        ("lift the red cube by 10 cm", "measure", "10 cm"),
         ("open the bottle", "rigid", "open(bottle)"),
     ],
 )

@@ -233,7 +233,7 @@ class Clauses(Keeping):
             return self._read_only(meant)
         past = self.vocabulary.past[-1].accept
         if meant.data == "things" and (either := self._find_either(meant)) and not self._find_fixed(meant):
-            chosen = self.ask(QuestionKind.WHICH, meant, either)
+            chosen = either if len(either) == 1 else self.ask(QuestionKind.WHICH, meant, either)
             if not chosen or not self.get(chosen[0]).movable:
                 return [self._relate(name, place) for place in chosen for name in self._put(Named(names=tuple(before)))]
         if meant.data == "things" and (place := self._find_fixed(meant)):
@@ -248,7 +248,7 @@ class Clauses(Keeping):
         return [rename(text, dict(zip(before, names, strict=True))) for text in past]
 
     def _find_either(self, objects: Node) -> list[str]:
-        """An object and a place that `no, the blue one` may mean; empty where it can mean one kind alone."""
+        """An object and a place that `no, the blue one` may mean, or a place alone; empty where it is an object."""
         plains = list(objects.find_data("plain"))
         if len(plains) != 1 or self._read_head(plains[0])[0]:
             return []
@@ -257,7 +257,17 @@ class Clauses(Keeping):
             for head in (self.heads.get(Slot.MOVED, ""), self.heads.get(Slot.PLACE, ""))
         )
         past = self.list_past(is_place=True)
-        return [*moved, *places] if moved and places and {*moved}.isdisjoint(places) and not {*past} & {*places} else []
+        is_open = bool(moved and places) or (bool(past) and len(places) == 1)
+        return [*moved, *places] if is_open and {*moved, *past}.isdisjoint(places) else []
+
+    def _read_turned(self, clause: Node) -> Step:
+        """`the other way around`, of one goal about two objects."""
+        past = self.vocabulary.past[-1].accept if self.vocabulary.past else ()
+        pairs = [find_entities(text) for text in past]
+        if [len(pair) for pair in pairs] != [2]:
+            return self.lack(RequestProblemKind.PAST, clause)
+        ((one, other),) = pairs
+        return [rename(past[0], {one: other, other: one})]
 
     def _find_fixed(self, objects: Node) -> str:
         """The place that a phrase names, as `the blue tray`; empty where it is about objects that can be moved."""
