@@ -62,9 +62,6 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
         case "ask_count", [plain, *dest]:
             some = said.list_alike(plain)
             statements = said.list_placed(some, dest[0]) if dest else dict.fromkeys(some, "")
-        case "ask_distance", _:
-            *names, other = said.resolve(question, Slot.ANY).names or ("",)
-            statements = {name: f"near({name}, {other})" for name in names}
         case "ask_compare", [plain, *_] if plain.data == "plain":
             said.heads[Slot.MOVED] = said.find_head(plain)
             return read_inquiry(said, Node(question.data, [*parts[1:]]))
@@ -79,7 +76,7 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
                 said.lack(RequestProblemKind.SENTENCE, question)
         case "ask_named", [*nouns, last]:
             statements = dict.fromkeys(said.list_most(nouns, last), "")
-        case (("ask_parts" | "ask_which_of" | "ask_same" | "ask_states" | "ask_nearer"), _):
+        case (("ask_distance" | "ask_parts" | "ask_which_of" | "ask_same" | "ask_states" | "ask_nearer"), _):
             kind, statements = _read_parts(said, question, parts)
         case _, [objects]:
             statements = dict.fromkeys(said.resolve(objects, Slot.ANY).names, "")
@@ -102,6 +99,9 @@ def _read_parts(said: Clauses, question: Node, parts: Sequence[Node]) -> tuple[I
             statements = _say_state(
                 said, [name for noun in nouns for name in said.resolve_one(noun, slot).names], state
             )
+        case "ask_distance", _:
+            *names, other = said.resolve(question, Slot.ANY).names or ("",)
+            statements = {name: f"near({name}, {other})" for name in names}
         case "ask_states", [objects, *states]:
             for state in states:
                 slot = Slot(read_lexicon()["meanings"][state.data]["slot"])
@@ -109,11 +109,11 @@ def _read_parts(said: Clauses, question: Node, parts: Sequence[Node]) -> tuple[I
                 statements |= {f"{name} {said.quote(state)}": text for name, text in texts.items()}
         case "ask_nearer", [noun, *others]:
             kind = InquiryKind.FARTHER if has_token(question, "far_from") else kind
-            names = said.resolve_one(noun, Slot.ANY).names
+            names = [*said.resolve_one(noun, Slot.ANY).names]
             places = [name for other in others for name in said.resolve_one(other, Slot.ANY).names]
             statements = {place: f"near({name}, {place})" for name in names for place in places}
-            if len(names) > 1:
-                said.lack(RequestProblemKind.SENTENCE, noun)
+            if not said.questions and (len(names) != 1 or len(statements) < 2 or names[0] in places):
+                said.lack(RequestProblemKind.SENTENCE, question)
         case "ask_same", [objects]:
             bodies = [said.get(name) for name in said.resolve(objects, Slot.ANY).names]
             most = list_most(bodies, "large", 1.0, None)
