@@ -112,7 +112,7 @@ def _read_parts(said: Clauses, question: Node, parts: Sequence[Node]) -> tuple[I
             names = [*said.resolve_one(noun, Slot.ANY).names]
             places = [name for other in others for name in said.resolve_one(other, Slot.ANY).names]
             statements = {place: f"near({name}, {place})" for name in names for place in places}
-            if not said.questions and (len(names) != 1 or len(statements) < 2 or names[0] in places):
+            if not said.questions and (len(names) != 1 or len(statements) < 2 or names[0] in places or said.chosen):
                 said.lack(RequestProblemKind.SENTENCE, question)
         case "ask_same", [objects]:
             bodies = [said.get(name) for name in said.resolve(objects, Slot.ANY).names]
