@@ -21,7 +21,7 @@ _LEAD = (
 _MODAL = "could|can|would|will"  # `should you drop it` is a condition
 _SOFT = (
     rf"{_MODAL}|to|please|kindly|maybe|perhaps|possibly|just|quickly|now|also|to|go ahead and|go and|be able to|"
-    "manage to|try to|try and|be so kind as to|be a dear and|help me|help me to|help us|mind"
+    "manage to|at least|try to|try and|be so kind as to|be a dear and|help me|help me to|help us|mind"
 )
 _COURTESY = re.compile(
     rf"(^|[,;] )(?:(?:{_LEAD}|,) )*?"

@@ -22,6 +22,7 @@ _REACH_M = (0.3, 0.7)  # from the mount, as shipped arms have it; plans find out
 GAP_M = 0.04  # between two objects that are put side by side
 BESIDE_M = 0.15  # between the middles of objects that are next to each other
 _ORDERS_MAX = 6  # to choose from
+_TALL = 1.2  # height to width
 _APART_M, _ALIKE = 0.01, 0.05  # places, and shares of a size, that are taken for equal
 _SIZES: Mapping[str, Callable[[SceneObject], float]] = {
     "large": lambda body: math.prod(body.half_m),
@@ -182,6 +183,11 @@ def is_within(body: SceneObject, place: SceneObject) -> bool:
     """Whether the middle of an object is in a region."""
     at_m, center_m = body.at_m or (math.inf,) * 3, place.at_m or (0.0, 0.0, 0.0)
     return all(abs(at - center) <= half for at, center, half in zip(at_m, center_m, place.half_m, strict=True))
+
+
+def is_tall(body: SceneObject) -> bool:
+    """Whether a body is clearly higher than wide, so that lying is another posture than standing."""
+    return body.half_m[2] > _TALL * max(body.half_m[:2])
 
 
 def _is_under(body: SceneObject, owner: SceneObject) -> bool:

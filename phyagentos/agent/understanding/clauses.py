@@ -11,7 +11,7 @@ from itertools import pairwise
 
 from lark import Tree
 
-from phyagentos.agent.understanding.bearings import is_within, list_by_size
+from phyagentos.agent.understanding.bearings import is_tall, is_within
 from phyagentos.agent.understanding.discourse import Named, Slot
 from phyagentos.agent.understanding.keeping import ACTS, Keeping
 from phyagentos.agent.understanding.phrases import Node, find_child, find_side, get_type, has_token, list_children
@@ -61,17 +61,19 @@ class Clauses(Keeping):
             if not self.list_alike(list_children(case)[-1], Slot.ANY):
                 self.lack(RequestProblemKind.UNMET, case)
             return
-        texts = self._read_texts(case)
+        texts, is_untrue = self._read_texts(case), has_token(case, "untrue")
         self.moved, self.placed, self.unmet = [], (), ""
         if not texts:  # nothing that could be looked at
             self.lack(RequestProblemKind.CONDITION, f"if {self.quote(case)}")
-        for text in texts:
-            is_false, *are_opposites = (
-                self.vocabulary.is_known(each, is_true=False) for each in (text, *list_flipped(text))
-            )
-            if is_false and not (are_opposites and all(are_opposites)):  # a drawer may be neither open nor closed
+        for (
+            text
+        ) in texts:  # a drawer may be neither open nor closed: it is not what `closed` says, and no more is known
+            known, flipped = self.vocabulary.is_known, list_flipped(text)
+            is_ajar = bool(flipped) and all(known(each, is_true=False) for each in (text, *flipped))
+            is_undecided = is_ajar and (is_untrue or not says(text, Meaning.CLOSED))
+            if not is_undecided and known(text, is_true=is_untrue):
                 self.lack(RequestProblemKind.UNMET, case)
-            elif not self.vocabulary.is_known(text, is_true=True):
+            elif is_undecided or not known(text, is_true=not is_untrue):
                 self.lack(RequestProblemKind.CONDITION, f"if {self.quote(case)}")
         self.reasons.append(f"{self.quote(case)}: so it is as the scene begins")
 
@@ -183,6 +185,9 @@ class Clauses(Keeping):
             read: Callable[..., Step] = getattr(self, f"_read_{clause.data}")
             steps = [read(clause, *list_children(clause))]
         self._said += [text for step in steps for text in step]
+        lying = any(get_type(each) == "put" and str(each).startswith("lay") for each in clause.children)
+        if lying and any(is_tall(self.get(name)) for name in self.placed):  # `lay the bottle down`: another posture
+            self.lack(RequestProblemKind.CAPABILITY, clause)
         if self.unmet:  # `only`, `exactly` and `of its colour` are understood of what is put somewhere
             self.lack(RequestProblemKind.SENTENCE, self.unmet)
         return steps
@@ -228,7 +233,7 @@ class Clauses(Keeping):
             return self._read_only(meant)
         past = self.vocabulary.past[-1].accept
         if meant.data == "things" and (either := self._find_either(meant)) and not self._find_fixed(meant):
-            chosen = self.ask(QuestionKind.WHICH, meant, either)
+            chosen = either if len(either) == 1 else self.ask(QuestionKind.WHICH, meant, either)
             if not chosen or not self.get(chosen[0]).movable:
                 return [self._relate(name, place) for place in chosen for name in self._put(Named(names=tuple(before)))]
         if meant.data == "things" and (place := self._find_fixed(meant)):
@@ -243,7 +248,7 @@ class Clauses(Keeping):
         return [rename(text, dict(zip(before, names, strict=True))) for text in past]
 
     def _find_either(self, objects: Node) -> list[str]:
-        """An object and a place that `no, the blue one` may mean; empty where it can mean one kind alone."""
+        """An object and a place that `no, the blue one` may mean, or a place alone; empty where it is an object."""
         plains = list(objects.find_data("plain"))
         if len(plains) != 1 or self._read_head(plains[0])[0]:
             return []
@@ -252,7 +257,17 @@ class Clauses(Keeping):
             for head in (self.heads.get(Slot.MOVED, ""), self.heads.get(Slot.PLACE, ""))
         )
         past = self.list_past(is_place=True)
-        return [*moved, *places] if moved and places and {*moved}.isdisjoint(places) and not {*past} & {*places} else []
+        is_open = bool(moved and places) or (bool(past) and len(places) == 1)
+        return [*moved, *places] if is_open and {*moved, *past}.isdisjoint(places) else []
+
+    def _read_turned(self, clause: Node) -> Step:
+        """`the other way around`, of one goal about two objects."""
+        past = self.vocabulary.past[-1].accept if self.vocabulary.past else ()
+        pairs = [find_entities(text) for text in past]
+        if [len(pair) for pair in pairs] != [2]:
+            return self.lack(RequestProblemKind.PAST, clause)
+        ((one, other),) = pairs
+        return [rename(past[0], {one: other, other: one})]
 
     def _find_fixed(self, objects: Node) -> str:
         """The place that a phrase names, as `the blue tray`; empty where it is about objects that can be moved."""
@@ -317,6 +332,16 @@ class Clauses(Keeping):
         if self._verb not in ACTS:
             return self.lack(RequestProblemKind.SENTENCE, clause)
         return self._say(self._verb, objects)
+
+    def _read_same_at(self, clause: Node, objects: Node, dest: Node) -> Step:
+        """`the same for the green one, but in the blue tray`."""
+        before = self.list_past()
+        if not self.list_past(is_place=True):
+            return self.lack(RequestProblemKind.PAST, clause)
+        self.again = True
+        names, places = self._put(Named(names=self._resolve_after(before, objects))), self._find_places(dest)
+        found = ((name, self._find_place(name, dest, places)) for name in names)
+        return [self._locate(name, dest, place) for name, place in found if place]
 
     # doing other objects
 
@@ -396,18 +421,6 @@ class Clauses(Keeping):
         self.placed = tuple(names[-1:])
         steps = pairwise([*on, *names]) if len(named) == len(names) else ()
         return [self._relate(upper, lower) for lower, upper in steps]
-
-    def _read_heap(self, clause: Node, objects: Node, *base: Node) -> Step:
-        """A tower in the order of sizes; a question where no order is said, or where two are alike."""
-        names = self.resolve(objects, Slot.MOVED).names
-        on = self.resolve_one(base[0], Slot.PLACE).names if base else ()
-        rises, sinks = has_token(clause, "largest_first"), has_token(clause, "smallest_first")
-        orders = list_by_size([self.get(name) for name in names]) if rises or sinks else []
-        said = {
-            f"from below: {', '.join(order)}": order for order in (order[:: 1 if rises else -1] for order in orders)
-        }
-        chosen = [*said] if len(said) == 1 else self.ask(QuestionKind.ORDER, clause, said)
-        return [self._relate(upper, lower) for each in chosen for lower, upper in pairwise([*on, *said[each]])]
 
     def _read_pose(self, clause: Node) -> Step:
         posture = next(str(token) for token in clause.children if get_type(token) == "posture")

@@ -99,7 +99,13 @@ def _interpret(
         inquiry = read_inquiry(said, root)
         return said.conclude() or inquiry
     plan = said.read_plan(root)
-    is_next = has_token(tree, "then")  # `and then close it` goes on from the last goal, and so does `now close it`
+    undone = (
+        {each for step in plan for text in step for each in list_flipped(text)}
+        if any(root.find_data("once_more"))
+        else set[str]()
+    )
+    # `and then close it` goes on from the last goal, and so do `now close it` and `close it again`
+    is_next = has_token(tree, "then") or any(not undone.isdisjoint(past.accept) for past in vocabulary.past[-1:])
     latest = vocabulary.past[-1:] if is_next or (read.goes_on and not said.again) else ()
     earlier = [step for past in latest for step in (*past.steps, past.accept)]
     steps, accept = finish([*earlier, *plan])

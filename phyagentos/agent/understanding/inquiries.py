@@ -4,7 +4,7 @@ Upstream: a reading. Downstream: `paos ask`. An answer is what the predicates of
 what they leave unknown is answered as unknown, and never guessed.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import msgspec
 
@@ -38,6 +38,8 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
     """What a question is about; what it leaves open, or names without being here, is noted in `said`."""
     kind, statements = _KINDS[question.data], dict[str, str]()
     parts = [part for part in list_children(question) if part.data != "be"]
+    if any(has_token(dest, "nearer_to") for dest in question.find_data("beside")):  # than what?
+        said.lack(RequestProblemKind.SENTENCE, question)
     match str(question.data), parts:
         case "ask_state", [objects, state]:
             slot = Slot(read_lexicon()["meanings"][state.data]["slot"])
@@ -60,9 +62,6 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
         case "ask_count", [plain, *dest]:
             some = said.list_alike(plain)
             statements = said.list_placed(some, dest[0]) if dest else dict.fromkeys(some, "")
-        case "ask_distance", _:
-            *names, other = said.resolve(question, Slot.ANY).names or ("",)
-            statements = {name: f"near({name}, {other})" for name in names}
         case "ask_compare", [plain, *_] if plain.data == "plain":
             said.heads[Slot.MOVED] = said.find_head(plain)
             return read_inquiry(said, Node(question.data, [*parts[1:]]))
@@ -77,7 +76,7 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
                 said.lack(RequestProblemKind.SENTENCE, question)
         case "ask_named", [*nouns, last]:
             statements = dict.fromkeys(said.list_most(nouns, last), "")
-        case (("ask_parts" | "ask_which_of" | "ask_same"), _):
+        case (("ask_distance" | "ask_parts" | "ask_which_of" | "ask_same" | "ask_states" | "ask_nearer"), _):
             kind, statements = _read_parts(said, question, parts)
         case _, [objects]:
             statements = dict.fromkeys(said.resolve(objects, Slot.ANY).names, "")
@@ -87,7 +86,7 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
 
 
 def _read_parts(said: Clauses, question: Node, parts: Sequence[Node]) -> tuple[InquiryKind, dict[str, str]]:
-    """How many parts something has, which of two is in a state, whether objects are of one size."""
+    """How many parts something has, which of two is in a state or nearer, in which of two states, whether alike."""
     kind, statements = _KINDS[question.data], dict[str, str]()
     match str(question.data), parts:
         case "ask_parts", [plain, owner]:
@@ -100,6 +99,21 @@ def _read_parts(said: Clauses, question: Node, parts: Sequence[Node]) -> tuple[I
             statements = _say_state(
                 said, [name for noun in nouns for name in said.resolve_one(noun, slot).names], state
             )
+        case "ask_distance", _:
+            *names, other = said.resolve(question, Slot.ANY).names or ("",)
+            statements = {name: f"near({name}, {other})" for name in names}
+        case "ask_states", [objects, *states]:
+            for state in states:
+                slot = Slot(read_lexicon()["meanings"][state.data]["slot"])
+                texts = _say_state(said, said.resolve(objects, slot).names, state)
+                statements |= {f"{name} {said.quote(state)}": text for name, text in texts.items()}
+        case "ask_nearer", [noun, *others]:
+            kind = InquiryKind.FARTHER if has_token(question, "far_from") else kind
+            names = [*said.resolve_one(noun, Slot.ANY).names]
+            places = [name for other in others for name in said.resolve_one(other, Slot.ANY).names]
+            statements = {place: f"near({name}, {place})" for name in names for place in places}
+            if not said.questions and (len(names) != 1 or len(statements) < 2 or names[0] in places or said.chosen):
+                said.lack(RequestProblemKind.SENTENCE, question)
         case "ask_same", [objects]:
             bodies = [said.get(name) for name in said.resolve(objects, Slot.ANY).names]
             most = list_most(bodies, "large", 1.0, None)
@@ -175,6 +189,8 @@ _KINDS = {
     "ask_count": InquiryKind.COUNT,
     "ask_parts": InquiryKind.COUNT,
     "ask_which_of": InquiryKind.WHICH,
+    "ask_states": InquiryKind.WHICH,
+    "ask_nearer": InquiryKind.NEARER,
     "ask_distance": InquiryKind.DISTANCE,
     "ask_colour": InquiryKind.COLOUR,
     "ask_why": InquiryKind.WHY,
@@ -202,6 +218,8 @@ def answer(inquiry: Inquiry, world: Environment) -> Answer:
             return Answer(answer=f"partly: {worst.because}" if is_partly else _WORDS[worst.truth], evidence=evidence)
         case InquiryKind.CONTENTS:
             return Answer(answer="; ".join(_count(name, each) for name, each in found.items()), evidence=evidence)
+        case InquiryKind.NEARER | InquiryKind.FARTHER:
+            return Answer(answer=_choose(found, is_farther=inquiry.kind is InquiryKind.FARTHER), evidence=evidence)
         case InquiryKind.DISTANCE:
             apart = {
                 name: format_length(float(each.measured["distance_m"])) for name, each in found.items() if each.measured
@@ -225,6 +243,22 @@ def answer(inquiry: Inquiry, world: Environment) -> Answer:
     listed = "; ".join(filter(None, parts))
     is_count = inquiry.kind is InquiryKind.COUNT
     return Answer(answer=f"{len(true)}: {listed}" if is_count else listed, evidence=evidence)
+
+
+def _choose(found: Mapping[str, Evaluation], *, is_farther: bool) -> str:
+    """The nearest, or the farthest, with how far each is away; unknown where one distance is."""
+    apart = {name: float(each.measured["distance_m"]) for name, each in found.items() if each.measured}
+    if len(apart) < len(found):
+        return _WORDS[Truth.UNKNOWN]
+    one, *others = sorted(apart, key=apart.__getitem__, reverse=is_farther)
+    written = {name: format_length(apart[name]) for name in (one, *others)}
+    is_alike = written[one] == written[others[0]]
+    return "; ".join(
+        (
+            f"{'equally far' if is_alike else one}: {one} is {written[one]} away",
+            *(f"{each} is {written[each]} away" for each in others),
+        )
+    )
 
 
 def _says_count(text: str) -> bool:

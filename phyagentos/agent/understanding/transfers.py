@@ -5,8 +5,9 @@ Upstream: noun phrases and destinations. Downstream: the clauses. One method a r
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise, permutations
 
-from phyagentos.agent.understanding.bearings import SIDES, find_beside, find_between, find_row, shift
+from phyagentos.agent.understanding.bearings import SIDES, find_beside, find_between, find_row, list_by_size, shift
 from phyagentos.agent.understanding.destinations import Destinations
 from phyagentos.agent.understanding.discourse import Named, Slot
 from phyagentos.agent.understanding.phrases import (
@@ -25,6 +26,7 @@ from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.predicate import find_entities
 
 _STEPS_M = {"5 cm": 0.05, "10 cm": 0.1, "20 cm": 0.2}  # to choose from, where no measure is said
+_HEAP_MAX = 5  # objects of a tower whose orders are listed to choose from
 SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
 
 
@@ -147,6 +149,25 @@ class Transfers(Destinations):
             return () if self.questions or self.lacks else self.lack(RequestProblemKind.CAPABILITY, clause)
         self.reasons.append(f"{self.quote(clause)}: from {bodies[0].name} on to the freest side, as any row will do")
         return [self._stand_at(each.name, point_m) for each, point_m in zip(bodies, points, strict=True)]
+
+    def _read_heap(self, clause: Node, objects: Node, *more: Node) -> Step:
+        """A tower in the order of sizes, or with some at its ends; a question where that leaves several orders."""
+        names = self.resolve(objects, Slot.MOVED).names
+        levels, base = [each for each in more if each.data == "level"], [each for each in more if each.data != "level"]
+        on = self.resolve_one(base[0], Slot.PLACE).names if base else ()
+        rises, sinks = has_token(clause, "largest_first"), has_token(clause, "smallest_first")
+        orders = list_by_size([self.get(name) for name in names]) if rises or sinks else []
+        orders = [order[:: 1 if rises else -1] for order in orders]
+        if levels and len(names) <= _HEAP_MAX:
+            orders = [list(order) for order in permutations(names)]
+        for level in levels:
+            end = self.resolve_one(list_children(level)[0], Slot.MOVED).names
+            if not end or not {*end} <= {*names}:
+                return self.lack(RequestProblemKind.SENTENCE, level) if end and names else ()
+            orders = [order for order in orders if order[-1 if has_token(level, "side_top") else 0] == end[0]]
+        said = {f"from below: {', '.join(order)}": order for order in orders}
+        chosen = [*said] if len(said) == 1 else self.ask(QuestionKind.ORDER, clause, said)
+        return [self._relate(upper, lower) for each in chosen for lower, upper in pairwise([*on, *said[each]])]
 
     def find_laden(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
         """`the coaster with the coin on it`: what it carries stays on it."""
