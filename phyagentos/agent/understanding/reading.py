@@ -31,6 +31,7 @@ _WORD = re.compile(r"[a-z][a-z'-]*|\d+(?:\.\d+)?|[^\s\w]")
 _GOES_ON = re.compile(
     r"^(?:(?:and|oh|ok|okay|right|great|good|then|could you|can you|please|,) )*"
     r"(?:now|next|also|additionally|in addition|besides)\b"
+    r"|^(?:(?:oh|ok|okay|right|great|good|,) )*and\b(?! then\b)"
     r"|\b(?:too|as well)\s*[,;.!?]*$"
 )
 _CONDITION = re.compile(r"\b(if|unless|whenever|when|in case)\b[^,;]*")
