@@ -3,7 +3,7 @@
 import os
 import threading
 from collections import defaultdict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.protocol.documents.regular_files import read_regular
@@ -43,14 +43,12 @@ class Version:
         beats: Latest write of a heartbeat, or of the trace of a session that runs [ns].
         files: Latest change of the other documents [ns].
         stage: How far a run has begun: see `Documents.list_stages`.
-        pulse: Latest write of a heartbeat, read more often than the rest [ns].
     """
 
     journal: int = 0
     beats: int = 0
     files: int = 0
     stage: int = 0
-    pulse: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,22 +85,12 @@ class Documents:
                 if record.side == Side.OPERATOR:
                     self.requests.append(record)
             running = [self.workspace.evidence_of(id) / TRACE for id in self.list_running()]
-            pulse, traces = self._find_pulse(), find_latest(running)
+            beats = [*self.workspace.heartbeats.glob("*.json"), *running]
             files = [self.workspace.root / name for name in _WATCHED]
             files += map(self.workspace.answers_of, self.ledger.goals)
             newest = find_latest([*files, *self.workspace.logs.glob("*.log")])
-            stage = sum(self.list_stages().values())
-            self.version = Version(self.ledger.seq, max(pulse, traces), newest, stage, pulse)
+            self.version = Version(self.ledger.seq, find_latest(beats), newest, sum(self.list_stages().values()))
             return self.version
-
-    def feel_pulse(self) -> Version:
-        """Look at the heartbeats alone."""
-        with self._lock:
-            self.version = replace(self.version, pulse=self._find_pulse())
-            return self.version
-
-    def _find_pulse(self) -> int:
-        return find_latest([*self.workspace.heartbeats.glob("*.json")])
 
     def is_running(self) -> bool:
         """Whether a runtime serves the workspace."""

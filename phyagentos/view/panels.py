@@ -336,14 +336,14 @@ def _read_questions(documents: Documents, _: Query, __: Session) -> Fields:
     return {"questions": list(zip(waiting, numbers, pictures, strict=True))}
 
 
-_JOURNAL, _BEATS, _FILES, _STAGE, _PULSE = "journal", "beats", "files", "stage", "pulse"
+_JOURNAL, _BEATS, _FILES, _STAGE = "journal", "beats", "files", "stage"
 _OWN = ("session",)
 _LIVE = (_JOURNAL, _BEATS)
 PANELS = (
     Panel(name="headline", title="Run", file="TASK.md", command="paos graph -w {w}", read=_read_headline,
           follows=(_JOURNAL, _BEATS, _FILES, _STAGE), place=Place.TOP),
     Panel(name="runtime", title="Now", file="heartbeats/", command="paos status -w {w}", read=_read_runtime,
-          follows=(_JOURNAL, _PULSE, _FILES, _STAGE), place=Place.TOP),
+          follows=(_JOURNAL, _BEATS, _FILES, _STAGE), place=Place.TOP),
     Panel(name="questions", title="Questions to you", file="evidence/{id}/", command="paos answer {id} yes -w {w}",
           read=_read_questions, follows=(_JOURNAL, _BEATS, _FILES), place=Place.TOP, empty="questions"),
     Panel(name="timeline", title="Timeline", file="sessions/", command="paos graph -w {w}", read=_read_timeline,

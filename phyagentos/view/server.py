@@ -1,7 +1,6 @@
 """The server of the page: pages, panels as they change, files of the evidence, actions where they are allowed."""
 
 import asyncio
-import itertools
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -23,8 +22,7 @@ from phyagentos.view.film import add_film
 from phyagentos.view.pages import PanelRenderer, render
 from phyagentos.view.panels import PANELS, Place, Query
 
-PULSE_S = 0.1  # between two looks at the heartbeats, which are written no more often
-PULSES = 4  # of these looks, one is at all documents
+LOOK_PERIOD_S = 0.4  # between two looks at the documents
 SILENCE_S = 10.0  # after so long a stream says that it lives
 _STATIC = Path(__file__).with_name("static")
 FORM_MAX = 1 << 20  # bytes of what a form sends
@@ -69,17 +67,15 @@ class Watcher:
             self._waiting -= 1
 
     async def _run(self) -> None:
-        for count in itertools.count():
-            if not self._waiting:
-                return
-            version, look = self.version, self._documents.feel_pulse if count % PULSES else self._documents.refresh
+        while self._waiting:
+            version = self.version
             with suppress(ExecutionError, OSError):  # the page itself says what is wrong
-                version = await asyncio.to_thread(look)
+                version = await asyncio.to_thread(self._documents.refresh)
             if version != self.version or self.ends.is_set():
                 async with self._changed:
                     self.version = version
                     self._changed.notify_all()
-            await asyncio.sleep(PULSE_S)
+            await asyncio.sleep(LOOK_PERIOD_S)
 
 
 class PanelFeed:

@@ -3,14 +3,12 @@
 import html
 import json
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.protocol.sessions.estop import is_latched
-from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.workspace.array_files import encode_arrays
 from phyagentos.protocol.world.truth import Truth
@@ -223,16 +221,6 @@ def test_a_panel_of_one_session_is_drawn_anew_with_the_records_of_that_alone(doc
     desk.execute(first)
     documents.refresh()
     assert renderer.render(panel, Query(session=first)) != before
-
-
-def test_a_heartbeat_renews_what_runs_now_between_two_looks_at_all_documents(documents):
-    renderer = PanelRenderer(documents, lambda: {"actions": False, "live": True})
-    panels = {each.name: each for each in PANELS if each.name in {"runtime", "tree", "timeline"}}
-    before = {name: renderer.render(each, Query()) for name, each in panels.items()}
-    write_heartbeat(documents.workspace.heartbeats, Heartbeat(target="panda", pid=1))
-    was, version = documents.version, documents.feel_pulse()
-    assert version == replace(was, pulse=version.pulse) != was
-    assert [name for name, each in panels.items() if renderer.render(each, Query()) is not before[name]] == ["runtime"]
 
 
 def test_the_stream_sends_each_panel_at_first(open_page):
