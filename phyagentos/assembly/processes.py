@@ -208,12 +208,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     except (DefinitionError, ExecutionError) as error:
         sys.stderr.write(f"{error}\n")  # now: the frames above hold connections, at whose end the supervisor kills
         sys.exit(os.EX_SOFTWARE)
-    except OSError as error:
+    except Exception as error:
         place = find_full_disk(error)
         sys.stderr.write(f"{place}: no room is left on its disk\n" if place else traceback.format_exc())
-        sys.exit(os.EX_SOFTWARE)
-    except Exception:
-        traceback.print_exc()
         sys.exit(os.EX_SOFTWARE)
 
 

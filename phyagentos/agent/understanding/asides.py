@@ -49,7 +49,7 @@ _MANNER = (
     r"\b(?:by|using|with|at) (?:its|the|their) (?:\w+ )?(?:handle|knob|grip)s?\b(?=\s*(?:[,;]|$))(?<!\bopen the handle)"
     r"|\b(?:side by side|next to each other|in a (?:neat )?row) (?=in\b|into\b|on\b|onto\b)"
 )
-_GOES_ON = re.compile(r"\b(?:and|but|then|or)\b(?! (?:i|we|my|our|he|she|they|it is|there)\b)")
+_NEXT_PART = re.compile(r"\b(?:and|but|then|or)\b(?! (?:i|we|my|our|he|she|they|it is|there)\b)")
 _FOR = re.compile(
     r"(?<!look )(?<!search )(?<!same )\bfor (?:(?!and\b|with\b|in\b|into\b|on\b|onto\b|to\b)[a-z'-]+ ?){1,5}"
     r"(?=\s*(?:[,;]|$)|and\b)"
@@ -78,7 +78,7 @@ def drop_asides(text: str, known: Set[str], scene: Set[str]) -> tuple[str, tuple
         return " "
 
     for pattern in _REASONS:
-        text = re.sub(pattern, partial(drop, is_idle=lambda said: not _GOES_ON.search(said)), text)
+        text = re.sub(pattern, partial(drop, is_idle=lambda said: not _NEXT_PART.search(said)), text)
     text = re.sub(
         r"\bbefore (?:[a-z'-]+ ?){1,4}(?=\s*(?:[,;]|$))",
         partial(drop, is_idle=lambda said: _is_idle(said.removeprefix("before "), known, scene)),

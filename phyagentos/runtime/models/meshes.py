@@ -63,13 +63,16 @@ def _find_damage(file: Path) -> tuple[str, str] | None:
     """Why a file holds no mesh, and what to do: a pointer of Git LFS in its place, nothing, or a torn binary STL."""
     with file.open("rb") as opened:
         head = opened.read(_HEAD)
-    size, count = file.stat().st_size, int.from_bytes(head[_HEAD - 4 :], "little")
+    size, is_text = file.stat().st_size, head.lstrip().startswith(b"solid")
     if head.startswith(b"version https://git-lfs"):
         return "which is a pointer of Git LFS, not the file", "Bring it: git lfs pull, in the folder of the model."
-    is_torn = (
-        file.suffix.lower() == ".stl" and not head.lstrip().startswith(b"solid") and size != _HEAD + count * _RECORD
-    )
+    is_torn = file.suffix.lower() == ".stl" and not is_text and not _is_whole(head, size)
     return ("which is torn", "Copy or download it anew.") if is_torn or not size else None
+
+
+def _is_whole(head: bytes, size: int) -> bool:
+    """Whether a file of so many bytes is as long as its head (84 bytes of a binary STL) says."""
+    return size == _HEAD + _RECORD * int.from_bytes(head[_HEAD - 4 :], "little")
 
 
 def _iter_places(name: str, folders: list[Path]) -> Iterator[tuple[Path, str]]:
@@ -133,8 +136,7 @@ def _read_collada(file: Path) -> Corners:
 
 def _read_text_stl(file: Path) -> Corners | None:
     data = file.read_bytes() if file.suffix.lower() == ".stl" else b""
-    count = int.from_bytes(data[_HEAD - 4 : _HEAD], "little")
-    if not data.lstrip().startswith(b"solid") or len(data) == _HEAD + count * _RECORD:
+    if not data.lstrip().startswith(b"solid") or _is_whole(data[:_HEAD], len(data)):
         return None
     try:
         corners = np.array(_VERTEX.findall(data), dtype=float).reshape(-1, 3)

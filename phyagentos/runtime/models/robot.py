@@ -7,6 +7,7 @@ Alternative rejected: `MjSpec.attach`, which needs a prefix on every name.
 import os
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -247,8 +248,10 @@ def read_model(path: Path, arguments: Mapping[str, str] = {}, replaced: Collecti
 def _name_all(spec: mujoco.MjSpec) -> None:
     """Name the bodies and joints of a MJCF that have no name, by which all else finds them."""
     for kind, elements in (("body", spec.bodies), ("joint", spec.joints)):
-        for index, element in enumerate(elements):
-            element.name = element.name or f"{kind}_{index}"
+        taken = {element.name for element in elements}
+        free = (name for index in count() if (name := f"{kind}_{index}") not in taken)
+        for element in elements:
+            element.name = element.name or next(free)
 
 
 def read_remarks(profile: TargetProfile, folder: Path) -> tuple[str, ...]:

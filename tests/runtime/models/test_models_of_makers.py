@@ -219,8 +219,8 @@ def test_what_mujoco_refuses_of_a_mjcf_is_said_in_words_of_this_project(tmp_path
 
 
 def test_bodies_and_joints_without_a_name_get_one(tmp_path):
-    body = "<body><joint/><geom size='0.1'/><body><joint/><geom size='0.1'/></body></body>"
+    body = "<body><joint/><geom size='0.1'/><body name='body_1'><joint name='joint_0'/><geom size='0.1'/></body></body>"
     (path := tmp_path / "m.xml").write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
     spec = read_model(path).spec
-    assert [each.name for each in spec.joints] == ["joint_0", "joint_1"]
-    assert all(each.name for each in spec.bodies)
+    assert [each.name for each in spec.joints] == ["joint_1", "joint_0"]
+    assert [each.name for each in spec.bodies] == ["world", "body_0", "body_1"]
