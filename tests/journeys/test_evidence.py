@@ -104,7 +104,8 @@ def copy(plane, calm, tmp_path):
 
     def leave_out(folder, names):
         others = [name for name in names if not name.startswith("calm-5.")] if Path(folder) == all_bundles else []
-        return {"sockets", "signals", *others}
+        being_written = [name for name in names if name.endswith(".tmp")]  # the planes are there
+        return {"sockets", "signals", *others, *being_written}
 
     return Workspace(shutil.copytree(plane.workspace.root, tmp_path / "copy", ignore=leave_out))
 
