@@ -157,7 +157,7 @@ def _is_plainly_sound(value: object) -> bool:
             return is_turn and all(map(_is_plainly_sound, msgspec.structs.astuple(value)))
         case dict():
             return not value
-    return value is None or isinstance(value, int)
+    return value is None or value is msgspec.UNSET or isinstance(value, int)
 
 
 def _find_unsound(reply: wire.Reply) -> str:
