@@ -6,8 +6,6 @@ from scipy.spatial.transform import Rotation
 
 from phyagentos import geometry as g
 
-pytestmark = pytest.mark.fast
-
 CORNERS = [*map(tuple, np.eye(4).tolist()), (0.5, 0.5, -0.5, 0.5)]
 DRAWN = np.random.default_rng(0).normal(size=(200, 4))
 TURNS = [*CORNERS, *map(tuple, (DRAWN / np.linalg.norm(DRAWN, axis=1, keepdims=True)).tolist())]

@@ -39,6 +39,7 @@ def test_no_file_is_longer_than_six_hundred_lines():
     assert not {name: n for name, n in lengths.items() if n > MAX_LINES}, "split them by concept"
 
 
+@pytest.mark.slow
 def test_files_that_demand_memory_are_read_in_bounds_alone():
     unbounded = {"from_binary_path", "load"}
     owners = {"MjModel", "mujoco.MjModel", "np", "numpy"}

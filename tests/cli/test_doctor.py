@@ -14,8 +14,6 @@ from phyagentos.operations.doctor import Grade, iter_findings
 from phyagentos.testing import ManualClock
 from tests.command_line import assert_refused
 
-pytestmark = pytest.mark.fast
-
 
 @pytest.mark.slow
 def test_this_machine_keeps_every_promise_and_nothing_is_left_behind(tmp_path, paos):

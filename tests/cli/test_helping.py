@@ -31,6 +31,7 @@ QUESTIONS = {  # page -> questions of readers
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", QUESTIONS)
 def test_each_question_finds_its_page_first_or_second(page, paos):
     for question in QUESTIONS[page]:

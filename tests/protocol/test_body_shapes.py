@@ -9,7 +9,6 @@ from phyagentos.geometry import compute_rotation, convert_euler
 from phyagentos.protocol.world.environment import ShapeKind
 from phyagentos.protocol.world.scenes import Body, read_scene
 
-pytestmark = pytest.mark.fast
 SCENE = """
 scene: {name}
 bodies:

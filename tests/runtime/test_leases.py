@@ -132,6 +132,7 @@ def test_a_worker_whose_lease_nobody_renews_brings_its_target_to_rest_and_says_w
     assert wire.Command not in kinds[kinds.index(wire.Halt) :]
 
 
+@pytest.mark.slow
 def test_a_worker_whose_lease_is_renewed_goes_on_until_it_is_asked_to_stop(employed):
     employed.start()
     for _ in range(5):

@@ -138,6 +138,7 @@ def test_it_is_markdown_that_a_person_and_any_yaml_reader_can_read(lane):
     assert "## The latest sessions that are over: 30\n" in text
 
 
+@pytest.mark.slow
 def test_every_flipped_byte_and_every_cut_of_a_checkpoint_makes_it_be_ignored(lane):
     path = lane / NAME
     whole = path.read_bytes()

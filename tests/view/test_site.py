@@ -164,20 +164,21 @@ def test_a_click_on_a_cell_opens_its_episode(ask, folder, run):
     assert get("/suites/none/").status_code == 404
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        "/w/..%2f..%2fother/", "/w/%2e%2e/", "/w/%00/", "/w/none/", "/w/met", f"/w/{'a' * 5000}/", "/w//",
-        "/w/outside/", "/w/suite/", "/e/met/lift.0-1/", "/e/suite/..%2f..%2fmet/", "/e/suite/%2e%2e/", "/e/suite/%00/",
-        "/e/suite/linked/", "/e/suite/none/", "/e/none/x/", "/e/suite/", "/suites/met/", "/suites/..%2fsuite/",
-        "/w/met/evidence/..%2F/TASK.md", "/w/met/evidence/tidy-7.a/..%2F..%2FTASK.md", "/none", "/none/x",
-        "/compare/runs?first=..%2fmet&second=suite", "/scene/w~met~x/y/", "/scene/w/y/", "/scene/e~suite~..~x/y/",
-    ],
+STRAY = (
+    "/w/..%2f..%2fother/", "/w/%2e%2e/", "/w/%00/", "/w/none/", "/w/met", f"/w/{'a' * 5000}/", "/w//",
+    "/w/outside/", "/w/suite/", "/e/met/lift.0-1/", "/e/suite/..%2f..%2fmet/", "/e/suite/%2e%2e/", "/e/suite/%00/",
+    "/e/suite/linked/", "/e/suite/none/", "/e/none/x/", "/e/suite/", "/suites/met/", "/suites/..%2fsuite/",
+    "/w/met/evidence/..%2F/TASK.md", "/w/met/evidence/tidy-7.a/..%2F..%2FTASK.md", "/none", "/none/x",
+    "/compare/runs?first=..%2fmet&second=suite", "/scene/w~met~x/y/", "/scene/w/y/", "/scene/e~suite~..~x/y/",
 )  # fmt: skip
-def test_a_name_in_an_address_leads_nowhere_else(ask, folder, run, reported, path):
+
+
+def test_a_name_in_an_address_leads_nowhere_else(ask, folder, run, reported):
     (folder / "outside").symlink_to(reported.workspace.root)
     (run / "episodes" / "linked").symlink_to(run / "episodes" / "lift.0-1")
-    assert ask(folder)(path).status_code in {401, 404}
+    get = ask(folder)
+    answered = {path: get(path).status_code for path in STRAY}
+    assert {path: code for path, code in answered.items() if code not in {401, 404}} == {}
 
 
 def test_hostile_names_goals_and_folders_of_episodes_stay_text(ask, folder, tmp_path):

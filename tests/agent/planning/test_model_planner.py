@@ -13,8 +13,6 @@ from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.network.chat import Completion
 
-pytestmark = pytest.mark.fast
-
 
 def make_operator(name, requires=(), changes=()):
     return Operator(name=name, skill=name, target="arm", parameters={}, requires=dict(requires), changes=dict(changes))

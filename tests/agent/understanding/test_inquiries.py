@@ -60,6 +60,7 @@ def test_an_answer_carries_the_evidence_of_each_object(understand):
     assert any(line.startswith("inside(can, tray) is true") for line in found.evidence)
 
 
+@pytest.mark.slow
 def test_each_scene_has_two_examples_that_are_understood(understand):
     for scene in (CUBES, "tabletop/stacking", "tabletop/drawer", "tabletop/panel_and_stack", "mobile/dock_hall"):
         examples = list_examples(get_vocabulary(scene), "make coffee")

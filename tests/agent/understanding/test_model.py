@@ -178,6 +178,7 @@ def test_answers_are_plain_json(serve, tmp_path):
     assert (kept["answers"][0]["tokens"], json.loads(kept["answers"][0]["text"])) == (77, RIGHT)
 
 
+@pytest.mark.slow
 def test_what_a_model_may_choose_is_what_skills_bring_about_over_the_scene(serve):
     server = serve(RIGHT)
     ask(server)

@@ -261,6 +261,7 @@ def write_ladder(rungs, times):
     return texts | {f"t{rungs}": f"tree: t{rungs}\ndescription: x.\nroot:\n  wait: {{seconds: 1.0}}\n"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rungs", "times", "found"), [(60, 2, "32765 nodes in 14 levels"), (110, 1, "in 101 levels")])
 def test_a_tree_that_grows_without_end_by_its_subtrees_is_refused_at_once(
     check, tmp_path, registry, rungs, times, found

@@ -6,8 +6,6 @@ import pytest
 from phyagentos.protocol.world.environment import ShapeKind
 from phyagentos.runtime.perception.solids import Solids
 
-pytestmark = pytest.mark.fast
-
 SIZES = {
     ShapeKind.BOX: (0.03, 0.02, 0.05),
     ShapeKind.SPHERE: (0.03,),

@@ -173,6 +173,7 @@ def test_what_cannot_be_true_is_the_fault_of_the_target(make_client, monkeypatch
         assert math.isfinite(msgspec.json.decode(line)["time_s"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("beats", "ends", "expected"),
     [
