@@ -173,6 +173,13 @@ def test_what_cannot_be_true_is_the_fault_of_the_target(make_client, monkeypatch
         assert math.isfinite(msgspec.json.decode(line)["time_s"])
 
 
+def test_an_ordinary_report_is_not_searched_to_its_ends(make_client, monkeypatch):
+    client, _ = make_client()
+    command = client.make()
+    monkeypatch.setattr("phyagentos.runtime.targets.reply_check._find_unsound", pytest.fail)
+    assert isinstance(client.send(command), wire.Step)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("beats", "ends", "expected"),
