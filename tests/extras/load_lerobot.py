@@ -23,8 +23,11 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 ROWS = 10
 given = sys.argv[1]
-fps = LeRobotDataset("paos/verified", root=given).fps
-data = LeRobotDataset("paos/verified", root=given, delta_timestamps={"action": [k / fps for k in range(ROWS)]})
+BACKEND = "pyav"  # brings FFmpeg along; that of torchcodec is of the system
+fps = LeRobotDataset("paos/verified", root=given, video_backend=BACKEND).fps
+data = LeRobotDataset(
+    "paos/verified", root=given, video_backend=BACKEND, delta_timestamps={"action": [k / fps for k in range(ROWS)]}
+)
 frame, last = data[0], data[len(data) - 1]
 forms = {name: list(value.shape) for name, value in frame.items() if hasattr(value, "shape")}
 pictures = {key: [float(each[key].mean()) for each in (frame, last)] for key in data.meta.video_keys}
