@@ -298,13 +298,13 @@ def test_a_refusal_is_no_repetition_once_a_preparation_has_moved_something(shipp
     assert propose(replace(refused, miss=replace(refused.miss, world=shift(HEMMED, "post", 0.1)))).kind is RETRY
 
 
-def make_full_tray(**more: Any) -> dict[str, Any]:
-    """A shallow tray, and a tall object in it, which leaves no room."""
+def make_full_tray(*on_top: Entity, **more: Any) -> dict[str, Any]:
+    """A shallow tray, and a tall object in it, which leaves no room; other objects may be on that."""
     floor = (Shape(kind=ShapeKind.BOX, size_m=(0.07, 0.07, 0.0025)),)
     inside = Interior((0.0, 0.0, 0.01), (0.07, 0.07, 0.01))
     tray = make_box("tray", (0.5, 0.25, 0.0), shapes=floor, movable=False, interior=inside)
     tall = make_box("tall", (0.5, 0.25, 0.05), shapes=(Shape(kind=ShapeKind.BOX, size_m=(0.02, 0.02, 0.045)),))
-    world = make_table_world(make_box("red_cube", (0.5, 0.0, 0.02)), tray, tall)
+    world = make_table_world(make_box("red_cube", (0.5, 0.0, 0.02)), tray, tall, *on_top)
     return {"world": world, "contract": TO_TRAY | more, "code": "NO_FREE_SITE"}
 
 
@@ -337,6 +337,14 @@ def zone_of(half_m: float) -> dict[str, Any]:
             ("set_aside", {"object": "tall"}),
             "",
             id="what fills a tray is moved out however tall it is",  # a box of 89 mm in a tray of 15 mm was not found
+        ),
+        pytest.param(
+            Cause.NO_PLAN,
+            make_full_tray(make_box("lid", (0.5, 0.25, 0.115)), make_box("knob", (0.5, 0.25, 0.155))),
+            CLEAR,
+            ("set_aside", {"object": "knob"}),
+            "",
+            id="what is on it goes first",
         ),
         pytest.param(
             Cause.NO_PLAN,

@@ -17,7 +17,7 @@ from phyagentos.protocol.predicates.predicate import iter_entities, parse_predic
 from phyagentos.protocol.predicates.syntax import Variable
 from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.environment import Environment
-from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support, take_off
+from phyagentos.protocol.world.free_spot import find_filling, find_free_spot, find_support, find_topmost, take_off
 
 PURPOSE = "clear"
 CLEARED_MAX = 3  # objects that are moved for one session
@@ -41,7 +41,9 @@ def propose_clearing(case: Case) -> Iterator[Alternative]:
     if len(cleared) >= CLEARED_MAX or case.replans_left <= 0:
         return
     bound = find_bound(case)
-    blockers = [name for name in find_blockers(case.miss) if name not in bound]
+    own = case.session.find_object(world)
+    tops = dict.fromkeys(find_topmost(world, name) for name in find_blockers(case.miss))
+    blockers = [name for name in tops if name not in bound and name != own]
     loose = [name for name in blockers if name not in case.protected]
     placed = [name for name in blockers if name in case.protected and FULL in case.miss.codes]
     for name in loose + placed:  # what was placed is placed again afterwards, where it leaves more room

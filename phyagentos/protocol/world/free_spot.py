@@ -54,13 +54,25 @@ def find_support(world: Environment, name: str, drop_m: float = TOUCH_M) -> Enti
     return max(under, key=lambda each: each[0])[1] if under else None
 
 
+def find_topmost(world: Environment, name: str) -> str:
+    """The object that has to go before an object can be taken: what is on it, and so on; itself where nothing is."""
+    while above := _list_carried(world, name):
+        name = above[0]
+    return name
+
+
 def take_off(world: Environment, name: str, places: Collection[str]) -> Environment:
-    """The world with an entity lowered to the foot of one of some places, where that is what it stands on."""
+    """The world with an entity lowered to the foot of a movable object, or of one of some places, that it stands on."""
     item, support = world.entities[name], find_support(world, name)
-    if support is None or support.name not in places:
+    carrier = next((each for each, e in world.entities.items() if e.movable and name in _list_carried(world, each)), "")
+    if carrier:
+        foot_m = compute_lowest(take_off(world, carrier, places).entities[carrier])
+    elif support is not None and support.name in places:
+        foot_m = compute_lowest(support)
+    else:
         return world
     x, y, z = item.pose.position_m
-    at_foot = Pose((x, y, z - compute_lowest(item) + compute_lowest(support)), item.pose.quaternion_wxyz)
+    at_foot = Pose((x, y, z - compute_lowest(item) + foot_m), item.pose.quaternion_wxyz)
     return replace(world, entities=world.entities | {name: replace(item, pose=at_foot)})
 
 
@@ -107,6 +119,13 @@ def compute_distance(entity: Entity, point: Vector) -> float:
     solids = [(to_child(shape.pose, local), compute_half_box(shape)) for shape in entity.shapes]
     outside = (math.hypot(*(max(abs(p) - h, 0.0) for p, h in zip(*solid, strict=True))) for solid in solids)
     return min(outside, default=math.inf)
+
+
+def _list_carried(world: Environment, name: str) -> list[str]:
+    """Movable objects on an object, above its middle; none where that holds its contents within."""
+    holder, entities = world.entities[name], world.entities
+    on_it = find_filling(world, name) if holder.interior is None else []
+    return [each for each in on_it if compute_lowest(entities[each]) > holder.pose.position_m[2]]
 
 
 def _iter_tops(entity: Entity, x: float, y: float) -> Iterator[tuple[float, float]]:
