@@ -321,6 +321,7 @@ _APART_M = 0.02  # the cube from the middle of its tray
         ),
         ("on(red_cube, red_tray)", (0.001, 0.003), "red_tray", "6 5", "above(red_cube, red_tray)"),
         ("centred(red_cube, red_tray)", (0.001, 0.006), "red_tray", "12 9", "centred(red_cube, red_tray, 0.033)"),
+        ("centred(red_cube, red_tray, 0.0204)", (0.001, 0.0005), "red_cube", "2 0.2", "centred(red_cube, red_tray, 0.026)"),
         ("centred(red_cube, red_tray, 0.022)", (0.0, 0.0), "", "", ""),
     ],
 )
@@ -333,8 +334,9 @@ def test_a_verdict_that_nothing_decided_names_what_would_decide_it(text, stds_m,
     found = diagnose(bundle, [criterion(text, Truth.UNKNOWN)])
     assert found.cause is Cause.UNDECIDABLE
     known, _, needed = bounds.partition(" ")
-    said = f"; {least} is known to ±{known} mm and ±0°, the criterion needs ±{needed} mm: another view of {least} "
-    said += f"(by a camera of sensors.yaml), or the criterion {looser}"
+    said = f"; {least} is known to ±{known} mm and ±0°, the criterion needs ±{needed} mm and ±0°"
+    view = f": another view of {least} (by a camera of sensors.yaml), or"
+    said += f"{', which no view measures:' if needed == '0.2' else view} the criterion {looser}"
     said += ", or another support would decide it" if least == "red_tray" else " would decide it"
     assert found.fact == f"{text} is unknown: seen so{said if least else ''}"
 

@@ -282,6 +282,7 @@ class Change(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     by_m: float = 0.0
 
 
+LEAST_STD_M = 0.0003  # no look of any camera knows a position better
 UNPROVEN = "unproven"  # status of a camera, see `SensorHealth`
 
 
