@@ -13,7 +13,7 @@ from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.trace import Role, TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion
-from phyagentos.protocol.world.environment import Status
+from phyagentos.protocol.world.environment import SensorHealth, Status
 from phyagentos.protocol.world.truth import Truth
 
 from .conftest import change, make_world, put, remove
@@ -288,6 +288,20 @@ def test_what_alone_is_not_seen_after_two_looks_is_gone_and_what_nobody_sees_is_
     dark = {n: msgspec.structs.replace(e, visible=not e.movable) for n, e in after.entities.items()}
     bundle = make_bundle(msgspec.structs.replace(after, entities=dark), Stage.BEFORE, ended=Ended.COMPLETED)
     assert diagnose_after_looking(bundle, criteria).cause is Cause.OBJECT_HIDDEN
+
+
+def test_where_every_camera_is_frozen_the_verdict_says_so_and_not_that_the_skill_did_nothing():
+    after = make_world()
+    health = SensorHealth(status="frozen", detail="its own count of exposures stands")
+    after = msgspec.structs.replace(after, time_s=after.time_s + 1.3, sensors={"left": health, "top": health})
+    bundle = msgspec.structs.replace(make_bundle(after, ended=Ended.COMPLETED), after=after)
+    criteria = [evaluate_criterion(text, "accept", bundle) for text in ("visible(red_cube)", "on(red_cube, table)")]
+    assert [each.truth for each in criteria] == [Truth.UNKNOWN, Truth.UNKNOWN]
+    said = "left, top are frozen (its own count of exposures stands)"
+    for found in (diagnose(bundle, criteria), diagnose_after_looking(bundle, criteria)):
+        assert (found.cause, said in found.fact) == (Cause.SENSOR_STALE, True), found
+    one = msgspec.structs.replace(after, sensors={"left": SensorHealth(), "top": health})
+    assert (one.sees, one.describe_cameras()) == (True, "top is frozen (its own count of exposures stands)")
 
 
 def test_what_a_star_covers_is_missing_evidence_unless_all_of_it_was_seen():

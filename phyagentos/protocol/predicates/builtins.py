@@ -329,6 +329,8 @@ def measure_visible(view: View, a: str) -> Reading:
     was_just_seen = entity.visible and entity.status is Status.HIDDEN and age_s <= FRESH_S
     if reason and (entity.is_unsure or was_just_seen):
         raise FactMarginal(reason)
+    if reason and not view.now.sees:
+        raise FactUnknown(reason)
     seen = entity.visible and not reason and not entity.bears
     return Reading(
         1.0 if seen else -1.0, {"visible": seen, "age_s": round(age_s, 3)}, f"{a} was seen {age_s:.1f} s ago"
