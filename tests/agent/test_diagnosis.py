@@ -335,7 +335,13 @@ _APART_M = 0.02  # the cube from the middle of its tray
         ),
         ("on(red_cube, red_tray)", (0.001, 0.003), "red_tray", "6 5", "above(red_cube, red_tray)"),
         ("centred(red_cube, red_tray)", (0.001, 0.006), "red_tray", "12 9", "centred(red_cube, red_tray, 0.033)"),
-        ("centred(red_cube, red_tray, 0.0204)", (0.001, 0.0005), "red_cube", "2 0.2", "centred(red_cube, red_tray, 0.026)"),
+        (
+            "centred(red_cube, red_tray, 0.0204)",
+            (0.001, 0.0005),
+            "red_cube",
+            "2 0.2",
+            "centred(red_cube, red_tray, 0.026)",
+        ),
         ("centred(red_cube, red_tray, 0.022)", (0.0, 0.0), "", "", ""),
     ],
 )

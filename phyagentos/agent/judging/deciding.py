@@ -1,6 +1,5 @@
 """What would decide a criterion that uncertain measurements leave open: a sharper view, a looser criterion."""
 
-import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial

@@ -159,7 +159,7 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
         return Reading(-1.0, measured | {"between": between.name}, f"{between.name} is between {a.name} and {b}")
     if is_near and (covered := find_covered(view, a, b, gap_m + allowed_m)) is not None:
         raise FactUnknown(f"no look has surely shown {covered}, and it may be between {a.name} and {b}")
-    own_rad = UNCERTAINTY_STDS * math.hypot(a.turn_std_rad, *a.lean_rad)  # of this pose, whatever other one fits as well
+    own_rad = UNCERTAINTY_STDS * math.hypot(a.turn_std_rad, *a.lean_rad)  # whatever other pose fits as well
     leans = is_near and not is_level_on(a, top, LEAN_RAD + max(own_rad, _find_turn_uncertainty(view, a)))
     if leans and (prop := find_prop(view, a, b, top.point_m[2])) is not None:
         raise FactUnknown(f"{a.name} leans, and {prop.name} may bear it as well as {b}")

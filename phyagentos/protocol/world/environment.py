@@ -409,7 +409,8 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
         for name, each in self.sensors.items():
             if each.status != "live":
                 found.setdefault(f"{each.status}{f' ({each.detail})' if each.detail else ''}", []).append(name)
-        return "; ".join(f"{format_names(names)} {'is' if len(names) == 1 else 'are'} {how}" for how, names in found.items())
+        verbs = ("is", "are")
+        return "; ".join(f"{format_names(names)} {verbs[len(names) > 1]} {how}" for how, names in found.items())
 
     def explain_unseen(self, entity: Entity, max_age_s: float = FRESH_S) -> str:
         """Why the snapshot does not show where an object is now; empty where it does.
