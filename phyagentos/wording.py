@@ -16,8 +16,9 @@ def format_length(m: float) -> str:
 
 
 def format_angle(rad: float) -> str:
-    """The size of an angle [rad]: `15°`."""
-    return f"{abs(math.degrees(rad)):.0f}°"
+    """The size of an angle [rad]: `15°`, `0.3°`."""
+    degrees = abs(math.degrees(rad))
+    return f"{degrees:.{int(0.05 <= degrees < 0.95)}f}°"
 
 
 def format_share(share: float) -> str:

@@ -28,7 +28,7 @@ from phyagentos.wording import compare_angles, compare_lengths, format_length
 
 LENGTHS = frozenset({"tol_m", "distance_m"})  # names of arguments of predicates that say how near is near
 NUMBERS = {"m": compare_lengths, "rad": compare_angles}  # of predicates, by unit
-UNDER = frozenset({"<", "<="})
+UNDER, OVER = frozenset({"<", "<="}), frozenset({">", ">="})
 
 
 class Rig:
@@ -101,12 +101,25 @@ def iter_rig_warnings(graph: GoalGraph, located: Located, rig: Rig) -> Iterator[
             expected = f"another hue, or more than {least}"
             yield located.problem("NOT_OBSERVED", named.get(body.name, ("scene",)), found, expected, hint)
     formulas = [(path, formula) for path, text in texts.items() if (formula := find_formula(text)) is not None]
-    calls = ((path, call) for path, formula in formulas for call in syntax.iter_calls(formula))
-    compares = ((path, each) for path, formula in formulas for each in syntax.iter_compares(formula))
-    for path, call in calls:
-        yield from _iter_of_call(call, located, path, rig)
-    for path, compared in compares:
-        yield from _iter_of_number(compared, located, path, rig)
+    for path, formula in formulas:
+        for part, is_wanted in _iter_parts(formula):
+            for call in syntax.iter_calls(part) if is_wanted else ():
+                yield from _iter_of_call(call, located, path, rig)
+            if isinstance(part, syntax.Compare):
+                yield from _iter_of_number(part, UNDER if is_wanted else OVER, located, path, rig)
+    yield from _iter_of_bands(formulas, located, rig)
+
+
+def _iter_parts(formula: syntax.Formula, is_wanted: bool = True) -> Iterator[tuple[syntax.Formula, bool]]:
+    """What a criterion consists of, and whether it is to be true."""
+    match formula:
+        case syntax.Not(body):
+            yield from _iter_parts(body, not is_wanted)
+        case syntax.And(parts) | syntax.Or(parts):
+            for part in parts:
+                yield from _iter_parts(part, is_wanted)
+        case _:
+            yield formula, is_wanted
 
 
 def _iter_of_body(name: str, located: Located, path: Address, rig: Rig) -> Iterator[Problem]:
@@ -122,24 +135,49 @@ def _iter_of_body(name: str, located: Located, path: Address, rig: Rig) -> Itera
         yield located.problem("AMBIGUOUS", path, found, "an object that differs from the others", hint)
 
 
-def _iter_of_number(compared: syntax.Compare, located: Located, path: Address, rig: Rig) -> Iterator[Problem]:
+def _iter_of_number(
+    compared: syntax.Compare, under: frozenset[str], located: Located, path: Address, rig: Rig
+) -> Iterator[Problem]:
     """Of what is never below zero no bound within its uncertainty is surely kept; no measured number equals another."""
-    call, bound = compared.left, compared.bound
-    if not isinstance(call, syntax.Call) or not isinstance(bound, float):
+    names, unit, uncertainty = _estimate(compared.left, rig)
+    is_equal = compared.relation == "==" and under is UNDER
+    if not uncertainty or not isinstance(compared.bound, float):
         return
-    definition = get_predicate_library().find(call.name)
-    if definition is None or definition.unit not in NUMBERS:
-        return
-    names = [each.text for each in call.terms if isinstance(each, syntax.Name) and each.text in rig.scene.bodies]
-    estimate = rig.estimate_turn_std if definition.unit == "rad" else rig.estimate_std
-    uncertainty = UNCERTAINTY_STDS * math.hypot(*map(estimate, names))
-    if uncertainty > 0.0 and (compared.relation == "==" or (compared.relation in UNDER and bound <= uncertainty)):
-        limit, least = NUMBERS[definition.unit](bound, uncertainty)
+    if is_equal or (compared.relation in under and compared.bound <= uncertainty):
+        limit, least = NUMBERS[unit](compared.bound, uncertainty)
         expected = f"more than ±{least}, as well as these cameras measure {' and '.join(names)} at best"
-        wanted = "Compare it with < or >" if compared.relation == "==" else f"Write more than {uncertainty:.2g}"
+        wanted = "Compare it with < or >" if is_equal else f"Write more than {uncertainty:.2g}"
         hint = f"{wanted}, or place a camera nearer in sensors.yaml."
         found = f"{compared.relation} {limit} in {syntax.render(compared)!r}"
         yield located.problem("UNDECIDABLE", path, found, expected, hint)
+
+
+def _iter_of_bands(formulas: list[tuple[Address, syntax.Formula]], located: Located, rig: Rig) -> Iterator[Problem]:
+    """Two bounds of one number, of one list of criteria, that are nearer to each other than it is surely measured."""
+    bounds: dict[tuple[Address, syntax.Call | syntax.Count], dict[bool, float]] = {}
+    for path, formula in formulas:
+        for part in formula.parts if isinstance(formula, syntax.And) else (formula,):
+            if not isinstance(part, syntax.Compare) or not isinstance(part.bound, float) or part.relation == "==":
+                continue
+            of = bounds.setdefault((path[:-1], part.left), {})
+            of[part.relation in UNDER] = part.bound
+            names, unit, uncertainty = _estimate(part.left, rig)
+            if uncertainty and len(of) == 2 and of[True] - of[False] <= 2 * uncertainty:
+                apart, least = NUMBERS[unit](of[True] - of[False], 2 * uncertainty)
+                found = f"{apart} between the bounds of {syntax.render(part.left)!r}"
+                expected = f"more than {least}, as well as these cameras measure {' and '.join(names)} at best"
+                hint = "Move the bounds apart, or place a camera nearer in sensors.yaml."
+                yield located.problem("UNDECIDABLE", path, found, expected, hint)
+
+
+def _estimate(measured: syntax.Call | syntax.Count, rig: Rig) -> tuple[list[str], str, float]:
+    """The bodies of a measured number, its unit, and how far it may be off at best; 0 where that is not known."""
+    definition = get_predicate_library().find(measured.name) if isinstance(measured, syntax.Call) else None
+    if definition is None or definition.unit not in NUMBERS or not isinstance(measured, syntax.Call):
+        return [], "", 0.0
+    names = [each.text for each in measured.terms if isinstance(each, syntax.Name) and each.text in rig.scene.bodies]
+    estimate = rig.estimate_turn_std if definition.unit == "rad" else rig.estimate_std
+    return names, definition.unit, UNCERTAINTY_STDS * math.hypot(*map(estimate, names))
 
 
 def _iter_of_call(call: syntax.Call, located: Located, path: Address, rig: Rig) -> Iterator[Problem]:

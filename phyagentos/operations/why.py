@@ -150,6 +150,7 @@ def _iter_attempt(attempt: Attempt, bundle: Bundle) -> Iterator[Fact]:
     by = f"by {attempt.verifier}, mode {attempt.mode.value}"
     yield ("review" if attempt.is_review else "verdict"), f"{attempt.verdict.value}, sensing {attempt.sensing}, {by}"
     yield "idealised", format_idealisations(attempt.idealisations) if attempt.idealisations else ""
+    yield "cameras", bundle.after.describe_cameras() if bundle.after is not None else ""
     for criterion in attempt.criteria:
         at = f" at {criterion.at_s:.2f} s" if criterion.at_s is not None else ""
         source = f" ({criterion.evidence}{at})" if criterion.evidence else ""

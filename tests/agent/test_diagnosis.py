@@ -13,7 +13,7 @@ from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.trace import Role, TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion
-from phyagentos.protocol.world.environment import Status
+from phyagentos.protocol.world.environment import SensorHealth, Status
 from phyagentos.protocol.world.truth import Truth
 
 from .conftest import change, make_world, put, remove
@@ -290,6 +290,20 @@ def test_what_alone_is_not_seen_after_two_looks_is_gone_and_what_nobody_sees_is_
     assert diagnose_after_looking(bundle, criteria).cause is Cause.OBJECT_HIDDEN
 
 
+def test_where_every_camera_is_frozen_the_verdict_says_so_and_not_that_the_skill_did_nothing():
+    after = make_world()
+    health = SensorHealth(status="frozen", detail="its own count of exposures stands")
+    after = msgspec.structs.replace(after, time_s=after.time_s + 1.3, sensors={"left": health, "top": health})
+    bundle = msgspec.structs.replace(make_bundle(after, ended=Ended.COMPLETED), after=after)
+    criteria = [evaluate_criterion(text, "accept", bundle) for text in ("visible(red_cube)", "on(red_cube, table)")]
+    assert [each.truth for each in criteria] == [Truth.UNKNOWN, Truth.UNKNOWN]
+    said = "left, top are frozen (its own count of exposures stands)"
+    for found in (diagnose(bundle, criteria), diagnose_after_looking(bundle, criteria)):
+        assert (found.cause, said in found.fact) == (Cause.SENSOR_STALE, True), found
+    one = msgspec.structs.replace(after, sensors={"left": SensorHealth(), "top": health})
+    assert (one.sees, one.describe_cameras()) == (True, "top is frozen (its own count of exposures stands)")
+
+
 def test_what_a_star_covers_is_missing_evidence_unless_all_of_it_was_seen():
     told = criterion("not moved(*)", Truth.UNKNOWN)
     bundle = make_bundle(make_world(), ended=Ended.COMPLETED)
@@ -321,6 +335,13 @@ _APART_M = 0.02  # the cube from the middle of its tray
         ),
         ("on(red_cube, red_tray)", (0.001, 0.003), "red_tray", "6 5", "above(red_cube, red_tray)"),
         ("centred(red_cube, red_tray)", (0.001, 0.006), "red_tray", "12 9", "centred(red_cube, red_tray, 0.033)"),
+        (
+            "centred(red_cube, red_tray, 0.0204)",
+            (0.001, 0.0005),
+            "red_cube",
+            "2 0.2",
+            "centred(red_cube, red_tray, 0.026)",
+        ),
         ("centred(red_cube, red_tray, 0.022)", (0.0, 0.0), "", "", ""),
     ],
 )
@@ -333,8 +354,9 @@ def test_a_verdict_that_nothing_decided_names_what_would_decide_it(text, stds_m,
     found = diagnose(bundle, [criterion(text, Truth.UNKNOWN)])
     assert found.cause is Cause.UNDECIDABLE
     known, _, needed = bounds.partition(" ")
-    said = f"; {least} is known to ±{known} mm and ±0°, the criterion needs ±{needed} mm: another view of {least} "
-    said += f"(by a camera of sensors.yaml), or the criterion {looser}"
+    said = f"; {least} is known to ±{known} mm and ±0°, the criterion needs ±{needed} mm and ±0°"
+    view = f": another view of {least} (by a camera of sensors.yaml), or"
+    said += f"{', which no view measures:' if needed == '0.2' else view} the criterion {looser}"
     said += ", or another support would decide it" if least == "red_tray" else " would decide it"
     assert found.fact == f"{text} is unknown: seen so{said if least else ''}"
 

@@ -273,6 +273,8 @@ def test_what_the_cameras_of_a_rig_cannot_tell_is_warned_of_with_numbers(paos, w
     more = '"near(tin, far, 0.1)", "at(green_cube, red_tray, 0.001)", "at(blue_cube, red_tray, 0.01)"'
     more += ', "tilt(green_cube) < 0.01", "tilt(blue_cube) < 0.2", "distance(green_cube, red_tray) <= 0.002"'
     more += ', "distance(blue_cube, red_tray) < 0.3", "tilt(red_cube) == 0.1", "not distance(red_cube, red_tray) > 0.1"'
+    more += ', "not tilt(blue_cube) > 0.02", "not at(red_cube, red_tray, 0.001)", "not tilt(blue_cube) == 0.1"'
+    more += ', "distance(red_cube, blue_tray) > 0.3", "distance(red_cube, blue_tray) < 0.302", "tilt(blue_cube) > 0.1"'
     path = write("goal_graphs/tidy_table.yaml", f"{graph[: graph.index('accept:' + chr(10))]}accept: [{more}]")
     result = paos("lint", path)
     assert (result.code, "1 file checked, no problem") == (ExitCode.GOAL_MET, result.out.strip())
@@ -281,12 +283,14 @@ def test_what_the_cameras_of_a_rig_cannot_tell_is_warned_of_with_numbers(paos, w
         "NOT_OBSERVED: found 'board', 5 mm thin and of a hue like what it may lie on: no camera tells them apart",
         "AMBIGUOUS: found 'tin', which has the colours of far, red_cube and sides that differ by less than 2 mm",
         "UNDECIDABLE: found 1 mm in 'at(green_cube, red_tray, 0.001)'; expected more than ±3 mm",
-        "UNDECIDABLE: found < 1° in 'tilt(green_cube) < 0.01'; expected more than ±2°",
+        "UNDECIDABLE: found < 0.6° in 'tilt(green_cube) < 0.01'; expected more than ±2°",
         "UNDECIDABLE: found <= 2 mm in 'distance(green_cube, red_tray) <= 0.002'; expected more than ±3 mm",
         "UNDECIDABLE: found == 6° in 'tilt(red_cube) == 0.1'",
+        "UNDECIDABLE: found > 1° in 'tilt(blue_cube) > 0.02'",
+        "UNDECIDABLE: found 2 mm between the bounds of 'distance(red_cube, blue_tray)'; expected more than 5 mm",
     )
     assert [each for each in expected if each not in result.err] == [], result.err
-    assert result.err.count("UNDECIDABLE") == 4, result.err
+    assert result.err.count("UNDECIDABLE") == 6, result.err
     write("protocol/perception.yaml", "version: 1\nsensing: truth\npipelines: {}\n")
     assert (paos("lint", path).err.count("NOT_OBSERVED"), result.err.count("0.01)")) == (0, 0)
 

@@ -1,6 +1,5 @@
 """What would decide a criterion that uncertain measurements leave open: a sharper view, a looser criterion."""
 
-import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -13,13 +12,13 @@ from phyagentos.protocol.predicates.evaluation import evaluate
 from phyagentos.protocol.predicates.library import PredicateDefinition, get_predicate_library
 from phyagentos.protocol.predicates.predicate import find_formula, find_objects
 from phyagentos.protocol.predicates.view import View
-from phyagentos.protocol.world.environment import Entity
+from phyagentos.protocol.world.environment import LEAST_STD_M, Entity
 from phyagentos.protocol.world.truth import Truth
-from phyagentos.wording import compare_lengths
+from phyagentos.wording import compare_angles, compare_lengths
 
 SHARES = (0.75, 0.5, 0.35, 0.25, 0.1)  # of their uncertainty, to which objects may be measured
 _STDS = ("position_std_m", "turn_std_rad", "tilt_std_rad")
-FACTORS = (1.1, 1.25, 1.5, 2.0, 3.0, 0.9, 0.75, 0.5)  # of a number of the criterion
+FACTORS = (1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0, 0.9, 0.75, 0.5)  # of a number of the criterion
 
 
 def find_least_certain(entities: Iterable[Entity]) -> Entity | None:
@@ -37,14 +36,17 @@ def describe_what_decides(text: str, view: View) -> str:
         return ""
     shares = (each for each in SHARES if evaluate(formula, _sharpen(view, measured, each)).truth is not Truth.UNKNOWN)
     share, bound_m = next(shares, 0.0), UNCERTAINTY_STDS * least.position_std_m
-    bound, needed = compare_lengths(bound_m, share * bound_m)
+    bound_rad = UNCERTAINTY_STDS * max(least.turn_std_rad, least.tilt_std_rad)
+    bounds = zip(compare_lengths(bound_m, share * bound_m), compare_angles(bound_rad, share * bound_rad), strict=True)
+    known, needed = (f"±{length} and ±{angle}" for length, angle in bounds)
     looser = next((each for each in _iter_looser(formula) if evaluate(each, view).truth is Truth.TRUE), None)
-    ways = [f"another view of {least.name} (by a camera of sensors.yaml)"] if share else []
+    is_enough = share * least.position_std_m >= LEAST_STD_M
+    ways = [f"another view of {least.name} (by a camera of sensors.yaml)"] if is_enough else []
     ways += [f"the criterion {syntax.render(looser)}"] if looser is not None else []
     ways += [] if least.movable else ["another support"]
     remedy = f": {', or '.join(ways)} would decide it" if ways else ""
-    known = f"{least.name} is known to ±{bound} and ±{math.degrees(UNCERTAINTY_STDS * least.turn_std_rad):.0f}°"
-    return f"; {known}{f', the criterion needs ±{needed}' if share else ''}{remedy}"
+    needs = f", the criterion needs {needed}{'' if is_enough else ', which no view measures'}" if share else ""
+    return f"; {least.name} is known to {known}{needs}{remedy}"
 
 
 def _sharpen(view: View, measured: Iterable[Entity], share: float) -> View:

@@ -121,7 +121,7 @@ def diagnose_after_looking(bundle: Bundle, criteria: Sequence[Criterion]) -> Dia
     """The cause after looks in vain: an unseen entity is gone when most others were seen."""
     diagnosis = diagnose(bundle, criteria)
     world, name = bundle.after, diagnosis.object
-    if world is None or name is None or diagnosis.cause not in _UNSEEN:
+    if world is None or not world.sees or name is None or diagnosis.cause not in _UNSEEN:
         return diagnosis
     others = [entity for entity in world.entities.values() if entity.movable and entity.name != name]
     seen = [each for each in others if world.shows(each.name)]
@@ -221,8 +221,8 @@ def _judge_completed(
         if now is not None and now.visible and not after.shows(now.name):
             if now.is_unsure:
                 return Diagnosis(Cause.OBJECT_HIDDEN, after.explain_unseen(now))
-            age_s = after.time_s - now.observed_at_s
-            return Diagnosis(Cause.SENSOR_STALE, f"{name} was last measured {age_s:.1f} s before the end")
+            age_s, blind = after.time_s - now.observed_at_s, "" if after.sees else f": {after.describe_cameras()}"
+            return Diagnosis(Cause.SENSOR_STALE, f"{name} was last measured {age_s:.1f} s before the end{blind}")
         is_seen = unknown.kind == "accept" and all(after.shows(name) for name in find_objects(unknown.text, after))
         cause = Cause.UNDECIDABLE if is_seen else Cause.EVIDENCE_MISSING
         view = bundle.session.make_view(after, bundle.before)

@@ -159,7 +159,8 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
         return Reading(-1.0, measured | {"between": between.name}, f"{between.name} is between {a.name} and {b}")
     if is_near and (covered := find_covered(view, a, b, gap_m + allowed_m)) is not None:
         raise FactUnknown(f"no look has surely shown {covered}, and it may be between {a.name} and {b}")
-    leans = is_near and not is_level_on(a, top, LEAN_RAD + _find_tilt_uncertainty(view, a))
+    own_rad = UNCERTAINTY_STDS * math.hypot(a.turn_std_rad, *a.lean_rad)  # whatever other pose fits as well
+    leans = is_near and not is_level_on(a, top, LEAN_RAD + max(own_rad, _find_turn_uncertainty(view, a)))
     if leans and (prop := find_prop(view, a, b, top.point_m[2])) is not None:
         raise FactUnknown(f"{a.name} leans, and {prop.name} may bear it as well as {b}")
     if gap_m > allowed_m and (sunk_m := measure_sunk(view, a, b)) > allowed_m:
@@ -328,6 +329,8 @@ def measure_visible(view: View, a: str) -> Reading:
     was_just_seen = entity.visible and entity.status is Status.HIDDEN and age_s <= FRESH_S
     if reason and (entity.is_unsure or was_just_seen):
         raise FactMarginal(reason)
+    if reason and not view.now.sees:
+        raise FactUnknown(reason)
     seen = entity.visible and not reason and not entity.bears
     return Reading(
         1.0 if seen else -1.0, {"visible": seen, "age_s": round(age_s, 3)}, f"{a} was seen {age_s:.1f} s ago"

@@ -159,12 +159,12 @@ def _evaluate_statement(call: syntax.Call, view: View) -> Evaluation:
 
 def _evaluate_number(call: syntax.Call, relation: str, bound: float, view: View) -> Evaluation:
     reading = _measure(call, view)
+    reading = replace(reading, because=f"{reading.because} (required: {relation} {syntax.format_number(bound)})")
     if abs(reading.value - bound) < reading.uncertainty:
         return _leave_unknown(reading)
     truth = Truth.TRUE if _RELATIONS[relation](reading.value, bound) else Truth.FALSE
     margin = _compute_margin(reading.value, relation, bound) / max(abs(bound), 0.01)
-    because = f"{reading.because} (required: {relation} {syntax.format_number(bound)})"
-    return Evaluation(truth, reading.measured, because, margin)
+    return Evaluation(truth, reading.measured, reading.because, margin)
 
 
 def _evaluate_count(count: syntax.Count, relation: str, bound: float, view: View) -> Evaluation:

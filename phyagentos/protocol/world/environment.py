@@ -9,7 +9,7 @@ from enum import StrEnum
 import msgspec
 from msgspec import UNSET, UnsetType
 
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, format_names
 from phyagentos.geometry import Pose as Pose  # noqa: PLC0414 - part of this vocabulary
 from phyagentos.protocol.documents.document import DocumentFormat, read_document
 
@@ -282,6 +282,7 @@ class Change(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     by_m: float = 0.0
 
 
+LEAST_STD_M = 0.0003  # no look of any camera knows a position better
 UNPROVEN = "unproven"  # status of a camera, see `SensorHealth`
 
 
@@ -397,6 +398,20 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
             return f"{entity.name} was seen in one place for {still_s:.2f} s, which does not show that it rests"
         return ""
 
+    @property
+    def sees(self) -> bool:
+        """Whether a camera is believed, or there is none to be."""
+        return not self.sensors or any(each.status in {"live", UNPROVEN} for each in self.sensors.values())
+
+    def describe_cameras(self) -> str:
+        """`left, right are frozen (a new stamp on the same picture)`; empty where all are live."""
+        found: dict[str, list[str]] = {}
+        for name, each in self.sensors.items():
+            if each.status != "live":
+                found.setdefault(f"{each.status}{f' ({each.detail})' if each.detail else ''}", []).append(name)
+        verbs = ("is", "are")
+        return "; ".join(f"{format_names(names)} {verbs[len(names) > 1]} {how}" for how, names in found.items())
+
     def explain_unseen(self, entity: Entity, max_age_s: float = FRESH_S) -> str:
         """Why the snapshot does not show where an object is now; empty where it does.
 
@@ -414,7 +429,8 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
         if not age_s >= -AHEAD_S:  # also when it is NaN
             return f"{entity.name} is dated {-age_s:.1f} s after the snapshot"
         if not age_s <= allowed_s:
-            return f"{entity.name} was last seen {age_s:.1f} s before; up to {allowed_s:g} s is allowed"
+            blind = "" if self.sees else f": {self.describe_cameras()}"
+            return f"{entity.name} was last seen {age_s:.1f} s before; up to {allowed_s:g} s is allowed{blind}"
         if entity.status not in {Status.SEEN, Status.HELD}:
             return f"{entity.name} was {entity.status} in this look, last seen {age_s:.1f} s before"
         if entity.is_unsure:

@@ -229,6 +229,9 @@ def track(
     is_good = found.cost_m < TRACKED_M and float(np.linalg.norm(found.position_m - prior[1])) < TRACK_REACH_M
     if not is_good:
         return None
+    if float(np.linalg.norm(found.position_m - prior[1])) > OUTLINE_M:  # it was moved, and may have turned far
+        again = fit(item, seen, views, prior, obstacle)
+        found = again if again is not None and again.cost_m < found.cost_m - _compute_turned(found) else found
     found = compare_lookalikes(item, patch, views, found, obstacle, keep=True)
     return _compare_beside(item, patch, views, found, obstacle)
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from phyagentos.protocol.world.environment import LEAST_STD_M
 from phyagentos.runtime.perception.solid_distance import linearise
 from phyagentos.runtime.perception.solids import Array
 
@@ -16,7 +17,8 @@ CORRELATED = 2.0  # neighbouring pixels share their errors: so many of them coun
 SHIFTED = 0.5  # of that variance, what turns an object; what pixels share shifts it
 SIGMA = 1.4826  # of a normal distribution, by its median distance
 RESIDUAL_M = 0.0005  # no residual is less: the model of an object is as exact as this
-BIAS_M, BIAS_PER_M = 0.0003, 180.0  # of a position in every look: its least, and what it grows by with the variance
+BIAS_M = LEAST_STD_M  # of a position in every look
+BIAS_PER_M = 180.0  # by which that grows with the variance
 PATH_CALIBRATION, PATH_BIAS_PER_M = 0.6, 120.0  # of a position on a path: per noise in one camera, and the variance
 BIAS_TURN = 0.7  # of the same shift between two ends of an object
 OPEN_LEAST = 0.1  # of the common variance: a mean of more looks than it takes to come to this would not follow

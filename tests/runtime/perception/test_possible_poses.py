@@ -8,7 +8,7 @@ from phyagentos.geometry import Pose, turn
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.world.scenes import SceneSpec, read_scene
 from phyagentos.runtime.perception.association import associate
-from phyagentos.runtime.perception.fitting import Fit, fit, measure_sunk
+from phyagentos.runtime.perception.fitting import Fit, fit, measure_sunk, track
 from phyagentos.runtime.perception.inventory import build_inventory
 from phyagentos.runtime.perception.pose_uncertainty import PoseUncertainty
 from phyagentos.runtime.perception.separate_overlaps import SUNK_M, separate_overlaps
@@ -165,3 +165,15 @@ def test_a_mug_that_was_moved_has_kept_its_turn_where_its_handle_is_hidden(handl
     cloud = make_cloud(points + np.array((0.5, 0.04, 0.033)), mug.colors[0])
     x, y, _ = fit(mug, cloud, (look_from((-0.5, 0.0, 0.6)),), prior).rotation[:, 0]
     assert np.degrees(np.arctan2(y, x)) == pytest.approx(expected_deg, abs=5)
+
+
+@pytest.mark.parametrize(("moved_m", "yaw_deg"), [(0.008, 90), (0.008, 0), (0.0, 0)])
+def test_a_board_that_was_moved_has_turned_where_that_fits_much_better(moved_m, yaw_deg):
+    """Nearly square, and turned by a quarter: its old turn was kept, at 1.5 times the distance to its points."""
+    scene = SCENE.replace("kind: cylinder, size_m: [0.026, 0.04]", "kind: box, size_m: [0.037, 0.028, 0.007]")
+    board = build_inventory(SceneSpec.model_validate(yaml.safe_load(scene))).objects["can"]
+    face = spread(np.linspace(-0.036, 0.036, 14), np.linspace(-0.027, 0.027, 11), 0.007)
+    turned, at_m = turn(np.array((0.0, 0.0, np.radians(yaw_deg)))), np.array((0.5, 0.0, 0.007))
+    cloud = make_cloud(face @ turned.T + at_m + np.array((0.0, moved_m, 0.0)), board.colors[0])
+    found = track(board, cloud, (look_from((0.5, 0.0, 1.4)),), (np.eye(3), at_m))
+    assert abs(found.rotation[1, 0]) == pytest.approx(np.sin(np.radians(yaw_deg)), abs=0.05)
