@@ -10,8 +10,8 @@ import pytest
 from phyagentos.errors import ExecutionError
 from phyagentos.store.checkpoint import write_checkpoint
 from phyagentos.store.compaction import compact_partition
-from phyagentos.store.records import Record, encode_record
 from phyagentos.store.follower import Follower
+from phyagentos.store.records import Record, encode_record
 from phyagentos.store.recovery.inspection import inspect_partition
 from phyagentos.store.recovery.repair import repair_partition
 from phyagentos.store.segments import SEGMENT_MAX, SystemIO, locate_archived, open_segment
