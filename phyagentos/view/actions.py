@@ -21,6 +21,7 @@ GRAPH_MAX = 1 << 18  # bytes
 STOP = "estop"
 Form = Mapping[str, str]
 _NumberT = TypeVar("_NumberT", int, float)
+_NUMBERS: dict[type, str] = {int: "a whole number", float: "a number"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,12 +81,11 @@ def _answer(root: Path, form: Form) -> object:
     return answer.answer(root, form["subject"], form["says"], by=getpass.getuser(), question=number)
 
 
-def _read_number(name: str, text: str, kind: Callable[[str], _NumberT]) -> _NumberT:
+def _read_number(name: str, text: str, kind: type[_NumberT]) -> _NumberT:
     try:
         return kind(text)
     except ValueError as error:
-        expected = "a whole number" if kind is int else "a number"
-        raise DefinitionError.of("INVALID_VALUE", name, text[:100], expected) from error
+        raise DefinitionError.of("INVALID_VALUE", name, text[:100], _NUMBERS[kind]) from error
 
 
 def _lint(root: Path, form: Form) -> object:
