@@ -98,7 +98,8 @@ def _open_remote(site: DriverSite) -> "TargetPort":
     except ExecutionError as error:
         channel.close()
         if error.code == "TARGET_LOST":
-            raise
+            where = f"{site.profile.target!r} at {site.profile.endpoint}"
+            raise ExecutionError(error.code, f"{where}: {error.message}") from error
         raise DefinitionError.of(error.code, str(path), str(error)) from error
     return RemoteDriver(site.profile, channel, key)
 

@@ -5,7 +5,8 @@ off is no record, and its episode is begun anew in a folder of its own.
 """
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from io import BytesIO
 from pathlib import Path
 
 import msgspec
@@ -16,6 +17,7 @@ from phyagentos.protocol.documents.durable_files import sync_folder
 from phyagentos.protocol.documents.plain_data import Fields
 
 LOG = "episodes.jsonl"
+LINE_MAX = 1 << 24  # bytes of a record
 AXES = ("task", "state", "policy", "setting", "verification", "phase")  # and the seed
 BY_NAME = {"pass" if axis == "phase" else axis: axis for axis in AXES}  # as a suite names them
 
@@ -143,9 +145,9 @@ class EpisodeLog:
         self._path = folder / LOG
         self.records = {record.id: record for record in read_records(folder)}
         is_new = not self._path.exists()
-        if not is_new and (data := self._path.read_bytes()) and not data.endswith(b"\n"):
-            os.truncate(self._path, data.rfind(b"\n") + 1)
+        whole = sum(map(len, _iter_lines(self._path)))
         self._file = self._path.open("ab")
+        os.truncate(self._path, whole)
         if is_new:
             sync_folder(folder)
 
@@ -170,8 +172,7 @@ def read_records(folder: Path) -> list[EpisodeRecord]:
     Raises DefinitionError `CHANGED` for a whole line that is no record, and for two records of one episode.
     """
     path, records = folder / LOG, dict[str, EpisodeRecord]()
-    data = path.read_bytes() if path.is_file() else b""
-    for number, line in enumerate(data.split(b"\n")[:-1], 1):
+    for number, line in enumerate(_iter_lines(path), 1):
         try:
             record = msgspec.json.decode(line, type=EpisodeRecord)
         except msgspec.MsgspecError as error:
@@ -181,6 +182,18 @@ def read_records(folder: Path) -> list[EpisodeRecord]:
             expected = "one record of each episode"
             raise DefinitionError.of("CHANGED", f"{path}:{number}", f"another record of {record.id}", expected)
     return [*records.values()]
+
+
+def _iter_lines(path: Path) -> Iterator[bytes]:
+    """The whole lines of a log; raises DefinitionError `TOO_LARGE` for one that no episode has."""
+    with path.open("rb") if path.is_file() else BytesIO() as file:
+        while line := file.readline(LINE_MAX):
+            if not line.endswith(b"\n"):
+                if len(line) == LINE_MAX:
+                    found = f"a line of more than {LINE_MAX} bytes"
+                    raise DefinitionError.of("TOO_LARGE", str(path), found, "the record of an episode")
+                return
+            yield line
 
 
 def select(records: Iterable[EpisodeRecord], where: dict[str, str]) -> list[EpisodeRecord]:

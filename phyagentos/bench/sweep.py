@@ -31,6 +31,8 @@ from phyagentos.bench.suite_file import MemoryUse, Policy
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.documents.durable_files import replace_durably, require_empty
+from phyagentos.protocol.documents.regular_files import read_regular
+from phyagentos.protocol.sessions.evidence_manifest import PART_MAX
 from phyagentos.protocol.workspace.process_lock import become_sole
 
 MANIFEST, SUITE, LOCK = "run.json", "suite.yaml", ".lock"
@@ -69,7 +71,7 @@ def begin_run(folder: Path, source: Path, plan: Plan, clock: Clock, *, is_own: b
 def read_manifest(folder: Path) -> Manifest:
     """What a run is; raises DefinitionError `NOT_A_WORKSPACE`."""
     try:
-        return msgspec.json.decode((folder / MANIFEST).read_bytes(), type=Manifest)
+        return msgspec.json.decode(read_regular(folder / MANIFEST, PART_MAX), type=Manifest)
     except (OSError, msgspec.MsgspecError) as error:
         hint = "Name a folder that `paos bench run` has made."
         where = str(folder / MANIFEST)

@@ -23,6 +23,7 @@ import msgspec
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.documents.body_codec import render_flow
+from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.sessions.session import SessionStatus
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.store.follower import Follower, Position
@@ -31,6 +32,7 @@ from phyagentos.store.records import Tail
 from phyagentos.store.segments import SystemIO, damage, open_segment, read_front, sync_folder, write_file
 
 NAME = "checkpoint.md"
+CHECKPOINT_MAX = 1 << 28  # bytes; a goal that is open may have many sessions
 _TEMPORARY = ".checkpoint.tmp"
 _TAIL_BYTES = 4096
 _FRONT = re.compile(
@@ -90,7 +92,7 @@ def render_checkpoint(partition: str, image: Image, position: Position, tail_crc
 def find_checkpoint(folder: Path) -> Checkpoint | None:
     """The partition's checkpoint, or None when there is none that can be trusted."""
     try:
-        data = (folder / NAME).read_bytes()
+        data = read_regular(folder / NAME, CHECKPOINT_MAX)
         checkpoint = parse_checkpoint(data, folder.name)
         if checkpoint is None:
             return None
@@ -103,7 +105,7 @@ def find_checkpoint(folder: Path) -> Checkpoint | None:
 def find_seen_seq(folder: Path) -> int:
     """Sequence number of an intact checkpoint, whether the segments reach so far or not; 0 when there is none."""
     try:
-        checkpoint = parse_checkpoint((folder / NAME).read_bytes(), folder.name)
+        checkpoint = parse_checkpoint(read_regular(folder / NAME, CHECKPOINT_MAX), folder.name)
     except OSError:
         return 0
     return checkpoint.position.seq if checkpoint is not None else 0

@@ -137,6 +137,8 @@ class Follower:
         size = self._stat().st_size
         if size < self.offset:
             raise segments.damage(self.path, size, f"the file ends here, but record {self.seq} ended at {self.offset}")
+        if what := segments.describe_size(size):
+            raise segments.damage(self.path, self.offset, what)
         return self._read(size - self.offset, self.offset) if size > self.offset else b""
 
     def describe_damage(self) -> Exception:

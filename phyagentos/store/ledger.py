@@ -22,7 +22,7 @@ from typing import Any, Generic, TypeVar
 
 import msgspec
 
-from phyagentos.errors import Problem
+from phyagentos.errors import ExecutionError, PhyAgentOSError, Problem
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, REVIEW, SessionState
 from phyagentos.protocol.sessions.session import (
@@ -118,14 +118,18 @@ class Ledger:
             self.apply(record)
 
     def apply(self, record: Record) -> None:
-        """Take in the next record."""
+        """Take in the next record; raises ExecutionError `JOURNAL_DAMAGED` for one that no plane writes."""
         self.seq = record.seq
-        if record.to is not None:
-            self._apply_session(record)
-        elif record.id.startswith(GOAL_PREFIX):
-            self._apply_goal(record)
-        elif record.id.startswith(NODE_PREFIX):
-            self._apply_node(record)
+        try:
+            if record.to is not None:
+                self._apply_session(record)
+            elif record.id.startswith(GOAL_PREFIX):
+                self._apply_goal(record)
+            elif record.id.startswith(NODE_PREFIX):
+                self._apply_node(record)
+        except (PhyAgentOSError, AttributeError, LookupError, TypeError, ValueError) as error:
+            found = f"record {record.seq} ({record.ev} of {record.id}) is not as a plane writes it: {error}"
+            raise ExecutionError("JOURNAL_DAMAGED", f"{found}. `paos store check` names its file.") from error
 
     def find_horizon(self) -> int:
         """Sequence number of the first record of anything that is live or not over; else that of the next record."""

@@ -5,13 +5,12 @@ A new one opens at midnight (UTC) or at 16 MB. Those in the archive precede thos
 
 import os
 import re
-import stat
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from phyagentos.errors import ExecutionError
-from phyagentos.protocol.documents import durable_files
+from phyagentos.protocol.documents import durable_files, regular_files
 
 _NAME = re.compile(r"\d{4}-\d{2}-\d{2}\.\d{3,}\.md")
 _FRONT = re.compile(
@@ -19,6 +18,7 @@ _FRONT = re.compile(
     rb"prev: (?P<prev>[^\n]+)\nprev_sha256: (?P<hash>[^\n]+)\n---\n\n# Session journal (?P=name)\n\n"
 )
 FRONT_MAX_BYTES = 2048
+SEGMENT_MAX = 1 << 26  # bytes; a writer begins another at a quarter of that
 ARCHIVE = "archive"  # beside the partitions
 _NO_PARTITIONS = frozenset({ARCHIVE, "claims", "inbox"})  # other folders beside them
 NONE = "none"  # in place of the segment before the first
@@ -128,24 +128,36 @@ def open_segment(folder: Path, name: str) -> int:
 
     Raises:
         FileNotFoundError: It is in neither, or the name is none of a segment; another OSError when the system refuses.
-        ExecutionError: `JOURNAL_DAMAGED`: it is no regular file; a pipe is not waited for.
+        ExecutionError: `JOURNAL_DAMAGED`: it is no regular file, or larger than one of ours.
     """
-    if _NAME.fullmatch(f"{name}.md") is None:  # a checkpoint or an index from elsewhere may name any path
-        raise FileNotFoundError(f"{name!r} is no name of a segment")
     try:
-        fd = os.open(folder / f"{name}.md", os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
-    except FileNotFoundError:
-        fd = os.open(locate_archived(folder, name), os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
-    if stat.S_ISREG(os.fstat(fd).st_mode):
-        return fd
-    os.close(fd)
-    raise damage(locate(folder, name), 0, "it is no regular file")
+        return _open(folder, name)
+    except regular_files.UnfitFileError as error:
+        raise damage(locate(folder, name), 0, str(error)) from error
 
 
 def read_segment(folder: Path, name: str) -> bytes:
-    """A whole segment, in the partition or the archive: a running process may archive it meanwhile."""
-    with os.fdopen(open_segment(folder, name), "rb") as file:
+    """A whole segment, in the partition or the archive: a running process may archive it meanwhile; raises OSError."""
+    with os.fdopen(_open(folder, name), "rb") as file:
         return file.read()
+
+
+def describe_size(size: int) -> str:
+    """What is wrong with a size that no writer leaves; empty for one of a segment."""
+    return f"it has {size} bytes; a segment has at most {SEGMENT_MAX}" if size > SEGMENT_MAX else ""
+
+
+def _open(folder: Path, name: str) -> int:
+    if _NAME.fullmatch(f"{name}.md") is None:  # a checkpoint or an index from elsewhere may name any path
+        raise FileNotFoundError(f"{name!r} is no name of a segment")
+    try:
+        fd, found = regular_files.open_regular(folder / f"{name}.md")
+    except FileNotFoundError:
+        fd, found = regular_files.open_regular(locate_archived(folder, name))
+    if what := describe_size(found.st_size):
+        os.close(fd)
+        raise regular_files.UnfitFileError(what)
+    return fd
 
 
 def _list_names(folder: Path) -> list[str]:

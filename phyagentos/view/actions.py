@@ -4,6 +4,7 @@ import getpass
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from phyagentos.assembly.project import admit_python
 from phyagentos.clock import SystemClock
@@ -19,6 +20,8 @@ from phyagentos.protocol.workspace.workspace import Workspace
 GRAPH_MAX = 1 << 18  # bytes
 STOP = "estop"
 Form = Mapping[str, str]
+_NumberT = TypeVar("_NumberT", int, float)
+_NUMBERS: dict[type, str] = {int: "a whole number", float: "a number"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,21 +71,21 @@ def _estop(root: Path, form: Form) -> object:
 
 
 def _change(root: Path, form: Form) -> object:
-    limits = {name: _read_number(name, form[name]) for name in ("timeout_s", "stall_s") if form.get(name)}
-    priority = int(_read_number("priority", form["priority"])) if form.get("priority") else None
+    limits = {name: _read_number(name, form[name], float) for name in ("timeout_s", "stall_s") if form.get(name)}
+    priority = _read_number("priority", form["priority"], int) if form.get("priority") else None
     return request_change(root, form["session"], limits=limits, priority=priority)
 
 
 def _answer(root: Path, form: Form) -> object:
-    number = int(_read_number("question", form["question"]))
+    number = _read_number("question", form["question"], int)
     return answer.answer(root, form["subject"], form["says"], by=getpass.getuser(), question=number)
 
 
-def _read_number(name: str, text: str) -> float:
+def _read_number(name: str, text: str, kind: type[_NumberT]) -> _NumberT:
     try:
-        return float(text)
+        return kind(text)
     except ValueError as error:
-        raise DefinitionError.of("INVALID_VALUE", name, text, "a number") from error
+        raise DefinitionError.of("INVALID_VALUE", name, text[:100], _NUMBERS[kind]) from error
 
 
 def _lint(root: Path, form: Form) -> object:

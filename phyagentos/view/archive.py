@@ -7,6 +7,7 @@ from typing_extensions import override
 
 from phyagentos.errors import DefinitionError
 from phyagentos.operations.export import Written
+from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.sessions.looks import read_picture
 from phyagentos.protocol.sessions.tasks import GoalStatus
 from phyagentos.view.documents import Documents
@@ -26,7 +27,7 @@ class AnchoredQuery(Query):
     @override
     def show(self, picture: Picture) -> str:
         path = picture.folder / picture.file
-        data = read_picture(path, picture.member) if picture.member else path.read_bytes()
+        data = read_picture(path, picture.member) if picture.member else read_regular(path)
         return f"data:image/png;base64,{b64encode(data).decode()}"
 
     @override

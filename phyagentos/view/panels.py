@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlencode
 
-from phyagentos.agent.tools.proposals import Proposals
+from phyagentos.agent.tools.proposals import WAITING_MAX, Proposals
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.operations.answer import iter_open
 from phyagentos.pictures.goals import Drawn, draw_goal
@@ -310,22 +310,25 @@ def _read_runtime(documents: Documents, _: Query, __: Session) -> Fields:
 def _read_proposals(documents: Documents, _: Query, __: Session) -> Fields:
     """By their own bytes, as their names stand for them; what cannot be read hides no other."""
     proposals, shown, left = Proposals(documents.workspace.proposals), [], PROPOSALS_BYTES
-    for name in proposals.list_waiting():
+    waiting = proposals.list_waiting()
+    for name in waiting[:WAITING_MAX]:
         try:
             proposed = proposals.read(name)
         except DefinitionError as error:
             shown.append({"name": name, "text": "", "sha256": "", "problem": str(error)[:LINE_SHOWN]})
             continue
+        fits = len(proposed.data) <= max(left, PROPOSALS_BYTES // WAITING_MAX)  # a small one has room in any case
         left -= len(proposed.data)
-        fits = left >= 0
         problem = "" if fits else f"{len(proposed.data)} bytes: read it by `paos approve {name}`."
         text = proposed.data.decode() if fits else ""
         shown.append({"name": name, "text": text, "sha256": proposed.sha256, "problem": problem})
     strange = [
         path.name for path in sorted(documents.workspace.proposals.glob("new/*")) if not proposals.has(path.stem)
     ]
-    shown += [{"name": name, "text": "", "sha256": "", "problem": "This is no proposal."} for name in strange]
-    return {"proposals": shown}
+    shown += [
+        {"name": name, "text": "", "sha256": "", "problem": "This is no proposal."} for name in strange[:WAITING_MAX]
+    ]
+    return {"proposals": shown, "more": sum(max(0, len(each) - WAITING_MAX) for each in (waiting, strange))}
 
 
 def _read_questions(documents: Documents, _: Query, __: Session) -> Fields:

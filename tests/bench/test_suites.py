@@ -12,7 +12,7 @@ from phyagentos.agent.judging.causes import Cause
 from phyagentos.bench.availability import find_lacks, plan_setup
 from phyagentos.bench.engines import EngineName, open_engine
 from phyagentos.bench.matrix import compile_suite
-from phyagentos.bench.records import EpisodeLog, EpisodeRecord, read_records
+from phyagentos.bench.records import LOG, EpisodeLog, EpisodeRecord, read_records
 from phyagentos.bench.scorers.scorer import FILE, OUTCOMES
 from phyagentos.bench.scoring import Taxon, classify_cause, classify_problems
 from phyagentos.bench.suite_file import FigureThreshold, Policy, Variant, merge
@@ -183,6 +183,9 @@ def test_the_log_keeps_a_record_once_and_drops_a_half_line(tmp_path):
     with contextlib.closing(EpisodeLog(tmp_path)) as log:
         assert log.append(make_record("a.3", seed=3))
     assert [record.id for record in read_records(tmp_path)] == ["a.1", "a.3"]
+    os.truncate(tmp_path / LOG, 1 << 40)
+    with pytest.raises(DefinitionError, match=r"episodes\.jsonl: TOO_LARGE"):
+        read_records(tmp_path)
 
 
 def test_a_line_that_stands_twice_counts_once_and_no_record_or_two_of_an_episode_are_refused(tmp_path):

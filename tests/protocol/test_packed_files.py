@@ -39,7 +39,17 @@ def zeros(n_bytes):
     return (bytes(1 << 20) for _ in range(n_bytes >> 20))
 
 
+def pack_many(end=b""):
+    """Members without bytes, whose list takes more than is read; `end` stands before the end of the file."""
+    entry = b"PK\x01\x02" + bytes(24) + struct.pack("<H", 1) + bytes(16) + b"x"
+    file = entry * (packed_files.LIST_MAX // len(entry) + 1)
+    counts = (0, 0, 0, 0, 0 if end else len(file), 0, 0)
+    return file + end + b"PK\x05\x06" + struct.pack("<HHHHIIH", *counts)
+
+
 HOSTILE = {
+    "members without end": (pack_many, "its list of members has more than"),
+    "members whose number another record says": (lambda: pack_many(b"PK\x06\x07" + bytes(16)), "its list of members"),
     "a member that unpacks to more than is read": (lambda: pack(zeros(BOMB)), "unpacks to"),
     "one that says that it is small": (lambda: pack(zeros(BOMB), says=100), "unpacked"),
     "one packed by another method": (lambda: pack(zeros(BOMB), how=zipfile.ZIP_BZIP2, says=100), "method 12"),

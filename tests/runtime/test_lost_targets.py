@@ -1,5 +1,6 @@
 """A target that is lost is not its session's fault; and whoever is replaced is ended before that is recorded."""
 
+from functools import partial
 from multiprocessing import Pipe
 
 import msgspec
@@ -33,9 +34,9 @@ def lose_checks(count: int):
     return answer
 
 
-def lose_target(order: Run | Reconcile) -> Finished:
+def lose_target(order: Run | Reconcile, *, is_lost=True) -> Finished:
     execution = Execution(ended=Ended.TARGET_LOST, evidence="evidence/x", code="TARGET_LOST", message="it was lost")
-    return Finished(session=order.session.id, execution=execution, is_target_lost=True)
+    return Finished(session=order.session.id, execution=execution, is_target_lost=is_lost)
 
 
 def test_a_session_whose_target_is_lost_while_it_is_checked_waits_for_the_next(stand):  # noqa: F811
@@ -102,6 +103,18 @@ def test_a_target_that_is_lost_again_and_again_ends_the_run_and_not_the_session_
     assert "TARGET_LOST" in reason
     assert "it was lost; lost 3 times in a row" in reason
     assert [type(order) for order in worker.orders] == [Check, Run, Reconcile, Reconcile]
+
+
+def test_a_target_that_each_session_loses_ends_the_run_though_it_can_be_observed_in_between(stand):  # noqa: F811
+    observe = partial(lose_target, is_lost=False)
+    stand.watch(ScriptedWorker(on_run=lose_target, on_reconcile=observe), rest_s=0.001)
+    for name in "abcd":
+        stand.submit(make_session(f"g.{name}"))
+
+    stand.wait_for("g.d", "rejected")
+
+    assert "it was lost; lost 3 times in a row" in stand.ledger.sessions["g.d"].reason
+    assert [stand.ledger.sessions[f"g.{name}"].execution.ended for name in "abc"] == [Ended.TARGET_LOST] * 3
 
 
 class Witness(ScriptedWorker):

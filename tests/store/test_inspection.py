@@ -10,10 +10,11 @@ import pytest
 from phyagentos.errors import ExecutionError
 from phyagentos.store.checkpoint import write_checkpoint
 from phyagentos.store.compaction import compact_partition
+from phyagentos.store.follower import Follower
 from phyagentos.store.records import Record, encode_record
 from phyagentos.store.recovery.inspection import inspect_partition
 from phyagentos.store.recovery.repair import repair_partition
-from phyagentos.store.segments import SystemIO, locate_archived, open_segment
+from phyagentos.store.segments import SEGMENT_MAX, SystemIO, locate_archived, open_segment
 
 from .conftest import make_submit
 from .damage import HashingFollower, checkpoint, fill, frames_of, mend, segments_of, spoil, start_of
@@ -48,8 +49,21 @@ def test_a_missing_segment_is_told_by_the_numbers_that_are_gone(open_journal):
     assert f"records {gone[0]} to {gone[-1]} are lost" in findings[0].message
 
 
-@pytest.mark.parametrize("spoil_with", [Path.mkdir, os.mkfifo], ids=["a folder", "a pipe"])
-def test_what_is_no_file_is_told_and_neither_waited_for_nor_repaired(open_journal, clock, spoil_with):
+def make_endless(path):
+    path.touch()
+    os.truncate(path, SEGMENT_MAX + 1)
+
+
+@pytest.mark.parametrize(
+    ("spoil_with", "found"),
+    [
+        (Path.mkdir, "it is no regular file"),
+        (os.mkfifo, "it is no regular file"),
+        (make_endless, f"it has {SEGMENT_MAX + 1} bytes"),
+    ],
+    ids=["a folder", "a pipe", "an endless file"],
+)
+def test_what_is_no_file_is_told_and_neither_waited_for_nor_repaired(open_journal, clock, spoil_with, found):
     journal = open_journal(segment_bytes=2000)
     fill(journal)
     journal.close()
@@ -61,11 +75,22 @@ def test_what_is_no_file_is_told_and_neither_waited_for_nor_repaired(open_journa
 
     (odd,) = [each for each in findings if "cannot be read" in each.message]
     assert (odd.code, odd.segment) == ("JOURNAL_DAMAGED", second.stem)
-    assert f"{second} cannot be read: it is no regular file; move it away" in odd.message
+    assert f"{second} cannot be read: {found}" in odd.message
+    assert "move it away" in odd.message
     with pytest.raises(ExecutionError, match=r"UNREADABLE_FILE.*move it away first"):
         repair_partition(journal.folder, accept_loss=True, by="o", clock=clock, file_io=SystemIO())
     with pytest.raises(ExecutionError, match="JOURNAL_DAMAGED"):
         open_segment(journal.folder, second.stem)
+
+
+def test_a_segment_that_grows_without_end_is_damage_and_not_read(open_journal):
+    journal = open_journal()
+    fill(journal)
+    follower = Follower(journal.folder)
+    follower.read_new()
+    os.truncate(follower.path, SEGMENT_MAX + 1)
+    with pytest.raises(ExecutionError, match=rf"JOURNAL_DAMAGED.*it has {SEGMENT_MAX + 1} bytes"):
+        follower.read_new()
 
 
 def test_a_segment_in_two_places_is_told(open_journal, clock):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from phyagentos.errors import Problem
+from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SESSION_TRANSITIONS, IllegalTransition, Side
 from phyagentos.protocol.sessions.session import SESSIONS, Ended, Execution
@@ -14,6 +14,7 @@ from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Entry
 from phyagentos.store.ledger import Ledger
+from phyagentos.store.records import Record
 from phyagentos.store.views.sessions import render_sessions
 
 from .conftest import make_course
@@ -129,6 +130,24 @@ def test_a_repair_changes_nobody(open_journal, submit):
 
     assert after.sessions == before.sessions
     assert after.seq == before.seq + 1
+
+
+@pytest.mark.parametrize(
+    ("id", "ev", "to", "body"),
+    [
+        ("goal:g", "goal_submitted", None, "seed: 1\n[}"),
+        ("goal:g", "goal_submitted", None, "seed: many"),
+        ("goal:g", "goal_submitted", None, "objective: &a [*a]"),
+        ("node:g", "node_done", None, "reason: x"),
+        ("s", "submit", "pending", "objectiv: x"),
+        ("s", "submit", "dancing", None),
+    ],
+)
+def test_an_intact_record_that_no_plane_writes_is_damage_of_the_journal_by_its_number(id, ev, to, body):
+    markdown = "" if body is None else f"\n```yaml\n{body}\n```\n"
+    record = Record(id=id, ev=ev, to=to, by="x", side="agent", at="", seq=3, markdown=markdown)
+    with pytest.raises(ExecutionError, match=rf"JOURNAL_DAMAGED: record 3 \({ev} of {id}\)"):
+        Ledger().apply(record)
 
 
 @pytest.mark.slow

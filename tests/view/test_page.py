@@ -423,6 +423,18 @@ def test_a_proposal_is_shown_by_its_own_bytes_and_no_other_hides_it(documents, t
     assert shown.count("CHANGED") + shown.count("UNREADABLE_FILE") == 2
 
 
+def test_many_large_proposals_and_files_that_are_none_hide_no_small_one(documents):
+    for number in range(5):
+        put_proposal(documents, graph={"goal": "tidy", "objective": f"{number}" + "y" * 250_000})
+    small = put_proposal(documents, graph={"goal": "tidy", "objective": "zz"})
+    for number in range(300):
+        (documents.workspace.proposals / "new" / f"x{number}.txt").touch()
+    shown = read(documents, "proposals")
+    assert html.unescape(shown).count(small.data.decode()) == 1
+    assert "200 more files wait" in see(shown)
+    assert len(shown) < 3_000_000
+
+
 def test_what_waits_for_a_person_is_said_in_the_first_lines_and_asked_above_the_timeline(desk, access):
     node = {"objective": "Put it away.", "skill": "pick_and_place", "target": "panda"}
     desk.record(GOAL, "goal_submitted", graph="tidy", seed=7, objective="Tidy.")

@@ -53,7 +53,7 @@ def render_body(body: Mapping[str, Any] | None) -> str:
 
 
 def parse_body(markdown: str) -> Fields | None:
-    """The content of the fenced block of a record; None without one; raises YAMLError when it is not YAML."""
+    """The content of the fenced block of a record; None without one; raises ValueError when it is not YAML."""
     begin = markdown.find(_OPENING)
     end = markdown.rfind("\n" + _CLOSING)
     if begin < 0 or end < begin:
@@ -62,9 +62,14 @@ def parse_body(markdown: str) -> Fields | None:
     try:
         return _parse_lines(text)
     except (_OtherYaml, msgspec.DecodeError):
-        from phyagentos.protocol.documents.yaml_bounds import load_bounded  # for other writers; its import takes 9 ms
+        import yaml  # for other writers; it takes 9 ms
 
-        value = load_bounded(text)
+        from phyagentos.protocol.documents.yaml_bounds import load_bounded
+
+        try:
+            value = load_bounded(text)
+        except yaml.YAMLError as error:
+            raise ValueError(" ".join(str(error).split())) from error
         return value if isinstance(value, dict) else None
 
 

@@ -4,6 +4,7 @@ A FIFO, a device or a lease of another process never blocks who reads (`O_NONBLO
 """
 
 import errno
+import hashlib
 import os
 import stat
 from pathlib import Path
@@ -50,3 +51,9 @@ def read_regular(path: Path | str, at_most: int = DOCUMENT_MAX, *, follow: bool 
         return read_open(fd, found.st_size, at_most)
     finally:
         os.close(fd)
+
+
+def hash_regular(path: Path | str) -> str:
+    """SHA-256 of a file of any size, which is read part by part; raises OSError, or `UnfitFileError`."""
+    with os.fdopen(open_regular(path)[0], "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

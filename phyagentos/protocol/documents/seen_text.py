@@ -26,14 +26,16 @@ def find_unseen(text: str) -> list[str]:
     found = dict.fromkeys(f"U+{ord(each):04X}" for each in sorted(set(text) - set("\n\t")) if _is_unseen(each))
     if blanks := _BLANKS.search(text):
         found[f"{len(blanks[0])} blanks in a row"] = None
-    marks = 0
+    base, marks = " ", 0
     for each in text if not text.isascii() else "":
-        marks = marks + 1 if unicodedata.category(each) in {"Mn", "Me"} else 0
-        if marks > MARKS_MAX:
+        if not unicodedata.category(each).startswith("M"):
+            base, marks = each, 0
+            continue
+        marks += 1
+        if base.isspace():
+            found[f"a mark on no letter, U+{ord(each):04X}"] = None
+        elif marks > MARKS_MAX:
             found[f"more than {MARKS_MAX} marks on one letter"] = None
-            break
-    if text and unicodedata.category(text[0]).startswith("M"):
-        found[f"a mark on no letter, U+{ord(text[0]):04X}"] = None
     return list(found)
 
 

@@ -19,7 +19,7 @@ import msgspec
 from phyagentos.errors import ExecutionError, Problem
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.documents.plain_data import Fields
-from phyagentos.protocol.documents.regular_files import read_regular
+from phyagentos.protocol.documents.regular_files import hash_regular, read_regular
 from phyagentos.protocol.sessions.verdicts import Attempt, EvidenceReference
 
 MANIFEST = "manifest.json"
@@ -288,7 +288,7 @@ def _link(path: Path, shared: Path) -> None:
 
 
 def _check(path: Path, expected: FileRecord) -> Problem | None:
-    found = hashlib.sha256(path.read_bytes()).hexdigest()
+    found = hash_regular(path)
     if found == expected.sha256:
         return None
     return Problem("EVIDENCE_DAMAGED", str(path), f"sha256 {found}", expected.sha256)

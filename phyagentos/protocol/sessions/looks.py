@@ -4,7 +4,6 @@ A look is one zip file `look-<hash>.zip`, readable without this package: a PNG a
 and `look.json`, which describes them. `looks.json` names the looks of a session and the purpose of each.
 """
 
-import hashlib
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
@@ -16,6 +15,7 @@ import msgspec
 from phyagentos.errors import ExecutionError, Problem
 from phyagentos.geometry import Pose
 from phyagentos.protocol.documents.packed_files import open_packed
+from phyagentos.protocol.documents.regular_files import hash_regular
 from phyagentos.protocol.sessions.evidence_manifest import FileName, read_part
 from phyagentos.protocol.world.environment import Environment
 
@@ -186,7 +186,7 @@ def read_stored_look(path: Path, sha256: str = "") -> StoredLook:
         ExecutionError: `EVIDENCE_DAMAGED`, which name the file.
     """
     try:
-        if sha256 and hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
+        if sha256 and hash_regular(path) != sha256:
             raise ExecutionError("EVIDENCE_DAMAGED", f"{path}: its bytes are not those of sha256 {sha256}")
         with open_packed(path) as file:
             return msgspec.json.decode(file.read(LOOK), type=StoredLook)

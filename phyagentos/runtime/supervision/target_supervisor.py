@@ -42,7 +42,7 @@ RENEWALS = 0.2  # a lease is renewed when this share of it has passed
 REST_S = 2.0  # after the first failure, twice as long after each further one
 VERDICT_S = 5.0  # the longest that a target waits for a verdict, by the wall clock: the agent may have gone
 CHECK_SHOWS_S = 0.02  # a check that takes longer shows as `preflight`; a quicker one is recorded with its outcome
-STARTS = 3  # a target that is lost this often in a row is given up: no session of the run begins on it
+STARTS = 3  # a target that is lost by so many orders or sessions in a row is given up: no further session begins on it
 STOP_GRACE_S = 5.0  # a worker asked to stop has this long to bring the target to rest
 TARGET_LOST = "TARGET_LOST"
 _UNJUDGED = frozenset({SessionState.AWAITING_VERIFICATION, SessionState.VERIFYING})
@@ -123,6 +123,7 @@ class TargetSupervisor:
         self._since_s = self._clock.now_s()
         self._stop_by_s: float | None = None  # when a worker that was asked to stop is given up, by the clock [s]
         self._lost_targets = 0  # orders in a row during which the target was lost
+        self._lost_runs = 0  # sessions in a row that lost it, though it could be observed in between
         self._given_up = ""  # why, where no further worker is started
         self._unsure: tuple[SessionId, float] | None = None  # whose verdict the target waits for, and since when [s]
 
@@ -257,9 +258,12 @@ class TargetSupervisor:
                 )
             self.worker.kill(with_world=True)  # before it is recorded: its last command must not be obeyed later
             self._lost_targets += 1
+            self._lost_runs += self.phase is Phase.RUNNING
             if self._lost_targets < STARTS:
                 self._lose(execution.message, Ended.TARGET_LOST, execution.code)
                 return
+        elif self.phase is Phase.RUNNING:
+            self._lost_runs = 0
         self._lost_targets = 0
         self.note_end(session, execution)
         id, state = session.id, self._journal.get_state(session.id)
@@ -271,7 +275,7 @@ class TargetSupervisor:
         elif state not in FINAL_STATES:
             halt = self._journal.open_halt(id, self.epoch)
             self._journal.record(*halt, Entry(id, "finish", body, self.epoch), durable=False)
-        if answer.is_target_lost:  # each session of it would be lost alike
+        if answer.is_target_lost or self._lost_runs >= STARTS:  # each session of it would be lost alike
             self._queues.forsake(self.target)
             self.session, self.lost, self._given_up = None, None, execution.message
             self._fire("give_up")

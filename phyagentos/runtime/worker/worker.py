@@ -240,9 +240,8 @@ class WorkerLoop:
             self._remember(order)
             return orders.Finished(session=order.session.id, execution=self._observe(order))
         except ExecutionError as error:
-            lost = Execution(
-                ended=Ended.TARGET_LOST, evidence=order.evidence, code=error.code, message=f"{order.reason}; {error}"
-            )
+            reason = order.reason if str(error) in order.reason else f"{order.reason}; {error}"
+            lost = Execution(ended=Ended.TARGET_LOST, evidence=order.evidence, code=error.code, message=reason)
             return orders.Finished(session=order.session.id, execution=lost, is_target_lost=True)
 
     def _remember(self, order: orders.Reconcile) -> None:

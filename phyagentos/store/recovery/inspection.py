@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import yaml
 
-from phyagentos.errors import PhyAgentOSError
+from phyagentos.errors import ExecutionError, PhyAgentOSError
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Execution
 from phyagentos.protocol.sessions.verdicts import Attempt
@@ -151,7 +150,7 @@ class _Replay:
             body = record.body
             if record.ev != "submit":  # a contract has an `attempt` of its own; admission judges it
                 _convert_parts(body or {})
-        except (yaml.YAMLError, msgspec.MsgspecError) as error:
+        except ValueError as error:
             yield f"record {record.seq} ({record.id}: {record.ev}): {' '.join(str(error).split())}"
             body = None
         else:
@@ -176,7 +175,7 @@ class _Replay:
             return
         try:
             self._ledger.apply(record)
-        except (PhyAgentOSError, msgspec.MsgspecError, yaml.YAMLError, ValueError, KeyError, TypeError):
+        except ExecutionError:
             self._checkpoint = None  # reported as a problem of that record
             return
         if record.seq == self._checkpoint.position.seq:

@@ -237,8 +237,6 @@ def _read(folder: Path, name: str) -> tuple[bytes, str]:
         return read_segment(folder, name), ""
     except OSError as error:
         return b"", str(error.strerror or error)
-    except ExecutionError:
-        return b"", "it is no regular file"
 
 
 def _read_head(data: bytes, path: Path) -> tuple[Front | None, int]:

@@ -121,6 +121,8 @@ def test_a_link_is_no_approval(proposals, folder, tmp_path):
 UNSEEN = {  # and every ignorable letter, below
     "a hangul filler": "\u3164", "escape": "\x1b", "an override": "\u202e", "next line": "\x85",
     "a line of its own": "\u2028", "a return": "\r", "a blank of braille": "\u2800",
+    "a heap of wide marks": "a" + "\u0903" * 6, "marks on blanks": "a" + " \u0301" * 20,
+    "a mark on a line": "a\n\u0301b",
     "a heap of marks": "\u0301\u0302\u0303\u0304\u0305", "many blanks": " " * 40, "many lines": "\n" * 40,
     "wide blanks": "\u3000" * 20,
 }  # fmt: skip

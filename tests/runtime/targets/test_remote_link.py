@@ -3,15 +3,21 @@
 import contextlib
 import threading
 import time
+from multiprocessing import Pipe
 
 import pytest
 
+from phyagentos.assembly.drivers import DRIVERS
+from phyagentos.assembly.paths import TOKENS
+from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.capabilities.registries import read_target
+from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.drivers.debug import DebugDriver
 from phyagentos.runtime.drivers.remote import RemoteDriver
 from phyagentos.runtime.targets import websocket, wire
+from phyagentos.runtime.targets.driver_registry import DriverSite
 from phyagentos.runtime.targets.handshake import Tokens, greet, make_key, mint
 from phyagentos.runtime.targets.receive_log import ReceiveLog
 from phyagentos.runtime.targets.served_target import ServedTarget
@@ -42,6 +48,19 @@ class Slow(DebugDriver):
             if self.beats and self.is_ending():
                 raise ExecutionError("ABORTED", "the session is to end")
         return super().apply(command)
+
+
+def test_an_endpoint_that_does_not_greet_is_named(tmp_path, monkeypatch):
+    ours, theirs = Pipe()
+    theirs.close()
+    monkeypatch.setattr(websocket, "connect_websocket", lambda _endpoint, _trusted: ours)
+    space = Workspace.create(tmp_path / "w", Library(()))
+    (key := space.root / TOKENS / "counter").parent.mkdir(parents=True)
+    key.touch(mode=0o600)
+    key.write_text(make_key().hex())
+    profile = read_target(LIBRARY.get_target("counter")).model_copy(update={"endpoint": "ws://127.0.0.1:9"})
+    with pytest.raises(ExecutionError, match=r"TARGET_LOST: 'counter' at ws://127\.0\.0\.1:9: the target closed"):
+        DRIVERS.load("remote").open(DriverSite(profile=profile, folder=tmp_path, workspace=space, clock=SystemClock()))
 
 
 class Stand:
