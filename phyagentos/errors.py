@@ -109,6 +109,12 @@ class DefinitionError(PhyAgentOSError):
         return cls(Problem.unknown(kind, address, name, possible))
 
 
+def raise_any(problems: Iterable[Problem]) -> None:
+    """Raises DefinitionError with these problems, each once, where there are any."""
+    if found := tuple(dict.fromkeys(problems)):
+        raise DefinitionError(found)
+
+
 def get_known(kind: str, address: str, name: _NameT, known: Mapping[_NameT, _ValueT]) -> _ValueT:
     """What has this name; raises DefinitionError as `DefinitionError.unknown` where nothing has."""
     if name not in known:

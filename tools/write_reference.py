@@ -37,7 +37,7 @@ from phyagentos.store.ledger import Ledger
 from phyagentos.store.runtime_signal import render_runtime_signal
 from phyagentos.store.views.environment import render_environment
 from phyagentos.store.views.log import render_log
-from phyagentos.store.views.sessions import render_sessions
+from phyagentos.store.views.sessions import build_page, render_page
 from phyagentos.store.views.tasks import render_tasks
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -120,7 +120,7 @@ def render_pristine() -> dict[str, str]:
     """Text of each document as it is in a new workspace, by file name: what its renderer writes of nothing."""
     nothing = Ledger()
     return {
-        SESSIONS.file: render_sessions(nothing),
+        SESSIONS.file: render_page(build_page(nothing)),
         TASK.file: render_tasks(nothing),
         SKILLRUNTIME.file: render_skills(()),
         TARGETS.file: render_targets(()),

@@ -9,7 +9,7 @@ import msgspec
 
 from phyagentos.assembly.graphics import choose_graphics
 from phyagentos.assembly.paths import FAULTS, OUTCOMES, RECORDED_FAULTS, TOKENS
-from phyagentos.errors import DefinitionError, ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError, raise_any
 from phyagentos.plugins import Plugins
 from phyagentos.protocol.capabilities.targets import TargetProfile, find_unshared
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 def choose_driver(targets: Mapping[str, TargetProfile], target: str) -> DriverSpec:
     """The driver that moves a target of TARGETS.md; raises DefinitionError: `NO_DRIVER`, `WORLD_CONFLICT`."""
     spec, world = find_driver(DRIVERS, targets[target]), targets[target].world
-    if problems := find_unshared([each for each in targets.values() if world and each.world == world]):
-        raise DefinitionError(problems)
+    raise_any(find_unshared([each for each in targets.values() if world and each.world == world]))
     return spec
 
 
@@ -41,8 +40,7 @@ def open_shared_world(sites: Sequence[DriverSite], read_agreement: "ReadAgreemen
 
     `read_agreement` reports the sessions that run; None in real time.
     """
-    if problems := find_unshared([site.profile for site in sites]):
-        raise DefinitionError(problems)
+    raise_any(find_unshared([site.profile for site in sites]))
     world = _open_world(sites[0].workspace, read_agreement)
     return [_open_robot(world, site) for site in sites]
 

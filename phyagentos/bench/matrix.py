@@ -19,7 +19,7 @@ from phyagentos.bench.suite_file import (
     list_seeds,
     read_suite,
 )
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, raise_any
 from phyagentos.protocol.capabilities.environments import EnvironmentSpec
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.documents.schema import Address
@@ -90,8 +90,7 @@ def compile_suite(path: Path, seeds_max: int | None = None, *, runs_python: bool
             if lacks:
                 missing[order.id] = lacks
     checks.check_asked(orders)
-    if checks.problems:
-        raise DefinitionError(list(dict.fromkeys(checks.problems)))
+    raise_any(checks.problems)
     return Plan(suite, tuple(orders), missing, seeds_max)
 
 

@@ -122,11 +122,6 @@ class EpisodeRecord(Axes, frozen=True, kw_only=True, omit_defaults=True):
         return bool(self.is_met) and not self.replans
 
     @property
-    def is_frozen(self) -> bool:
-        """Whether memory was only to be read."""
-        return self.memory in {"frozen", "emptied"}
-
-    @property
     def is_false_success(self) -> bool:
         """Whether the verdict on the goal, or on a session, is a success that the scorer denies."""
         succeeded = [each for each in self.sessions if each.state == "succeeded"]

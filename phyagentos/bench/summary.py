@@ -264,7 +264,7 @@ def read_values(record: EpisodeRecord, of: Figure) -> Mapping[str, Any]:
         case Figure.FALSE_FAILURES:
             return {"": record.is_false_failure}
         case Figure.MEMORY_CHANGED:
-            return {"": record.is_frozen and record.memory_before != record.memory_after}
+            return {"": record.memory in {"frozen", "emptied"} and record.memory_before != record.memory_after}
         case Figure.CONTACTS:
             return {"": sum(session.contacts for session in record.sessions)}
         case _:

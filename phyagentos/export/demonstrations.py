@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from typing_extensions import override
 
-from phyagentos.errors import DefinitionError, Problem, format_names
+from phyagentos.errors import DefinitionError, Problem, format_names, raise_any
 from phyagentos.protocol.capabilities.registries import get_registered_target
 from phyagentos.protocol.documents.packed_files import check_picture, open_packed
 from phyagentos.protocol.documents.plain_data import Fields
@@ -186,8 +186,8 @@ def read_demonstrations(workspaces: Sequence[Path], choice: Choice) -> Demonstra
     if len(forms) > 1:
         hint = "Choose one with --target, or name workspaces of one."
         raise DefinitionError.of("INVALID_VALUE", "--target", "; ".join(forms.values()), "sessions of one target", hint)
-    if problems := [problem for bundle in found for problem in check_bundle(bundle)]:
-        raise DefinitionError(problems)
+    problems = [problem for bundle in found for problem in check_bundle(bundle)]
+    raise_any(problems)
     form, fps = next(iter(forms)), _choose_rate(next(iter(found)), choice.fps)
     read: list[Demonstration] = []
     for bundle, status in found.items():
@@ -195,8 +195,7 @@ def read_demonstrations(workspaces: Sequence[Path], choice: Choice) -> Demonstra
             read.append(_read(bundle, status, choice, fps, len(form) - 1))
         except DefinitionError as error:
             problems += error.problems
-    if problems:
-        raise DefinitionError(problems)
+    raise_any(problems)
     about = {"about": "sessions with a verdict on evidence"} if choice.failures else {}
     return Demonstrations(
         target=form[0], names=form[1:], fps=fps, episodes=tuple(read), left_out=dict(left_out), **about

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, raise_any
 from phyagentos.protocol.capabilities.skill_runtimes import SKILLRUNTIME
 from phyagentos.protocol.capabilities.targets import TARGETS
 from phyagentos.protocol.documents.document import Block, DocumentFormat, iter_blocks, read_document
@@ -56,8 +56,7 @@ def _check_with_requests(
         read_document(text, format, source, passed_over=requests)
     except DefinitionError as error:
         problems += error.problems
-    if problems:
-        raise DefinitionError(problems)
+    raise_any(problems)
 
 
 def _read_draft(block: Block, source: str) -> bool:

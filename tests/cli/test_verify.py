@@ -14,7 +14,7 @@ from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.world.environment import Entity, Environment, Interior, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Entry
-from phyagentos.store.views.sessions import render_sessions
+from phyagentos.store.views.sessions import build_page, render_page
 from tests.command_line import assert_ended, assert_refused
 
 SESSION = "tidy-7.red"
@@ -96,7 +96,7 @@ def test_evidence_that_changed_since_is_seen_in_its_hash(paos, judged):
 
 def test_everybody_sees_the_verdict_and_every_judgement(paos, judged):
     paos("verify", SESSION, "-w", judged.workspace.root)
-    page = render_sessions(read_ledger(judged.workspace.root))
+    page = render_page(build_page(read_ledger(judged.workspace.root)))
     assert f"| {SESSION} | failed | failure |" in page
     assert "is_review: true" in page
     told = paos("why", SESSION, "-w", judged.workspace.root)

@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from phyagentos.agent.goals.spec import WantedGoal
+from phyagentos.agent.planning.amounts import iter_amounts
 from phyagentos.agent.planning.integer_program import solve
-from phyagentos.agent.planning.pddl import list_actions, write_pddl
+from phyagentos.agent.planning.pddl import FULL, name_action, write_pddl
 from phyagentos.agent.planning.recipe_domain import build_recipe_domain
 from tests.agent.planning.test_amounts import CATALOGUE, NOTHING, Game, look
 
@@ -23,6 +24,21 @@ pytestmark = pytest.mark.extras
 def build(accept, now=NOTHING, **more):
     fields = {"goal": "g", "objective": "o", "scene": "s", "targets": {"player": "panda"}}
     return build_recipe_domain(WantedGoal(**fields, accept=accept, **more), CATALOGUE, now).problem
+
+
+def list_actions(problem, plan):
+    """The actions of a plan, by the names that they have in its domain."""
+    names = []
+    notes = [[f"reach_{k}" for k, at in enumerate(plan.reached[:-1]) if at == i] for i in range(len(plan.batches) + 1)]
+    for batch, state, before in zip(plan.batches, iter_amounts(problem, plan.batches), notes, strict=False):
+        names += before
+        activity = batch.activity
+        name = name_action(activity, problem.activities.index(activity))
+        rises = {each: activity.makes[each] for each in activity.makes.keys() & problem.most.keys()}
+        for time in range(batch.times):
+            is_full = any(state.get(r, 0.0) + (time + 1) * rise > problem.most[r] for r, rise in rises.items())
+            names.append(f"{name}{FULL}" if is_full else name)
+    return names + notes[-1]
 
 
 @pytest.fixture

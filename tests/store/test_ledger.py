@@ -15,7 +15,7 @@ from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.journal import Entry
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import Record
-from phyagentos.store.views.sessions import render_sessions
+from phyagentos.store.views.sessions import build_page, render_page
 
 from .conftest import make_course
 from .histories import fold
@@ -61,7 +61,7 @@ def test_the_problems_of_a_rejection_stay_typed_and_stand_in_the_view(open_journ
 
     problems = (unmet, Problem(code="NOT_GRASPABLE", address="dry run", found="0.1 m"))
     assert ledger.sessions["s"].problems == problems
-    assert read_document(render_sessions(ledger), SESSIONS).blocks["s"].problems == problems
+    assert read_document(render_page(build_page(ledger)), SESSIONS).blocks["s"].problems == problems
 
 
 def test_who_waits_is_answered_by_priority_and_age_and_who_waits_for_a_verdict_is_alive(open_journal, submit):

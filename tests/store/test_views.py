@@ -19,7 +19,7 @@ from phyagentos.store.edits.edit_intake import EditIntake
 from phyagentos.store.journal import Entry
 from phyagentos.store.ledger import Ledger
 from phyagentos.store.renderer import Views
-from phyagentos.store.views.sessions import FINISHED_SHOWN, render_sessions
+from phyagentos.store.views.sessions import FINISHED_SHOWN, build_page, render_page
 from phyagentos.store.views.tasks import render_graph, render_tasks
 
 from .conftest import make_course
@@ -90,7 +90,7 @@ def ledger(run):
 
 
 def test_a_session_tells_what_was_asked_who_did_it_what_was_seen_and_why(ledger):
-    text = render_sessions(ledger)
+    text = render_page(build_page(ledger))
     section = text[text.index("## tidy-7.red\n") :]
 
     for fact in (
@@ -115,7 +115,7 @@ def test_sessions_shows_all_live_ones_and_the_last_finished(open_journal, submit
     agent = open_journal()
     agent.commit([submit(f"s{number}") for number in range(120)])
     agent.commit([Entry(f"s{number}", "cancel") for number in range(100)])
-    text = render_sessions(fold(agent.read_new()))
+    text = render_page(build_page(fold(agent.read_new())))
     names = [block.name for block in iter_blocks(text)]
 
     assert names == [f"s{n}" for n in range(100, 120)] + [f"s{n}" for n in range(99, 99 - FINISHED_SHOWN, -1)]
@@ -123,7 +123,7 @@ def test_sessions_shows_all_live_ones_and_the_last_finished(open_journal, submit
 
 
 def test_a_pending_session_shows_every_field_that_may_change(ledger):
-    text = render_sessions(ledger)
+    text = render_page(build_page(ledger))
     pending, replanned = text[text.index("## tidy-7.red.r1\n") :].split("## tidy-7.red\n")
 
     for name in ("timeout_s: 60.0", "wall_timeout_s: 120.0", "queue_s: 3600.0", "heartbeat_s: 10.0", "priority: 0"):
@@ -134,7 +134,7 @@ def test_a_pending_session_shows_every_field_that_may_change(ledger):
 def test_no_objective_can_break_the_page(open_journal, submit):
     agent = open_journal()
     agent.commit([submit("a", objective="x\n## fake\n```yaml\nstate: y\n```\n<!-- end of view -->\n"), submit("b")])
-    text = render_sessions(fold(agent.read_new()))
+    text = render_page(build_page(fold(agent.read_new())))
 
     assert [block.name for block in iter_blocks(text)] == ["a", "b"]
     assert text.count("\n<!-- end of view -->\n") == 1
@@ -145,7 +145,7 @@ def test_what_is_shown_no_more_is_forgotten(open_journal, submit):
     for number in range(300):
         agent.commit([submit(f"s{number}"), Entry(f"s{number}", "cancel")])
         fold(agent.read_new(), ledger)
-        render_sessions(ledger, cache)
+        render_page(build_page(ledger), cache)
 
     assert len(cache) <= 3 * FINISHED_SHOWN + 2
 
@@ -173,7 +173,7 @@ def test_a_task_shows_goal_nodes_criteria_and_verdict(run, ledger):
 
 def test_a_workspace_without_goals_says_so():
     assert "No goal has been submitted yet." in render_tasks(Ledger())
-    assert "No session has been submitted yet." in render_sessions(Ledger())
+    assert "No session has been submitted yet." in render_page(build_page(Ledger()))
 
 
 def test_the_graph_is_quoted_mermaid_coloured_by_state():

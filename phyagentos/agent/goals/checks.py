@@ -12,7 +12,7 @@ from phyagentos.agent.goals.expansion import Node, Path
 from phyagentos.agent.goals.places import iter_misplaced
 from phyagentos.agent.goals.selector import ANY, Choice, select
 from phyagentos.agent.goals.spec import NAME_MAX, REFERENCE, GoalSpec, Promise
-from phyagentos.errors import DefinitionError, Problem, format_names
+from phyagentos.errors import DefinitionError, Problem, format_names, raise_any
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, SkillRuntime, find_mismatch
 from phyagentos.protocol.capabilities.targets import find_unshared
 from phyagentos.protocol.documents.schema import Located
@@ -89,8 +89,7 @@ class Checks:
             problems.append(self.located.unknown("target", path, target, possible))
         if isinstance(skill, str) and skill not in self.catalogue.skills:
             problems.append(self.located.unknown("skill", (*node.path, "skill"), skill, self.catalogue.skills))
-        if problems:
-            raise DefinitionError(problems)
+        raise_any(problems)
         established: list[str] = []
         earlier: set[str] = set()
         if isinstance(skill, Promise):

@@ -14,7 +14,7 @@ from phyagentos.agent.goals.expansion import iter_strings, substitute_value
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.selector import ANY, Choice
 from phyagentos.agent.goals.spec import REFERENCE, NodeSpec
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, raise_any
 from phyagentos.protocol.capabilities.placed_scenes import name_placed
 from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
 from phyagentos.protocol.documents.plain_data import Fields
@@ -188,8 +188,7 @@ class _Resolver:
                 resolved[predicate.rename_targets(self.roles).text] = None
             except DefinitionError as error:
                 problems += error.problems
-        if problems:
-            raise DefinitionError(problems)
+        raise_any(problems)
         return tuple(resolved)
 
 
@@ -210,8 +209,7 @@ def _check_resolved(parameters: Mapping[str, object], goal: GoalId, node: str) -
         for path, text in iter_strings(parameters)
         for reference in REFERENCE.findall(text)
     ]
-    if problems:
-        raise DefinitionError(problems)
+    raise_any(problems)
 
 
 def _describe(skill: str, parameters: Mapping[str, object]) -> str:

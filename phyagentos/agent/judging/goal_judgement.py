@@ -116,13 +116,10 @@ def carry_conditions(
         text: evidence.read(status, with_course=False).before
         for text, status in find_unseen_holds(session, lineage).items()
     }
-    return judge_carried(session, now, {text: before for text, before in begun.items() if before is not None})
-
-
-def judge_carried(session: Session, now: Environment, begun: Mapping[str, Environment]) -> tuple[Criterion, ...]:
-    """Conditions in the world `now`, each against the world in which it began to count."""
     return tuple(
-        evaluate_on(text, "constraint", session.make_view(now, before), AFTER) for text, before in begun.items()
+        evaluate_on(text, "constraint", session.make_view(now, before), AFTER)
+        for text, before in begun.items()
+        if before is not None
     )
 
 

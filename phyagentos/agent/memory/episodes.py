@@ -161,11 +161,6 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         """Whether it is the first attempt of its node."""
         return (self.parent is None or self.prepared) and not self.purpose
 
-    @property
-    def is_own_way(self) -> bool:
-        """Whether nothing was done differently from what node and skill say."""
-        return not (self.strategy or self.advised_by or self.prepared)
-
 
 def find_key(status: SessionStatus) -> str:
     """The key of a session's episode."""

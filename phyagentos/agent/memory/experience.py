@@ -124,7 +124,7 @@ class Experience(msgspec.Struct, kw_only=True):
             self.patterns[id] = pattern.add(episode, self.seq)
             _shrink(self.patterns, PATTERNS_KEPT, self.seq)
             yield id
-        if episode.is_first and episode.is_own_way:
+        if episode.is_first and not (episode.strategy or episode.advised_by or episode.prepared):
             scope = compute_scope(episode)
             for each in dict.fromkeys((scope, widen(scope, _OF_OBJECTS), widen(scope, _OF_PLACES))):
                 name = _name(each)

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 import networkx as nx
 
 from phyagentos.agent.goals.graph import GoalGraph
-from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, UNJUDGED_STATES, SessionState
 from phyagentos.protocol.sessions.session import GoalId, SessionId, SessionStatus
 from phyagentos.protocol.sessions.tasks import PAST, GoalStatus, NodeState, NodeStatus, Relation, Replan, get_step_name
 from phyagentos.store.admission import NODE_PREFIX
@@ -20,7 +20,6 @@ from phyagentos.store.ledger import Ledger
 from phyagentos.store.records import Record
 
 _CLOSED = frozenset({NodeState.DONE, NodeState.RESCUED, NodeState.SKIPPED})
-_UNJUDGED = frozenset({SessionState.AWAITING_VERIFICATION, SessionState.VERIFYING})
 _UNDER_WAY = frozenset(SessionState) - FINAL_STATES - {SessionState.PENDING}  # nothing follows for the node yet
 
 
@@ -213,7 +212,7 @@ class Worklist:
         elif id in self._live:
             self._shares[target] -= 1
             del self._live[id]
-        if status.state in _UNJUDGED:
+        if status.state in UNJUDGED_STATES:
             self._unjudged[id] = None
         else:
             self._unjudged.pop(id, None)

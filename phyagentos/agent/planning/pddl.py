@@ -8,10 +8,10 @@ counterpart, as an action is no session.
 import math
 from collections.abc import Iterator, Mapping
 
-from phyagentos.agent.planning.amounts import Activity, AmountPlan, AmountProblem, Bounds, Resource, iter_amounts
+from phyagentos.agent.planning.amounts import Activity, AmountProblem, Bounds, Resource
 
 _TIME = "(elapsed_s)"
-_FULL = "_full"
+FULL = "_full"
 
 
 def write_pddl(problem: AmountProblem, name: str) -> tuple[str, str]:
@@ -41,22 +41,8 @@ def write_pddl(problem: AmountProblem, name: str) -> tuple[str, str]:
     return "\n".join(filter(None, domain)) + ")\n", "\n".join(task) + ")\n"
 
 
-def list_actions(problem: AmountProblem, plan: AmountPlan) -> list[str]:
-    """The actions of a plan, by the names that they have in its domain."""
-    names: list[str] = []
-    notes = [[f"reach_{k}" for k, at in enumerate(plan.reached[:-1]) if at == i] for i in range(len(plan.batches) + 1)]
-    for batch, state, before in zip(plan.batches, iter_amounts(problem, plan.batches), notes, strict=False):
-        names += before
-        activity = batch.activity
-        name = _name_action(activity, problem.activities.index(activity))
-        rises = {each: activity.makes[each] for each in activity.makes.keys() & problem.most.keys()}
-        for time in range(batch.times):
-            is_full = any(state.get(r, 0.0) + (time + 1) * rise > problem.most[r] for r, rise in rises.items())
-            names.append(f"{name}{_FULL}" if is_full else name)
-    return names + notes[-1]
-
-
-def _name_action(activity: Activity, index: int) -> str:
+def name_action(activity: Activity, index: int) -> str:
+    """The name that the activity of this place has in a domain."""
     return f"{activity.skill}_{activity.made.subject}_{index}".lower()
 
 
@@ -71,11 +57,11 @@ def _iter_actions(activity: Activity, index: int, problem: AmountProblem) -> Ite
     took = f"(increase {_TIME} {activity.time_s:g})"
     capped = {name: most for name, most in problem.most.items() if changes.get(name, 0.0) > 0}
     fits = [f"(<= {_name(name)} {most - changes[name]:g})" for name, most in capped.items()]
-    yield _action(_name_action(activity, index), needs + fits, [*effects.values(), took])
+    yield _action(name_action(activity, index), needs + fits, [*effects.values(), took])
     if capped:
         full = effects | {name: f"(assign {_name(name)} {most:g})" for name, most in capped.items()}
         over = [f"(>= {_name(name)} {most - changes[name]:g})" for name, most in capped.items()]
-        yield _action(f"{_name_action(activity, index)}{_FULL}", needs + over, [*full.values(), took])
+        yield _action(f"{name_action(activity, index)}{FULL}", needs + over, [*full.values(), took])
 
 
 def _action(name: str, needs: list[str], effects: list[str]) -> str:

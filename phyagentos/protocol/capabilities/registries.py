@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from phyagentos.errors import DefinitionError, Problem, get_known
+from phyagentos.errors import DefinitionError, Problem, get_known, raise_any
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.policy_descriptors import MODEL_SCHEME
 from phyagentos.protocol.capabilities.skill_runtimes import SKILLRUNTIME, SkillRuntime, read_skill
@@ -152,8 +152,7 @@ def read_each(names: Iterable[str], read: Callable[[str], _EntryT]) -> tuple[dic
 def _read_all(names: Iterable[str], read: Callable[[str], _EntryT]) -> list[_EntryT]:
     """Every entry; raises DefinitionError with the problems of all files."""
     entries, problems = read_each(names, read)
-    if problems:
-        raise DefinitionError(problems)
+    raise_any(problems)
     return list(entries.values())
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path, PurePosixPath
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import Problem, raise_any
 
 SOCKETS = Path(".world") / "sockets"  # of a workspace
 SHOWN = 20  # problems; of a folder full of links the first are enough
@@ -25,8 +25,7 @@ _KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a de
 def check_enclosed(root: Path, *parts: str) -> None:
     """Look at a whole workspace, or at some parts of it; raises DefinitionError `LEADS_OUT` with what was found."""
     starts = [root / part for part in parts] or [root]
-    if problems := list(islice((each for start in starts for each in _iter_problems(root, start)), SHOWN)):
-        raise DefinitionError(problems)
+    raise_any(islice((each for start in starts for each in _iter_problems(root, start)), SHOWN))
 
 
 def leads_out(path: str, folder: str = "") -> bool:

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, raise_any
 from phyagentos.protocol.documents.document import DocumentFormat, FrontMatter, read_document
 
 _DAY = re.compile(r"## (\d{4}-\d{2}-\d{2})")
@@ -63,8 +63,7 @@ def read_log(text: str, source: str = "") -> Log:
         front = read_document(text, LOG, source).front
     except DefinitionError as error:
         problems += error.problems
-    if problems:
-        raise DefinitionError(problems)
+    raise_any(problems)
     return Log(front=msgspec.convert(msgspec.to_builtins(front), LogFront), lines=tuple(lines))
 
 

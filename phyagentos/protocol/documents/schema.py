@@ -18,7 +18,7 @@ import pydantic
 import yaml
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
 
-from phyagentos.errors import DefinitionError, Problem, find_nearest, format_hint
+from phyagentos.errors import DefinitionError, Problem, find_nearest, format_hint, raise_any
 from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.documents.yaml_bounds import DEPTH_MAX, FLATTEN, TOO_DEEP, VALUES_MAX, check_bounds, refuse
 from phyagentos.protocol.documents.yaml_scalars import (
@@ -172,8 +172,7 @@ def parse_yaml(text: str, source: str, first_line: int = 1, values_max: int = VA
             is_deep = count("[") + count("{") - count("]") - count("}") > DEPTH_MAX
             detail, hint = (TOO_DEEP, f"{FLATTEN.capitalize()}.") if is_deep else (detail, hint)
         raise DefinitionError.of("SYNTAX", place, detail, "well-formed YAML", hint) from error
-    if problems:
-        raise DefinitionError(list(dict.fromkeys(problems)))  # one of an alias is met at each
+    raise_any(problems)  # one of an alias is met at each
     return Located(data=data, source=source, marks=marks)
 
 
@@ -529,12 +528,8 @@ def _iter_synonyms(field: pydantic.fields.FieldInfo) -> Iterator[AlsoCalled]:
     return (each for each in field.metadata if isinstance(each, AlsoCalled))
 
 
-def find_fields(model: type[Authored], loc: Address) -> list[str]:
-    """Names that are possible inside `model` at the place `loc`; empty when the place is free-form."""
-    return list(_find_fields(model, loc))
-
-
 def _find_fields(model: type[Authored], loc: Address) -> dict[str, pydantic.fields.FieldInfo]:
+    """What is possible inside `model` at the place `loc`; empty when the place is free-form."""
     found: list[Any] = [model]
     for step in loc:
         found = [inner for each in found for inner in _enter(each, step)]

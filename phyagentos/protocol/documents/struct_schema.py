@@ -12,7 +12,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin
 
 import msgspec
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names, raise_any
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Address, Authored, Located
 from phyagentos.protocol.documents.yaml_scalars import advise_form
@@ -26,8 +26,7 @@ def convert_located(kind: type[StructT], located: Located, path: Address = ()) -
     """The struct of located YAML data, begun at `path`; raises DefinitionError, each violation at file:line:column."""
     value = located.at(path)
     problems = list(_iter_problems(kind, value, located, path))
-    if problems:
-        raise DefinitionError(problems)
+    raise_any(problems)
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:

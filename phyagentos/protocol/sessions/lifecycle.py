@@ -63,6 +63,7 @@ _S = SessionState
 _HELD = (_S.PREFLIGHT, _S.RUNNING, _S.HALTING)
 _JUDGED = (_S.SUCCEEDED, _S.FAILED, _S.REPLANNED, _S.UNVERIFIED)  # final, and there is evidence to judge again
 _ANY = (Side.AGENT, Side.RUNTIME, Side.OPERATOR)
+UNJUDGED_STATES = frozenset({_S.AWAITING_VERIFICATION, _S.VERIFYING})
 FINAL_STATES = frozenset({*_JUDGED, _S.REJECTED, _S.CANCELLED})
 
 SESSION_TRANSITIONS: tuple[Row, ...] = (

@@ -6,7 +6,7 @@ from typing import Literal
 
 import pydantic
 
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import raise_any
 from phyagentos.protocol.documents.schema import Authored, read_yaml, validate
 from phyagentos.protocol.settings.sensors import read_sensors
 
@@ -100,6 +100,5 @@ def read_perception(path: Path) -> Perception:
             for index, sensor in enumerate(pipeline.sensors)
             if sensor not in sensors
         ]
-        if problems:
-            raise DefinitionError(problems)
+        raise_any(problems)
     return perception

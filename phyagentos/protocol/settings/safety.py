@@ -10,7 +10,7 @@ from typing import Literal
 
 import pydantic
 
-from phyagentos.errors import DefinitionError, Problem, format_names
+from phyagentos.errors import DefinitionError, Problem, format_names, raise_any
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Authored, Located, advise_corners, read_yaml, show_value, validate
 
@@ -161,8 +161,7 @@ def read_safety(path: Path) -> Safety:
     problems = [
         problem for target, limits in safety.targets.items() for problem in _check_limits(located, target, limits)
     ]
-    if problems:
-        raise DefinitionError(problems)
+    raise_any(problems)
     return safety
 
 

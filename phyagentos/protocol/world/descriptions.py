@@ -12,7 +12,7 @@ from math import prod
 
 import msgspec
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, raise_any
 from phyagentos.protocol.world.body_shapes import Solid
 from phyagentos.protocol.world.entity_geometry import compute_half_box
 from phyagentos.protocol.world.environment import UNNAMED, Entity, Shape, ShapeKind, Status
@@ -43,8 +43,7 @@ def parse_description(text: str, address: str = "") -> tuple[str, str, str]:
         if (word := match[group]) and word not in words:
             found = f"{word!r} at column {match.start(group) + 1} of {text!r}"
             problems.append(Problem.unknown("word", address, word, words, found))
-    if problems:
-        raise DefinitionError(problems)
+    raise_any(problems)
     return match[1], match[2] or "", match[3].removesuffix("thing")
 
 

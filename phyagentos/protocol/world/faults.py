@@ -6,9 +6,8 @@ from typing import Annotated, Literal
 import pydantic
 
 from phyagentos.protocol.documents.schema import Authored, read_yaml, validate
+from phyagentos.protocol.world.body_shapes import Number3
 
-Number2 = tuple[float, float]
-Number3 = tuple[float, float, float]
 ALWAYS_S = 3600.0  # longer than any episode
 
 
@@ -57,7 +56,7 @@ class Move(Authored):
     kind: Literal["move"]
     object: str
     when: When = When(gripper_near_m=0.25)
-    to_m: Number2 | None = None
+    to_m: tuple[float, float] | None = None
     duration_s: float = pydantic.Field(default=1.0, gt=0.0)
 
 
@@ -67,7 +66,7 @@ class Remove(Authored):
     kind: Literal["remove"]
     object: str
     when: When = When(gripper_near_m=0.25)
-    to_m: Number2 = (1.6, -0.6)
+    to_m: tuple[float, float] = (1.6, -0.6)
     duration_s: float = pydantic.Field(default=1.2, gt=0.0)
 
 

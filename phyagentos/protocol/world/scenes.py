@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 import pydantic
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, raise_any
 from phyagentos.geometry import UP, convert_euler, invert_rotation, rotate
 from phyagentos.protocol.documents.schema import (
     Address,
@@ -365,8 +365,7 @@ def _parse_scene(text: str, path: Path) -> SceneSpec:
     problems += [*_find_dangling(spec, located), *_iter_misnamed(spec, located), *_iter_oversized(spec, located)]
     if not path.with_suffix("").as_posix().endswith(f"scenes/{spec.scene}"):
         problems.append(located.problem("INVALID_VALUE", ("scene",), repr(spec.scene), "the file's path below scenes/"))
-    if problems:
-        raise DefinitionError(problems)
+    raise_any(problems)
     return spec
 
 

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
+from phyagentos.protocol.documents.schema import Corners
 from phyagentos.protocol.settings.safety import Reaction, TargetLimits
-from phyagentos.runtime.actions.guard_limits import ROUNDING, Box, GuardLimits
+from phyagentos.runtime.actions.guard_limits import ROUNDING, GuardLimits
 from phyagentos.runtime.actions.set_points import Array
 from phyagentos.runtime.actions.tool_point import ToolPoint
 from phyagentos.runtime.actions.violations import CLAMPED, Intervention, Violation, ViolationCode
@@ -269,6 +270,6 @@ class SafetyGuard:
         return msgspec.structs.replace(command, q_rad=q, qd_rad_s=np.where(touched, 0.0, command.qd_rad_s)), changed
 
 
-def _measure_depth(point: tuple[float, float, float], box: Box) -> float:
+def _measure_depth(point: tuple[float, float, float], box: Corners) -> float:
     (x, y, z), ((a, b, c), (d, e, f)) = point, box
     return min(x - a, d - x, y - b, e - y, z - c, f - z)

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from phyagentos.protocol.documents.schema import Corners
 from phyagentos.protocol.settings.safety import Limit, Reaction, TargetLimits
 from phyagentos.runtime.actions.set_points import Array
 from phyagentos.runtime.targets.wire import Description
-
-Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 ROUNDING = 1e-9  # a set-point on the limit passes
 STEP_TOLERANCE = 0.02  # of a difference of positions against the velocity limit
@@ -55,8 +54,8 @@ class GuardLimits:
     bend_max: Array
     disagreement_max: Array
     jerk_sum_max: Array
-    box: Box
-    keep_out: Mapping[str, Box]
+    box: Corners
+    keep_out: Mapping[str, Corners]
     width_max_m: float
     force_max_n: float
     period_min_s: float
@@ -106,6 +105,6 @@ def _as_number(limit: Limit) -> float:
     return float(np.asarray(limit.value))
 
 
-def _as_box(limit: Limit) -> Box:
+def _as_box(limit: Limit) -> Corners:
     (a, b, c), (x, y, z) = np.asarray(limit.value, dtype=np.float64).tolist()
     return (a, b, c), (x, y, z)

@@ -62,6 +62,8 @@ class TargetSessionHandle:
         is_pausing: Whether the session is to rest; for skills without an end of a motion to rest at.
         on_frames: Called as frames come: a look at several slow cameras takes many seconds.
         token: Of the epoch that begins next.
+        latest: As `step`; None where no session has begun.
+        is_at_rest: Whether the latest command left the arm at rest.
 
     Raises:
         ExecutionError: `TARGET_LOST` from every method when the world is gone or silent.
@@ -91,8 +93,8 @@ class TargetSessionHandle:
         self._epoch = 0
         self._sequence = 0
         self._n_calls = 0
-        self._step: wire.Step | None = None
-        self._rests = True
+        self.latest: wire.Step | None = None
+        self.is_at_rest = True
         self._permitted: frozenset[str] = frozenset((*OPERATIONS.values(), wire.RENDER))
 
     def permit(self, operations: Collection[str]) -> None:
@@ -133,7 +135,7 @@ class TargetSessionHandle:
         """Take authority for one session, and observe once, with a snapshot."""
         description = self.describe()
         self._ask(wire.Begin(session=session, epoch=epoch, token=self.token))
-        self._session, self._epoch, self._sequence, self._rests = session, epoch, 0, True
+        self._session, self._epoch, self._sequence, self.is_at_rest = session, epoch, 0, True
         self.link.clear()
         observation = self.observe(snapshot=True)
         if self._made is None or self._made[0] is not description:
@@ -146,7 +148,7 @@ class TargetSessionHandle:
             self._made = (description, guard)
         self._guard = self._made[1]
         self._guard.begin(np.asarray(observation.target.q_rad, dtype=np.float64))
-        self._step = wire.Step(observation.time_s, observation.target, tracking_error_rad=0.0)
+        self.latest = wire.Step(observation.time_s, observation.target, tracking_error_rad=0.0)
         return observation
 
     def guard_against(self, world: Environment) -> None:
@@ -159,9 +161,9 @@ class TargetSessionHandle:
     @property
     def step(self) -> wire.Step:
         """The world after the latest command of this session."""
-        if self._step is None:
+        if self.latest is None:
             raise ExecutionError("NO_AUTHORITY", "no session has begun on this target; call begin() first")
-        return self._step
+        return self.latest
 
     @property
     def start_rad(self) -> NDArray[np.float64]:
@@ -172,16 +174,6 @@ class TargetSessionHandle:
         if self._guard is None:
             raise ExecutionError("NO_AUTHORITY", "no session has begun on this target; call begin() first")
         return self._guard.start_rad
-
-    @property
-    def latest(self) -> wire.Step | None:
-        """As `step`; None where no session has begun."""
-        return self._step
-
-    @property
-    def is_at_rest(self) -> bool:
-        """Whether the latest command left the arm at rest."""
-        return self._rests
 
     @property
     def can_run_ahead(self) -> bool:
@@ -208,8 +200,8 @@ class TargetSessionHandle:
         if self._guard is None:
             raise ExecutionError("NO_AUTHORITY", "no session has begun on this target; call begin() first")
         description = self.describe()
-        if self._rests and (description.mode == WorldMode.REALTIME or description.shares_time):  # time may have gone on
-            self.settle(0.0)
+        if self.is_at_rest and (description.mode == WorldMode.REALTIME or description.shares_time):
+            self.settle(0.0)  # time may have gone on
         period_s = description.physics_step_s * description.steps_per_command
         now = self.step
         if ahead := self.link.n_commands:
@@ -228,7 +220,7 @@ class TargetSessionHandle:
         if ruling.command is None:
             self._refuse(ruling)
         self._sequence += 1
-        self._rests = not ruling.command.qd_rad_s[-1].any()
+        self.is_at_rest = not ruling.command.qd_rad_s[-1].any()
         self._check_permitted(OPERATIONS[wire.Command])
         self.link.send(ruling.command)
 
@@ -239,11 +231,11 @@ class TargetSessionHandle:
             CommandRefused: By the target, which refuses those behind it as well, or stopped by its own means.
         """
         try:
-            self._step = self._expect(wire.Command, self.link.collect())
-            if self._step.stopped:
+            self.latest = self._expect(wire.Command, self.link.collect())
+            if self.latest.stopped:
                 raise CommandRefused(
-                    self._step.stopped,
-                    message=f"the target stopped by itself in the middle of a command: {self._step.stopped}",
+                    self.latest.stopped,
+                    message=f"the target stopped by itself in the middle of a command: {self.latest.stopped}",
                     by="target",
                     reaction="stop_category_2",
                 )
@@ -251,7 +243,7 @@ class TargetSessionHandle:
             while self.link.n_sent:
                 self.link.collect()
             raise
-        return self._step
+        return self.latest
 
     def request_frames(self, capture: wire.Capture) -> None:
         """Request the frames at the end of the command that was sent last; `collect_frames` returns them."""
@@ -261,11 +253,6 @@ class TargetSessionHandle:
     def collect_frames(self) -> wire.Frames:
         """The frames that were requested behind the command whose report was collected last."""
         return self._expect(wire.Capture, self.link.collect())
-
-    @property
-    def is_reporting(self) -> bool:
-        """Whether something was sent whose reply was not collected."""
-        return bool(self.link.n_sent)
 
     def take_interventions(self) -> list[Intervention]:
         """Changes of the guard since the last call; for the evidence."""
@@ -309,15 +296,15 @@ class TargetSessionHandle:
 
     def halt(self, category: int = 2) -> wire.Step:
         """Let the target bring itself to rest, by a stop of this category."""
-        self._step = self._ask(wire.Halt(session=self._session, epoch=self._epoch, category=category))
-        return self._step
+        self.latest = self._ask(wire.Halt(session=self._session, epoch=self._epoch, category=category))
+        return self.latest
 
     def settle(self, duration_s: float) -> wire.Step:
         """Hold still for `duration_s` [s] of the target's time."""
-        self._step = self._ask(wire.Settle(session=self._session, epoch=self._epoch, duration_s=duration_s))
+        self.latest = self._ask(wire.Settle(session=self._session, epoch=self._epoch, duration_s=duration_s))
         if self._guard is not None and not self._sequence:  # the first command begins where the arm stands now
-            self._guard.begin_again(np.asarray(self._step.target.q_rad, dtype=np.float64))
-        return self._step
+            self._guard.begin_again(np.asarray(self.latest.target.q_rad, dtype=np.float64))
+        return self.latest
 
     def call(self, procedure: str, goal: Fields, cancel_within_s: float) -> tuple[int, wire.Progress]:
         """Start a procedure of the target, as of `wire.Call`; its number, and how far it is."""
@@ -336,7 +323,7 @@ class TargetSessionHandle:
     def end(self) -> wire.Ended:
         """Give authority back."""
         ended = self._ask(wire.End(session=self._session, epoch=self._epoch))
-        self._guard, self._step = None, None
+        self._guard, self.latest = None, None
         return ended
 
     def render(self, camera: str, width: int = 640, height: int = 480) -> bytes:

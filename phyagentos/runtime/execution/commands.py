@@ -27,7 +27,7 @@ class CommandBuffer:
         self.step_s = step_s
         self._q = np.array(q_rad, dtype=np.float64)
         self._qd = np.zeros_like(self._q)
-        self._width_m = float(gripper_width_m)
+        self.gripper_width_m = float(gripper_width_m)  # the latest set-point
         self._acceleration = acceleration_rad_s2
         self._arm: tuple[Array, Array] | None = None
         self._gripper: Array | None = None
@@ -38,11 +38,6 @@ class CommandBuffer:
     def q_rad(self) -> Array:
         """(n_joints,) latest arm set-point, as commanded."""
         return self._q.copy()
-
-    @property
-    def gripper_width_m(self) -> float:
-        """Latest gripper set-point."""
-        return self._width_m
 
     @property
     def at_rest(self) -> bool:
@@ -63,7 +58,7 @@ class CommandBuffer:
     def go_on_from(self, points: SetPoints) -> None:
         """Take the end of a period for what was commanded last, also by another source; drop what is set."""
         self._q, self._qd = points.q_rad[-1].copy(), points.qd_rad_s[-1].copy()
-        self._width_m, self._arm, self._gripper = float(points.gripper_width_m[-1]), None, None
+        self.gripper_width_m, self._arm, self._gripper = float(points.gripper_width_m[-1]), None, None
 
     def hold(self) -> None:
         """Command the present set-points once more where the arm rests and none are set."""
@@ -78,9 +73,9 @@ class CommandBuffer:
             return None
         brake = (self._q, self._qd, self._acceleration, self.n_steps, self.step_s)
         q, qd = self._arm or (compute_brake(*brake) if is_braking else self._rest())
-        width = self._gripper if self._gripper is not None else np.full(self.n_steps, self._width_m)
+        width = self._gripper if self._gripper is not None else np.full(self.n_steps, self.gripper_width_m)
         self._arm, self._gripper = None, None
-        self._q, self._qd, self._width_m = q[-1].copy(), qd[-1].copy(), float(width[-1])
+        self._q, self._qd, self.gripper_width_m = q[-1].copy(), qd[-1].copy(), float(width[-1])
         return SetPoints(q_rad=q, qd_rad_s=qd, gripper_width_m=width)
 
     def _rest(self) -> tuple[Array, Array]:

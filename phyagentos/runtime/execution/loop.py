@@ -39,15 +39,10 @@ Cancel = Callable[[], EndRequest | Leader | None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class Outcome(Failure):
     """End of an execution; the fields are those of `Execution`."""
 
     ended: Ended
-    code: str = ""
-    leaf: str = ""
-    message: str = ""
-    is_final: bool = False
-    defect: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +128,7 @@ class SessionLoop:
             return Outcome(ended=_ended_by(error.code), code=error.code, message=str(error), defect=place)
         finally:
             with suppress(ExecutionError):  # the halt that follows meets a lost target, too
-                while self.handle.is_reporting:  # the target refused what was sent behind a refused command
+                while self.handle.link.n_sent:  # the target refused what was sent behind a refused command
                     self._account()
 
     def _apply(self, points: SetPoints, result: TickResult, deadline_s: float) -> Outcome | None:

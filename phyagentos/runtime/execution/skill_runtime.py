@@ -45,9 +45,9 @@ class TickResult:
 class Failure:
     """The leaf that decided a failure, and why; `is_final` and `defect` are as of `Execution`."""
 
-    leaf: str
-    code: str
-    message: str
+    leaf: str = ""
+    code: str = ""
+    message: str = ""
     is_final: bool = False
     defect: str = ""
 

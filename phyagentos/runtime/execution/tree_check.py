@@ -8,7 +8,7 @@ from typing import Any
 from msgspec.structs import replace
 from py_trees.ports import PortInformation
 
-from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.errors import DefinitionError, Problem, format_hint, format_names, raise_any
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.trees import (
     Node,
@@ -46,8 +46,7 @@ def check_tree(name: str, library: Library, registry: LeafRegistry) -> list[Prob
 def read_sound_trees(name: str, library: Library, registry: LeafRegistry) -> Mapping[str, Tree]:
     """A tree and its subtrees, by name, just as they were checked; raises DefinitionError with every problem."""
     trees, problems = _check(name, library, registry)
-    if problems:
-        raise DefinitionError(problems)
+    raise_any(problems)
     return trees
 
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, raise_any
 from phyagentos.geometry import compute_inverse, compute_matrix, compute_rotation, convert_euler
 from phyagentos.protocol.capabilities.targets import FINGERTIP_CLEAR_M, TargetProfile
 from phyagentos.protocol.settings.safety import UNITS
@@ -69,8 +69,7 @@ def _settle(draft: ProfileDraft, file: Path) -> tuple[ProfileDraft, str]:
     home_rad = _find_home(robot, reach_m)
     draft = replace(draft, home_rad=home_rad.tolist(), band_m=(round(0.4 * reach_m, 2), round(0.8 * reach_m, 2)))
     profile = _write(draft, file)
-    if problems := find_profile_problems(file, profile, None):
-        raise DefinitionError(problems)
+    raise_any(find_profile_problems(file, profile, None))
     return draft, _render_limits(draft, profile, robot, reach_m)
 
 

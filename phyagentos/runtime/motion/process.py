@@ -19,10 +19,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 import msgspec
 
 from phyagentos.clock import SystemClock
+from phyagentos.protocol.documents.schema import Corners
 from phyagentos.runtime.channel import SPIN_S, Child
 from phyagentos.runtime.codec import Codec
 from phyagentos.runtime.motion.requests import Approaches, Cancel, MotionAnswer, MotionRequest, NoPlan, Timing
-from phyagentos.runtime.motion.tool_bounds import ANYWHERE, Corners, ToolBounds
+from phyagentos.runtime.motion.tool_bounds import ANYWHERE, ToolBounds
 
 if TYPE_CHECKING:
     from phyagentos.runtime.motion.planner import MotionPlanner

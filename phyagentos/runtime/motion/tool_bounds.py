@@ -8,10 +8,10 @@ from typing import cast
 
 import numpy as np
 
+from phyagentos.protocol.documents.schema import Corners
 from phyagentos.protocol.settings.safety import TargetLimits
 from phyagentos.runtime.motion.requests import Array
 
-Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 ToolBounds = Mapping[str, Corners]
 """Least and greatest corner in the world [m] of `workspace_box`, which the point stays in, and of `keep_out.<name>`."""
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 from phyagentos.clock import Clock
-from phyagentos.protocol.sessions.lifecycle import SessionState, Side
+from phyagentos.protocol.sessions.lifecycle import UNJUDGED_STATES, SessionState, Side
 from phyagentos.protocol.sessions.session import GoalId, SessionId
 from phyagentos.runtime.supervision.target_phase import Phase
 from phyagentos.runtime.supervision.target_supervisor import TargetSupervisor
@@ -22,7 +22,6 @@ from phyagentos.store.turn_marks import TurnMarks
 AGENT_S = 60.0  # of wall time, after which an agent that does not act is taken for gone
 LOOK_S = 0.002  # between two looks at the agent's mark
 _ENDED = frozenset({SessionState.AWAITING_VERIFICATION, SessionState.REJECTED, SessionState.CANCELLED})
-_UNJUDGED = frozenset({SessionState.AWAITING_VERIFICATION, SessionState.VERIFYING})
 _AT_WORK = frozenset({Phase.RUNNING, Phase.RECONCILING})
 
 
@@ -84,7 +83,7 @@ class SharedTime:
             if status is None or not status.contract.goal or is_gone:
                 del self._ended[id]
             elif status.contract.target in targets:
-                is_judged = status.state not in _UNJUDGED
+                is_judged = status.state not in UNJUDGED_STATES
                 if is_judged and self._marks.read(status.contract.goal) >= seq:
                     del self._ended[id]
                 else:

@@ -18,7 +18,7 @@ import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.errors import Problem
-from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
+from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, UNJUDGED_STATES, SessionState
 from phyagentos.protocol.sessions.session import (
     INTERRUPTED,
     Ended,
@@ -45,7 +45,6 @@ CHECK_SHOWS_S = 0.02  # a check that takes longer shows as `preflight`; a quicke
 STARTS = 3  # a target that is lost by so many orders or sessions in a row is given up: no further session begins on it
 STOP_GRACE_S = 5.0  # a worker asked to stop has this long to bring the target to rest
 TARGET_LOST = "TARGET_LOST"
-_UNJUDGED = frozenset({SessionState.AWAITING_VERIFICATION, SessionState.VERIFYING})
 _CHECKABLE = frozenset({SessionState.PENDING, SessionState.CLAIMED, SessionState.PREFLIGHT})
 
 
@@ -65,49 +64,14 @@ class Supervision:
     rest_s: float = REST_S
 
 
-@dataclass(frozen=True, slots=True)
-class Lost:
-    """A session whose runner or target was lost while it ran; its effect is unknown until the world is observed.
-
-    `code` is what it ends under; that of `ended` when empty. `defect` is where Python of a person ended the runner.
-    """
-
-    session: Session
-    epoch: int
-    reason: str
-    ended: Ended = Ended.RUNNER_LOST
-    code: str = ""
-    defect: str = ""
-
-    def make_order(self) -> Reconcile:
-        """The order to observe the world that it left, under an epoch that no command of it had."""
-        return Reconcile(
-            session=self.session,
-            epoch=self.epoch + 1,
-            evidence=f"evidence/{self.session.id}",
-            reason=self.reason,
-            ended=self.ended,
-            code=self.code,
-            defect=self.defect,
-        )
-
-    def make_unobserved(self) -> Execution:
-        """Its execution when no worker starts that could observe the world."""
-        return Execution(
-            ended=Ended.TARGET_LOST,
-            evidence=f"evidence/{self.session.id}",
-            code="TARGET_LOST",
-            message=f"{self.reason}; and no worker starts that could look at the world",
-        )
-
-
 class TargetSupervisor:
     """One target under supervision.
 
     Attributes:
         state: Its phase, changed by events of `PHASE_TRANSITIONS` only.
         session: Checked, running or observed, in the claim of an `epoch`.
-        lost: Observed as soon as the new worker is ready.
+        lost: A session whose runner or target was lost while it ran, in its last epoch; its effect is unknown until the
+            new worker has observed the world.
         failures: Workers in a row that were lost before they were ready, or while they observed what was left.
     """
 
@@ -116,7 +80,7 @@ class TargetSupervisor:
         self.state: str = Phase.STARTING.value
         self.session: Session | None = None
         self.epoch = self.failures = 0
-        self.lost: Lost | None = None
+        self.lost: Reconcile | None = None
         self._shared, self._journal, self._queues = supervision, supervision.journal, supervision.queues
         self._clock, self._renew_at_s = supervision.clock, 0.0
         self._log = PhaseLog(supervision.logs, target, supervision.clock)
@@ -149,7 +113,7 @@ class TargetSupervisor:
         """Whether it may get work: idle, nothing lost, and no verdict due that may require another look."""
         if self._unsure is not None:
             status = self._journal.ledger.sessions.get(self._unsure[0])
-            is_unjudged = status is not None and status.state in _UNJUDGED
+            is_unjudged = status is not None and status.state in UNJUDGED_STATES
             if is_unjudged and self._clock.now_s() - self._unsure[1] < VERDICT_S:
                 return False
             self._unsure = None
@@ -164,7 +128,7 @@ class TargetSupervisor:
 
     def adopt(self, status: SessionStatus, reason: str) -> None:
         """Observe, as soon as the worker is ready, what a session of an earlier watchdog left."""
-        self.lost = Lost(status.contract, status.epoch, reason)
+        self.lost = Reconcile(status.contract, status.epoch, f"evidence/{status.contract.id}", reason)
         self._queues.hold(self.target, status.contract.resources)
 
     def explain_failure(self) -> str:
@@ -221,7 +185,7 @@ class TargetSupervisor:
             self.failures = 0
         else:
             self.session, self.epoch = self.lost.session, self.lost.epoch
-            self.worker.send(self.lost.make_order())
+            self.worker.send(msgspec.structs.replace(self.lost, epoch=self.epoch + 1))  # no command of it had that one
 
     def _on_checked(self, session: Session, answer: Checked) -> None:
         status, id, epoch = self._journal.ledger.sessions.get(session.id), session.id, self.epoch
@@ -327,7 +291,7 @@ class TargetSupervisor:
                 lost = make_entry(session.id, "lose", self.epoch, reason=reason)
                 self._journal.record(*self._journal.open_check(session.id, self.epoch), lost)
             if self.lost is None or ended is Ended.TARGET_LOST:  # the first loss is the one that is reported
-                self.lost = Lost(session, self.epoch, reason, ended, code, defect)
+                self.lost = Reconcile(session, self.epoch, f"evidence/{session.id}", reason, ended, code, defect)
         if self.lost is None:
             self._queues.release(self.target)
         self.failures += self.phase in {Phase.STARTING, Phase.RECONCILING}
@@ -336,14 +300,14 @@ class TargetSupervisor:
         if self.phase is Phase.STARTING:
             self.worker.restart()
         elif self.phase is Phase.BROKEN and self.lost is not None:  # the world will not be observed: an end too
-            self._journal.try_commit(
-                make_entry(
-                    self.lost.session.id,
-                    "reconcile",
-                    self.lost.epoch,
-                    execution=msgspec.to_builtins(self.lost.make_unobserved()),
-                )
+            execution = Execution(
+                ended=Ended.TARGET_LOST,
+                evidence=self.lost.evidence,
+                code="TARGET_LOST",
+                message=f"{self.lost.reason}; and no worker starts that could look at the world",
             )
+            body = {"execution": msgspec.to_builtins(execution)}
+            self._journal.try_commit(Entry(self.lost.session.id, "reconcile", body, self.lost.epoch))
             self._queues.forsake(self.target)
             self.lost = None
 

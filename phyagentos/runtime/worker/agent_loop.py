@@ -12,7 +12,7 @@ import msgspec
 from py_trees.common import Status
 
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError
+from phyagentos.errors import DefinitionError, raise_any
 from phyagentos.protocol.capabilities.skill_runtimes import AgentCall, AgentLoop
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime as Skill
 from phyagentos.protocol.documents.plain_data import Fields
@@ -176,8 +176,7 @@ class AgentLoopRuntime:
             now = self.context.world.observe(WORLD)
             names = iter_name_problems(session, skill, now, is_fresh=False)
             problems = [*names, *iter_precondition_problems(session, now)]
-        if problems:
-            raise DefinitionError(problems)
+        raise_any(problems)
         self._tool, self._begun = self.open_tree(skill.tree, replace(self.context, session=session)), self._commands
 
     def _end_tool(self, tool: SkillRuntime) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import msgspec
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, raise_any
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Located, parse_yaml
 from phyagentos.protocol.documents.struct_schema import convert_located
@@ -104,8 +104,7 @@ def read_contract(located: Located, id: str) -> Session:
         if not holds
     ]
     problems += _check_predicates(located, session)
-    if problems:
-        raise DefinitionError(problems)
+    raise_any(problems)
     return session
 
 

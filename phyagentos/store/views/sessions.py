@@ -79,11 +79,6 @@ def build_page(ledger: Ledger, notes: Sequence[str] = ()) -> Page:
     return Page(ledger.seq, shown, ledger.session_count, notes)
 
 
-def render_sessions(ledger: Ledger, cache: Cache | None = None) -> str:
-    """SESSIONS.md as of now; see `render_page`."""
-    return render_page(build_page(ledger), cache)
-
-
 def render_page(page: Page, cache: Cache | None = None) -> str:
     """SESSIONS.md; texts of an earlier rendering that did not change come from `cache`."""
     known = cache if cache is not None else {}

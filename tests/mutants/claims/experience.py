@@ -83,9 +83,9 @@ MUTANTS = (
         claim="What succeeded only because memory had prepared it counts as a success without any advice.",
         edits=(
             Edit(
-                "phyagentos.agent.memory.episodes",
-                "return not (self.strategy or self.advised_by or self.prepared)",
-                "return not self.strategy",
+                "phyagentos.agent.memory.experience",
+                "not (episode.strategy or episode.advised_by or episode.prepared)",
+                "not episode.strategy",
             ),
         ),
         tests=(

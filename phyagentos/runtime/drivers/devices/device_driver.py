@@ -17,7 +17,7 @@ import pydantic
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.errors import DefinitionError, ExecutionError, Problem, raise_any
 from phyagentos.geometry import as_pose
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import Authored
@@ -69,8 +69,7 @@ def read_settings(kind: type[SettingsT], profile: TargetProfile) -> SettingsT:
         for name, value in settings
         if isinstance(value, tuple) and len(value) != n
     ]
-    if problems:
-        raise DefinitionError(problems)
+    raise_any(problems)
     return settings
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 from phyagentos.clock import Clock
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, raise_any
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.drivers.devices.device_driver import read_settings
 from phyagentos.runtime.drivers.devices.so101_bus import STEP_RAD, So101Bus, So101Settings
@@ -80,6 +80,5 @@ def _measure(
         ways.append(way)
         lows.append(round(max(ends_rad[0], least) + MARGIN_RAD, 4))
         highs.append(round(min(ends_rad[1], most) - MARGIN_RAD, 4))
-    if problems:
-        raise DefinitionError(problems)
+    raise_any(problems)
     return {"zero_steps": zeros, "directions": ways, "q_min_rad": lows, "q_max_rad": highs}

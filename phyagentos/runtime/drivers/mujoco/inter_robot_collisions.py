@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_inverse, compute_pose
+from phyagentos.runtime.drivers.mujoco.actuation import FREE
 from phyagentos.runtime.drivers.mujoco.physics import Physics
 from phyagentos.runtime.drivers.mujoco.robot_state import Array
 
@@ -22,7 +23,6 @@ BESIDE_M = 0.004  # where one comes near the other on purpose: as much as planni
 SAMPLE_RAD = 0.05  # largest turn of a joint between two postures that are compared
 SLID = 2.0  # radians that a metre of a base's way counts, since all of the robot goes it
 ARRIVAL_S = 0.1  # after the end of a motion, until the robot rests
-FREE = 6  # degrees of freedom of an object that nothing but a hand holds
 NEARER_M = 0.001  # than at its beginning: a motion that begins too near another robot comes no nearer
 
 
