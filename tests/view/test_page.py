@@ -1,14 +1,18 @@
 """The page: what its panels show, for whom, and that documents stay data."""
 
+import asyncio
 import html
 import json
 import re
+from contextlib import aclosing
+from threading import Event
 
 import numpy as np
 import pytest
 
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.protocol.sessions.estop import is_latched
+from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.workspace.array_files import encode_arrays
 from phyagentos.protocol.world.truth import Truth
@@ -23,8 +27,10 @@ from tests.view.conftest import GOAL, HOSTILE
 
 pytest.importorskip("fastapi", reason="the extra `dev` brings it: make setup")
 from fastapi.testclient import TestClient
+from starlette.requests import Request
 from starlette.websockets import WebSocketDisconnect
 
+from phyagentos.view import server
 from phyagentos.view.server import build_app
 
 HOST = "127.0.0.1:8000"
@@ -228,10 +234,34 @@ def test_the_stream_sends_each_panel_at_first(open_page):
     got = []
     with client.stream("GET", "/events") as stream:
         for line in stream.iter_lines():
-            got += [line.removeprefix("event: ")] if line.startswith("event: ") else []
+            got += [line.removeprefix("event: ")] if line.startswith("event: ") and line != "event: pulse" else []
             if len(got) == len(PANELS):
                 break
     assert got == [panel.name for panel in PANELS]
+
+
+def test_a_heartbeat_is_sent_as_data_and_renders_no_panel(documents, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(PanelRenderer, "render", lambda _, panel, __: drawn.append(panel.name) or "")
+    monkeypatch.setattr(server, "LOOK_PERIOD_S", 60.0)
+    beat = Heartbeat(target="panda", pid=1, session="tidy-7.a", phase="executing", leaf="pick", sim_time_s=1.5)
+
+    async def is_there():
+        return {"type": "http.request"}
+
+    async def follow():
+        feed = server.PanelFeed(PanelRenderer(documents))
+        request, watcher = Request({"type": "http"}, is_there), server.Watcher(documents, Event())
+        async with aclosing(server.iter_changes(request, feed, watcher, Query())) as events:
+            while not drawn:
+                await anext(events)
+            drawn.clear()
+            write_heartbeat(documents.workspace.heartbeats, beat)
+            return await anext(events)
+
+    data = asyncio.run(follow()).removeprefix("event: pulse\ndata: ")
+    assert json.loads(data) == [["panda", "tidy-7.a", "executing", "pick", 1.5]]
+    assert drawn == []
 
 
 def test_a_read_only_page_has_no_actions(open_page):
