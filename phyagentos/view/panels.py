@@ -21,7 +21,7 @@ from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.regular_files import open_regular, read_regular
 from phyagentos.protocol.sessions.estop import read_latch
-from phyagentos.protocol.sessions.evidence import BEFORE, MOTION, PICTURE_AFTER, TRAJECTORY
+from phyagentos.protocol.sessions.evidence import MOTION, PICTURE_AFTER, SCENE_MODEL, TRAJECTORY
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
 from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
@@ -252,16 +252,13 @@ def _read_frames(documents: Documents, _: Query, status: Session) -> Fields:
 
 
 def _read_scene(documents: Documents, _: Query, status: Session) -> Fields:
-    has_scene = status is not None and (documents.workspace.evidence_of(status.contract.id) / BEFORE).is_file()
-    world = documents.read_world(status) if has_scene else None
-    if world is not None and world.targets and not any(each.q_rad for each in world.targets.values()):
-        has_scene = False  # what has no joints has a map
-    bundle = documents.read_bundle(status) if status is not None and has_scene else None
-    times = {"before": bundle.before, "after": bundle.after} if bundle is not None else {}
-    shown = find_pictures(bundle.folder) if bundle is not None else []
+    if status is None or not (documents.workspace.evidence_of(status.contract.id) / SCENE_MODEL).is_file():
+        return {"status": None}
+    bundle = documents.read_bundle(status)
+    times = {"before": bundle.before, "after": bundle.after}
+    shown = find_pictures(bundle.folder)
     at = [(each, world.time_s if (world := times[each.label]) is not None else 0.0) for each in shown]
-    moments = list_moments(bundle, status.execution) if bundle is not None and status is not None else []
-    return {"status": status if has_scene else None, "pictures": at, "moments": moments}
+    return {"status": status, "pictures": at, "moments": list_moments(bundle, status.execution)}
 
 
 def _read_guard(documents: Documents, _: Query, status: Session) -> Fields:

@@ -12,6 +12,7 @@ import pytest
 
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.protocol.sessions.estop import is_latched
+from phyagentos.protocol.sessions.evidence import SCENE_MODEL
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.workspace.array_files import encode_arrays
@@ -96,7 +97,7 @@ def test_every_panel_names_its_file_and_the_command_that_prints_the_same(reporte
     [
         ("headline", ["Tidy.", "2 sessions 1 replan"]),
         ("goal", ["tidy-7.a → tidy-7.a.r1"]),
-        ("sessions", ["2 of 2 found"]),
+        ("sessions", ["tidy-7.a.r1 succeeded"]),
         (
             "statechart",
             ["pending → claimed → preflight → running → halting → awaiting verification → verifying → replanned"],
@@ -238,6 +239,12 @@ def test_the_stream_sends_each_panel_at_first(open_page):
             if len(got) == len(PANELS):
                 break
     assert got == [panel.name for panel in PANELS]
+
+
+def test_what_left_no_compiled_scene_has_no_panel_of_it(documents):
+    assert read(documents, "scene", session="tidy-7.a") != NOTHING
+    (documents.workspace.evidence_of("tidy-7.a") / SCENE_MODEL).unlink()
+    assert read(documents, "scene", session="tidy-7.a") == NOTHING
 
 
 def test_a_heartbeat_is_sent_as_data_and_renders_no_panel(documents, monkeypatch):
