@@ -15,7 +15,7 @@ from phyagentos.protocol.documents.regular_files import read_regular
 
 MODEL_MAX = 1 << 27  # bytes of a file: as of a message of a target; a humanoid has 80 MiB
 ARENA_MAX = 1 << 32  # bytes that a model may reserve for its contacts; no file holds them
-ALIGNED = 2  # arrays are padded in memory, by less than they have themselves
+ALIGNED_BYTES = 64  # each array begins at a multiple of these in memory
 HEAD_BYTES = 20  # five numbers, before the sizes
 WIDTHS = {"mjtNum *": 8, "mjtSize *": 8, "int *": 4, "float *": 4}  # of others, one byte
 
@@ -31,7 +31,7 @@ def read_model(path: Path) -> mujoco.MjModel:
     needed = sum(width * math.prod(counts.get(each, 1) for each in extent) for width, extent in arrays)
     if not 0 <= (arena := sizes.pop("narena")) <= ARENA_MAX:
         raise ValueError(f"{path.name} reserves {arena} bytes for contacts; at most {ARENA_MAX} are read")
-    if max(needed, *sizes.values()) > ALIGNED * len(data):  # below zero MuJoCo refuses them itself
+    if max(needed, *sizes.values()) > len(data) + ALIGNED_BYTES * len(arrays):  # below zero MuJoCo refuses them itself
         raise ValueError(f"{path.name} has {len(data)} bytes, and arrays that need {needed}")
     return mujoco.MjModel.from_binary_path(path.name, {path.name: data})
 

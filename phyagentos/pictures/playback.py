@@ -1,7 +1,8 @@
 """One session over time, from its evidence alone: states of the world, paths of the tool, what was believed.
 
 Where a bundle holds `motion.npz` (simulated targets) every body is where it was. Elsewhere the robot moves as it was
-measured, and objects stand where they stood at the start, until the end.
+measured, and objects stand where they stood at the start, until the end. A runner that was lost leaves no trajectory:
+there is no path of the tool then.
 """
 
 from collections.abc import Mapping, Sequence
@@ -78,26 +79,27 @@ def read_playback(workspace: Workspace, status: SessionStatus) -> Playback:
     profile = get_registered_target(workspace.target_registry, status.contract.target)
     try:
         model = read_model(folder / evidence.SCENE_MODEL)
-        first, last, course = (
-            read_arrays(folder / name) for name in (evidence.INITIAL, evidence.TERMINAL, evidence.TRAJECTORY)
+        first, last = (read_arrays(folder / name) for name in (evidence.INITIAL, evidence.TERMINAL))
+        moved, course = (
+            read_arrays(path) if (path := folder / name).is_file() else {}
+            for name in (evidence.MOTION, evidence.TRAJECTORY)
         )
-        path = folder / evidence.MOTION
-        moved = read_arrays(path) if path.is_file() else {}
     except (OSError, ValueError, mujoco.FatalError) as error:
         raise ExecutionError("EVIDENCE_DAMAGED", f"{folder}: {error}") from error
+    time_s, measured, commanded = (course.get(name, np.empty(0)) for name in ("time_s", "q_measured", "q_commanded"))
     if not moved:
-        qpos = np.tile(first["qpos"], (len(course["time_s"]), 1))
-        for row, q in zip(qpos, course["q_measured"], strict=True):
+        qpos = np.tile(first["qpos"], (len(time_s), 1))
+        for row, q in zip(qpos, measured, strict=True):
             set_posture(model, row, profile, q)
-        moved = {"time_s": course["time_s"], "qpos": qpos}
+        moved = {"time_s": time_s, "qpos": qpos}
     data = mujoco.MjData(model)
     data.qpos[:] = first["qpos"]
     return Playback(
         model=model,
         time_s=np.concatenate(([float(first["time"])], moved["time_s"], [float(last["time"])])),
         qpos=np.vstack((first["qpos"], moved["qpos"], last["qpos"])),
-        measured_m=_trace_tool(model, data, profile, course["q_measured"]),
-        planned_m=_trace_tool(model, data, profile, course["q_commanded"]),
+        measured_m=_trace_tool(model, data, profile, measured),
+        planned_m=_trace_tool(model, data, profile, commanded),
         bundle=read_bundle(folder, status.contract, status.execution),
     )
 

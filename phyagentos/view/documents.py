@@ -6,6 +6,8 @@ from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.sessions.evidence import TRACE, Bundle, read_bundle
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, is_process_alive, read_heartbeats
@@ -40,13 +42,15 @@ class Version:
 
     Attributes:
         journal: Its last record.
-        beats: Latest write of a heartbeat, or of the trace of a session that runs [ns].
+        beats: Latest write of a heartbeat [ns].
+        traces: Latest write of the trace of a session that runs [ns].
         files: Latest change of the other documents [ns].
         stage: How far a run has begun: see `Documents.list_stages`.
     """
 
     journal: int = 0
     beats: int = 0
+    traces: int = 0
     files: int = 0
     stage: int = 0
 
@@ -84,12 +88,12 @@ class Documents:
                     self.passages[SessionId(record.id)].append(Passage(str(record.to), record.at))
                 if record.side == Side.OPERATOR:
                     self.requests.append(record)
-            running = [self.workspace.evidence_of(id) / TRACE for id in self.list_running()]
-            beats = [*self.workspace.heartbeats.glob("*.json"), *running]
+            beats = find_latest([*self.workspace.heartbeats.glob("*.json")])
+            traces = find_latest([self.workspace.evidence_of(id) / TRACE for id in self.list_running()])
             files = [self.workspace.root / name for name in _WATCHED]
             files += map(self.workspace.answers_of, self.ledger.goals)
             newest = find_latest([*files, *self.workspace.logs.glob("*.log")])
-            self.version = Version(self.ledger.seq, find_latest(beats), newest, sum(self.list_stages().values()))
+            self.version = Version(self.ledger.seq, beats, traces, newest, sum(self.list_stages().values()))
             return self.version
 
     def is_running(self) -> bool:
@@ -144,6 +148,13 @@ class Documents:
     def read_beats(self) -> dict[str, Heartbeat]:
         """The latest heartbeat of each target."""
         return read_heartbeats(self.workspace.heartbeats)
+
+    def read_pulse(self) -> str:
+        """What moves, as JSON: of each target its name, session, phase, active leaf and simulated time [s]."""
+        beats = self.read_beats().values()
+        return msgspec.json.encode(
+            [(each.target, each.session, each.phase, each.leaf, each.sim_time_s) for each in beats]
+        ).decode()
 
     def find_beat(self, status: SessionStatus) -> Heartbeat | None:
         """The heartbeat of the worker that runs a session now."""

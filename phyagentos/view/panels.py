@@ -21,7 +21,7 @@ from phyagentos.protocol.documents.document import read_document
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.regular_files import open_regular, read_regular
 from phyagentos.protocol.sessions.estop import read_latch
-from phyagentos.protocol.sessions.evidence import BEFORE, MOTION, PICTURE_AFTER, TRAJECTORY
+from phyagentos.protocol.sessions.evidence import MOTION, PICTURE_AFTER, SCENE_MODEL, TRAJECTORY
 from phyagentos.protocol.sessions.knowledge import KNOWLEDGE
 from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.session import SessionId, SessionStatus
@@ -169,12 +169,11 @@ def _read_tree(documents: Documents, _: Query, status: Session) -> Fields:
     trace, beat = documents.read_bundle(status).trace, documents.find_beat(status)
     root = next((event.path.partition("/")[0] for event in trace), status.contract.skill)
     library = documents.workspace.library()
-    active = beat.leaf if beat is not None else ""
     try:
         drawing = draw_tree(read_tree(library.get_tree(root)), library)
     except DefinitionError:  # a policy, or an agent that chooses its tools
-        return {"has_run": bool(trace), "root": None, "loose": trace[-LINES_SHOWN:], "active": active}
-    return {"has_run": bool(trace), "root": tick(drawing, trace), "loose": [], "active": active}
+        return {"has_run": bool(trace), "root": None, "loose": trace[-LINES_SHOWN:], "beat": beat}
+    return {"has_run": bool(trace), "root": tick(drawing, trace), "loose": [], "beat": beat}
 
 
 def _read_story(documents: Documents, _: Query, status: Session) -> Fields:
@@ -253,16 +252,13 @@ def _read_frames(documents: Documents, _: Query, status: Session) -> Fields:
 
 
 def _read_scene(documents: Documents, _: Query, status: Session) -> Fields:
-    has_scene = status is not None and (documents.workspace.evidence_of(status.contract.id) / BEFORE).is_file()
-    world = documents.read_world(status) if has_scene else None
-    if world is not None and world.targets and not any(each.q_rad for each in world.targets.values()):
-        has_scene = False  # what has no joints has a map
-    bundle = documents.read_bundle(status) if status is not None and has_scene else None
-    times = {"before": bundle.before, "after": bundle.after} if bundle is not None else {}
-    shown = find_pictures(bundle.folder) if bundle is not None else []
+    if status is None or not (documents.workspace.evidence_of(status.contract.id) / SCENE_MODEL).is_file():
+        return {"status": None}
+    bundle = documents.read_bundle(status)
+    times = {"before": bundle.before, "after": bundle.after}
+    shown = find_pictures(bundle.folder)
     at = [(each, world.time_s if (world := times[each.label]) is not None else 0.0) for each in shown]
-    moments = list_moments(bundle, status.execution) if bundle is not None and status is not None else []
-    return {"status": status if has_scene else None, "pictures": at, "moments": moments}
+    return {"status": status, "pictures": at, "moments": list_moments(bundle, status.execution)}
 
 
 def _read_guard(documents: Documents, _: Query, status: Session) -> Fields:
@@ -339,9 +335,9 @@ def _read_questions(documents: Documents, _: Query, __: Session) -> Fields:
     return {"questions": list(zip(waiting, numbers, pictures, strict=True))}
 
 
-_JOURNAL, _BEATS, _FILES, _STAGE = "journal", "beats", "files", "stage"
+_JOURNAL, _BEATS, _TRACES, _FILES, _STAGE = "journal", "beats", "traces", "files", "stage"
 _OWN = ("session",)
-_LIVE = (_JOURNAL, _BEATS)
+_LIVE = (_JOURNAL, _TRACES)  # what moves in between comes with the heartbeats
 PANELS = (
     Panel(name="headline", title="Run", file="TASK.md", command="paos graph -w {w}", read=_read_headline,
           follows=(_JOURNAL, _BEATS, _FILES, _STAGE), place=Place.TOP),
@@ -350,7 +346,7 @@ PANELS = (
     Panel(name="questions", title="Questions to you", file="evidence/{id}/", command="paos answer {id} yes -w {w}",
           read=_read_questions, follows=(_JOURNAL, _BEATS, _FILES), place=Place.TOP, empty="questions"),
     Panel(name="timeline", title="Timeline", file="sessions/", command="paos graph -w {w}", read=_read_timeline,
-          follows=_LIVE, place=Place.TOP, empty="timeline"),
+          follows=(_JOURNAL, _BEATS), place=Place.TOP, empty="timeline"),
     Panel(name="story", title="Session", file="SESSIONS.md", command="paos why {id} -w {w}", read=_read_story,
           follows=_LIVE, place=Place.TOP, empty="status"),
     Panel(name="scene", title="Scene", file="evidence/{id}/motion.npz", command="paos render {id} -w {w}",
@@ -368,7 +364,7 @@ PANELS = (
     Panel(name="statechart", title="Statechart", file="sessions/", command="paos lifecycle", read=_read_statechart,
           follows=_OWN, empty="status"),
     Panel(name="tree", title="Behaviour tree", file="evidence/{id}/trace.jsonl", command="paos tree show {skill}",
-          read=_read_tree, follows=(*_OWN, _BEATS), place=Place.RIGHT, empty="has_run"),
+          read=_read_tree, follows=(*_OWN, _TRACES), place=Place.RIGHT, empty="has_run"),
     Panel(name="guard", title="Guard", file="evidence/{id}/events.jsonl", command="paos why {id} -w {w}",
           read=_read_guard, follows=_OWN, place=Place.RIGHT, empty="events"),
     Panel(name="goal", title="Goal", file="TASK.md", command="paos graph -w {w}", read=_read_goal, place=Place.RIGHT,

@@ -37,7 +37,7 @@ from phyagentos.view.documents import Documents
 from phyagentos.view.frames import SeenFrame, read_frames
 
 PATH = "/scene/"
-STEP_S = 0.1  # between two updates of a scene
+STEP_S = 0.05  # between two looks at what a scene shows: heartbeats come ten times a second
 RETRY_S = 1.0  # before evidence that could not be read is read again
 _MEASURED, _PLANNED, _BELIEVED, _DOUBTED = (26, 90, 217), (242, 140, 13), (190, 26, 217), (217, 26, 26)
 

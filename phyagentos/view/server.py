@@ -10,6 +10,8 @@ from urllib.parse import parse_qsl, quote
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import FileResponse, HTMLResponse, PlainTextResponse, RedirectResponse, StreamingResponse
 from fastapi.staticfiles import StaticFiles
+from starlette.datastructures import MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.pictures.layers import STYLE
@@ -23,6 +25,7 @@ from phyagentos.view.pages import PanelRenderer, render
 from phyagentos.view.panels import PANELS, Place, Query
 
 LOOK_PERIOD_S = 0.4  # between two looks at the documents
+PULSE_PERIOD_S = 0.05  # between two looks at the heartbeats, which are written ten times a second
 SILENCE_S = 10.0  # after so long a stream says that it lives
 _STATIC = Path(__file__).with_name("static")
 FORM_MAX = 1 << 20  # bytes of what a form sends
@@ -42,40 +45,52 @@ _MEDIA = {".png": "image/png"} | dict.fromkeys(  # of files of evidence; whateve
 
 
 class Watcher:
-    """Looks at the documents while a stream waits, and wakes all when something has changed, or `ends` is set."""
+    """Looks at the documents while a stream waits, more often at heartbeats alone, and wakes all when either is new.
+
+    Attributes:
+        version: Of the documents.
+        pulse: Of the heartbeats, as data: one event for all viewers, for which nothing is rendered.
+        ends: All are woken once it is set.
+    """
 
     def __init__(self, documents: Documents, ends: Event) -> None:
-        self.version = Version()
+        self.version, self.pulse = Version(), ""
         self.ends = ends
         self._documents = documents
-        self._changed = asyncio.Condition()
+        self._news = asyncio.Event()
         self._waiting = 0
-        self._task: asyncio.Task[None] | None = None
+        self._tasks: dict[float, asyncio.Task[None]] = {}
 
-    async def wait(self, seen: Version) -> Version:
-        """The version once it is another one than `seen`; at the latest after some seconds."""
+    async def wait(self, seen: tuple[Version, str]) -> tuple[Version, str]:
+        """Version and pulse once either is another one than `seen`; at the latest after some seconds."""
         self._waiting += 1
-        if self._task is None or self._task.done():
-            self._task = asyncio.create_task(self._run())
+        for look, period_s in ((self._look, LOOK_PERIOD_S), (self._feel, PULSE_PERIOD_S)):
+            if period_s not in self._tasks or self._tasks[period_s].done():
+                self._tasks[period_s] = asyncio.create_task(self._repeat(look, period_s))
         try:
-            async with self._changed:
+            if (self.version, self.pulse) == seen and not self.ends.is_set():
                 with suppress(TimeoutError):
-                    is_news = self._changed.wait_for(lambda: self.version != seen or self.ends.is_set())
-                    await asyncio.wait_for(is_news, SILENCE_S)
-                return self.version
+                    async with asyncio.timeout(SILENCE_S):
+                        await self._news.wait()
+            return self.version, self.pulse
         finally:
             self._waiting -= 1
 
-    async def _run(self) -> None:
+    async def _look(self) -> None:
+        self.version = await asyncio.to_thread(self._documents.refresh)
+
+    async def _feel(self) -> None:  # a small file for each target: less work than a thread
+        self.pulse = f"event: pulse\ndata: {self._documents.read_pulse()}\n\n"
+
+    async def _repeat(self, look: Callable[[], Awaitable[None]], period_s: float) -> None:
         while self._waiting:
-            version = self.version
+            before = self.version, self.pulse
             with suppress(ExecutionError, OSError):  # the page itself says what is wrong
-                version = await asyncio.to_thread(self._documents.refresh)
-            if version != self.version or self.ends.is_set():
-                async with self._changed:
-                    self.version = version
-                    self._changed.notify_all()
-            await asyncio.sleep(LOOK_PERIOD_S)
+                await look()
+            if (self.version, self.pulse) != before or self.ends.is_set():
+                self._news.set()
+                self._news = asyncio.Event()
+            await asyncio.sleep(period_s)
 
 
 class PanelFeed:
@@ -134,26 +149,54 @@ def build_app(
 def make_guarded(access: Access) -> FastAPI:
     """An application that answers nothing without the token, with its styles and scripts."""
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    app.middleware("http")(_guard(access))
+    app.add_middleware(Guard, access=access)
     app.mount("/static", StaticFiles(directory=_STATIC))
     return app
 
 
-def _guard(access: Access) -> Callable[[Request, Callable[[Request], Awaitable[Response]]], Awaitable[Response]]:
-    """No answer without the token; the address that `paos view` prints becomes a cookie and an address with a key."""
-    policy = f"{_POLICY}; frame-src 'self' " + " ".join(f"http://{host}" for host in sorted(access.scene_hosts))
+class Guard:
+    """No answer without the token; the address that `paos view` prints becomes a cookie and an address with a key.
 
-    async def answer(request: Request, go_on: Callable[[Request], Awaitable[Response]]) -> Response:
-        response = await admit(request, go_on)
-        response.headers.setdefault("content-security-policy", policy)
-        response.headers["x-content-type-options"] = "nosniff"
-        response.headers["referrer-policy"] = "no-referrer"
-        response.headers["cache-control"] = "no-store"
-        response.headers["cross-origin-resource-policy"] = "same-origin"
-        return response
+    It passes each part of a stream straight on: a middleware of functions would hand it through three tasks.
+    """
 
-    async def admit(request: Request, go_on: Callable[[Request], Awaitable[Response]]) -> Response:
-        path, given = request.scope["path"], request.query_params.get("token", "")
+    def __init__(self, app: ASGIApp, access: Access) -> None:
+        self._app, self._access = app, access
+        scenes_of = " ".join(f"http://{host}" for host in sorted(access.scene_hosts))
+        self._headers = {
+            "x-content-type-options": "nosniff",
+            "referrer-policy": "no-referrer",
+            "cache-control": "no-store",
+            "cross-origin-resource-policy": "same-origin",
+        }
+        self._policy = f"{_POLICY}; frame-src 'self' {scenes_of}"
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or pass it on."""
+        if scope["type"] != "http":  # sockets of scenes have a key of their own
+            await self._app(scope, receive, send)
+            return
+        has_begun = False
+
+        async def send_guarded(message: Message) -> None:
+            nonlocal has_begun
+            if message["type"] == "http.response.start":
+                has_begun, headers = True, MutableHeaders(scope=message)
+                headers.setdefault("content-security-policy", self._policy)
+                headers.update(self._headers)
+            await send(message)
+
+        answer: ASGIApp = self._admit(Request(scope)) or self._app
+        try:
+            await answer(scope, receive, send_guarded)
+        except (DefinitionError, ExecutionError, OSError, ValueError, LookupError, TypeError) as error:
+            if has_begun:
+                raise
+            await PlainTextResponse(f"this cannot be shown: {error}\n", 404)(scope, receive, send_guarded)
+
+    def _admit(self, request: Request) -> Response | None:
+        """None for a request that may pass, from here on without the key in its address."""
+        access, path, given = self._access, request.scope["path"], request.query_params.get("token", "")
         is_host = request.headers.get("host", "") in access.hosts
         if given and access.is_token(given) and is_host:
             entered = RedirectResponse(f"/{access.page_key}{quote(path)}", 303)
@@ -165,12 +208,7 @@ def _guard(access: Access) -> Callable[[Request, Callable[[Request], Awaitable[R
             return HTMLResponse(f"<!doctype html><title>phyagentos</title><p>{_REFUSAL}</p>{way_back}", 401)
         if key == access.page_key:
             request.scope["path"] = f"/{rest}"
-        try:
-            return await go_on(request)
-        except (DefinitionError, ExecutionError, OSError, ValueError, LookupError, TypeError) as error:
-            return PlainTextResponse(f"this cannot be shown: {error}\n", 404)
-
-    return answer
+        return None
 
 
 def _add_pages(app: FastAPI, renderer: PanelRenderer, access: Access, watcher: Watcher, extras: Fields) -> None:
@@ -203,7 +241,7 @@ def _add_pages(app: FastAPI, renderer: PanelRenderer, access: Access, watcher: W
 
     @app.get("/events")
     async def follow(request: Request, goal: str = "", session: str = "", find: str = "") -> StreamingResponse:
-        stream = _iter_changes(request, feed, watcher, Query(goal=goal, session=session, find=find))
+        stream = iter_changes(request, feed, watcher, Query(goal=goal, session=session, find=find))
         return StreamingResponse(stream, media_type="text/event-stream")
 
 
@@ -232,13 +270,19 @@ def add_runs(app: FastAPI, read_runs: Callable[[], Mapping[str, Path]]) -> None:
         return answer("runs", lambda: comparison.compare_runs(runs, *names), "../")
 
 
-async def _iter_changes(request: Request, feed: PanelFeed, watcher: Watcher, query: Query) -> AsyncIterator[str]:
-    """Server-sent events: each panel when it changes, all of them at first."""
+async def iter_changes(request: Request, feed: PanelFeed, watcher: Watcher, query: Query) -> AsyncIterator[str]:
+    """Server-sent events: each panel when it changes, all of them at first; the heartbeats whenever one is new."""
     sent: dict[str, str] = {}
-    seen = Version()
-    while not (watcher.ends.is_set() or await request.is_disconnected()):
-        seen = await watcher.wait(seen)
-        events = await feed.read(query, seen)
+    version, pulse = Version(), ""
+    while not watcher.ends.is_set():
+        (before, felt), (version, pulse) = (version, pulse), await watcher.wait((version, pulse))
+        if pulse != felt:
+            yield pulse
+        if version == before and pulse != felt:
+            continue
+        if await request.is_disconnected():
+            return
+        events = await feed.read(query, version)
         changed = [event for name, event in events.items() if sent.get(name) != event]
         sent = events
         yield ": alive\n\n" + "".join(changed)

@@ -301,7 +301,7 @@ def test_a_click_in_the_list_opens_a_run_and_one_in_the_grid_an_episode(visit):
 
 
 @pytest.mark.parametrize("name", [*PAGES, *SEVERAL, "acting"])
-def test_axe_finds_nothing_serious_or_critical(name, visit, axe):
+def test_axe_finds_nothing(name, visit, axe):
     page = visit(name)
     for each in page.locator("details").all():
         each.evaluate("each => { each.open = true }")

@@ -196,14 +196,13 @@ def await_picture(page, is_so, awaited):
 
 
 def find_faults(page, axe, *, without=()):
-    """Serious and critical findings of axe-core; `without` are selectors that it does not look at."""
+    """Findings of axe-core; `without` are selectors that it does not look at."""
     page.evaluate(axe)
     found = page.evaluate("without => axe.run({exclude: without.map(each => [each])}, {iframes: false})", [*without])
     assert len(found["passes"]) > 10, "it has looked"
     return [
         f"{each['impact']} {each['id']}: {[node['html'][:160] for node in each['nodes']][:4]}"
         for each in found["violations"]
-        if each["impact"] in {"serious", "critical"}
     ]
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
-from phyagentos.protocol.sessions.evidence import encode_json
+from phyagentos.protocol.sessions.evidence import SCENE_MODEL, encode_json
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended, Scene, Session, SessionId
 from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
@@ -60,6 +60,7 @@ class Desk(Pens):
                 entities={"red_cube": cube}, regions={}, targets={},
             )  # fmt: skip
             (folder / name).write_bytes(encode_json(world))
+        (folder / SCENE_MODEL).touch()
         trace = [
             ("pick_and_place", "RUNNING", ""),
             ("pick_and_place/free_hand", "SUCCESS", ""),

@@ -10,11 +10,13 @@ from msgspec.structs import replace
 from PIL import Image
 
 from phyagentos.geometry import Pose
-from phyagentos.pictures.playback import Playback
+from phyagentos.pictures.playback import Playback, read_playback
+from phyagentos.protocol.capabilities.registries import get_registered_target
 from phyagentos.protocol.predicates.predicate import parse_predicate
-from phyagentos.protocol.sessions.evidence import PICTURE_AFTER
+from phyagentos.protocol.sessions.evidence import INITIAL, MOTION, PICTURE_AFTER, SCENE_MODEL, TERMINAL, TRAJECTORY
 from phyagentos.protocol.sessions.session import SessionId
 from phyagentos.protocol.sessions.verdicts import Criterion
+from phyagentos.protocol.workspace.array_files import encode_arrays
 from phyagentos.protocol.world.environment import Region
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.view.distance import read_distance
@@ -135,3 +137,20 @@ def test_the_number_that_decided_is_the_one_that_the_sentence_says():
     assert format_measure(-0.2276, "side_x_m") == "−228 mm"
     assert [format_measure(each, "stone") for each in (2.0, 0.12345)] == ["2", "0.123"]
     assert find_deciding(Criterion(text="x", kind="accept", truth=Truth.TRUE, measured={"held": True})) == ""
+
+
+def test_a_session_whose_runner_was_lost_is_played_from_what_the_world_recorded(documents, playback):
+    folder = documents.workspace.evidence_of(ID)
+    tcp = get_registered_target(documents.workspace.target_registry, "panda").tcp
+    model = mujoco.MjModel.from_xml_string(SCENE.replace("</worldbody>", f'<site name="{tcp}"/></worldbody>'))
+    mujoco.mj_saveModel(model, str(folder / SCENE_MODEL))
+    moved = {"time_s": playback.time_s, "qpos": playback.qpos}
+    for name, at in ((INITIAL, 0), (TERMINAL, -1)):
+        (folder / name).write_bytes(encode_arrays({"time": playback.time_s[at], "qpos": playback.qpos[at]}))
+    (folder / MOTION).write_bytes(encode_arrays(moved))
+    (folder / TRAJECTORY).unlink()
+
+    found = read_playback(documents.workspace, documents.ledger.sessions[ID])
+
+    assert found.pose(2.0).body("red_cube").xpos[0] == pytest.approx((FIRST_X + LAST_X) / 2)
+    assert found.measured_m.shape == (0, 3)

@@ -1,14 +1,19 @@
 """The page: what its panels show, for whom, and that documents stay data."""
 
+import asyncio
 import html
 import json
 import re
+from contextlib import aclosing
+from threading import Event
 
 import numpy as np
 import pytest
 
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
 from phyagentos.protocol.sessions.estop import is_latched
+from phyagentos.protocol.sessions.evidence import SCENE_MODEL
+from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.workspace.array_files import encode_arrays
 from phyagentos.protocol.world.truth import Truth
@@ -23,8 +28,10 @@ from tests.view.conftest import GOAL, HOSTILE
 
 pytest.importorskip("fastapi", reason="the extra `dev` brings it: make setup")
 from fastapi.testclient import TestClient
+from starlette.requests import Request
 from starlette.websockets import WebSocketDisconnect
 
+from phyagentos.view import server
 from phyagentos.view.server import build_app
 
 HOST = "127.0.0.1:8000"
@@ -90,7 +97,7 @@ def test_every_panel_names_its_file_and_the_command_that_prints_the_same(reporte
     [
         ("headline", ["Tidy.", "2 sessions 1 replan"]),
         ("goal", ["tidy-7.a → tidy-7.a.r1"]),
-        ("sessions", ["2 of 2 found"]),
+        ("sessions", ["tidy-7.a.r1 succeeded"]),
         (
             "statechart",
             ["pending → claimed → preflight → running → halting → awaiting verification → verifying → replanned"],
@@ -228,10 +235,40 @@ def test_the_stream_sends_each_panel_at_first(open_page):
     got = []
     with client.stream("GET", "/events") as stream:
         for line in stream.iter_lines():
-            got += [line.removeprefix("event: ")] if line.startswith("event: ") else []
+            got += [line.removeprefix("event: ")] if line.startswith("event: ") and line != "event: pulse" else []
             if len(got) == len(PANELS):
                 break
     assert got == [panel.name for panel in PANELS]
+
+
+def test_what_left_no_compiled_scene_has_no_panel_of_it(documents):
+    assert read(documents, "scene", session="tidy-7.a") != NOTHING
+    (documents.workspace.evidence_of("tidy-7.a") / SCENE_MODEL).unlink()
+    assert read(documents, "scene", session="tidy-7.a") == NOTHING
+
+
+def test_a_heartbeat_is_sent_as_data_and_renders_no_panel(documents, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(PanelRenderer, "render", lambda _, panel, __: drawn.append(panel.name) or "")
+    monkeypatch.setattr(server, "LOOK_PERIOD_S", 60.0)
+    beat = Heartbeat(target="panda", pid=1, session="tidy-7.a", phase="executing", leaf="pick", sim_time_s=1.5)
+
+    async def is_there():
+        return {"type": "http.request"}
+
+    async def follow():
+        feed = server.PanelFeed(PanelRenderer(documents))
+        request, watcher = Request({"type": "http"}, is_there), server.Watcher(documents, Event())
+        async with aclosing(server.iter_changes(request, feed, watcher, Query())) as events:
+            while not drawn:
+                await anext(events)
+            drawn.clear()
+            write_heartbeat(documents.workspace.heartbeats, beat)
+            return await anext(events)
+
+    data = asyncio.run(follow()).removeprefix("event: pulse\ndata: ")
+    assert json.loads(data) == [["panda", "tidy-7.a", "executing", "pick", 1.5]]
+    assert drawn == []
 
 
 def test_a_read_only_page_has_no_actions(open_page):

@@ -95,6 +95,22 @@ document.addEventListener("keydown", (event) => {
   if (next) { sessionStorage.setItem("paos-bar", "1"); location.assign(next.href.baseVal); }
 });
 if (sessionStorage.getItem("paos-bar")) { sessionStorage.removeItem("paos-bar"); one("a.bar.chosen")?.focus({ focusVisible: true }); }
+// What moves comes as data, far more often than panels: a panel that was drawn before is brought up to it.
+let beats = new Map();
+function beat() {
+  all("[data-beat]").forEach((each) => {
+    const { beat: target, fact, session } = each.dataset, now = beats.get(target);
+    if (!now || (session ?? now.session) !== now.session) return;
+    if (fact === "path") each.querySelectorAll("li[data-path]").forEach((node) => node.classList.toggle("active", `${now.leaf}/`.startsWith(`${node.dataset.path}/`)));
+    else if (each.textContent !== now[fact]) each.textContent = now[fact];
+  });
+}
+const hear = ({ data }) => {
+  beats = new Map(JSON.parse(data).map(([target, session, phase, leaf, time_s]) => [target, { session, phase, leaf, time: session && `${time_s.toFixed(1)} s simulated` }]));
+  beat();
+};
+document.addEventListener("htmx:sseOpen", (event) => event.detail.source.addEventListener("pulse", hear)); // once, however often it opens
+document.addEventListener("htmx:sseMessage", beat);
 // What a person opens or closes stays so when its panel is renewed.
 const touched = new WeakSet();
 document.addEventListener("click", (event) => { const summary = event.target.closest?.("summary"); if (summary) touched.add(summary.parentElement); });
