@@ -115,8 +115,8 @@ class RunConsole:
         self._console.print(
             Text.assemble(f"{row.name}: ", (row.state, choose_style(row, row.state)), f"  {describe(row)}")
         )
-        for criterion in row.session.decision.criteria if row.session.decision is not None else ():
-            print_criterion(criterion, self._console)
+        if row.session.decision is not None:
+            print_criteria(row.session.decision.criteria, self._console)
 
 
 def build_progress_table(title: str, rows: list[Row], width: int = PIPE_WIDTH) -> Table:
@@ -188,14 +188,18 @@ def describe(row: Row) -> str:
     return row.session.reason or (f"{execution.ended.value} {execution.code}".strip() if execution is not None else "")
 
 
-def print_criterion(criterion: Criterion, console: Console) -> None:
-    """One judged criterion with the numbers that decided it; on a terminal what is broken off is indented, too."""
-    mark = (criterion.truth.mark, COLOURS[criterion.truth])
-    line = Text.assemble(mark, f" {criterion.text}", (f"  {criterion.sentence}".rstrip(), "dim"))
-    if console.is_terminal and line.cell_len + INDENT > console.width:
-        console.print(Padding(line, (0, 0, 0, INDENT)))
-    else:
-        console.print(Text.assemble(" " * INDENT, line))
+def print_criteria(criteria: Iterable[Criterion], console: Console, said: str = "") -> None:
+    """Judged criteria, each once, with the numbers that decided them unless those were said before.
+
+    On a terminal what is broken off is indented, too.
+    """
+    for truth, text, sentence in dict.fromkeys((each.truth, each.text, each.sentence) for each in criteria):
+        why = "" if sentence in said else f"  {sentence}"
+        line = Text.assemble((truth.mark, COLOURS[truth]), f" {text}", (why, "dim"))
+        if console.is_terminal and line.cell_len + INDENT > console.width:
+            console.print(Padding(line, (0, 0, 0, INDENT)))
+        else:
+            console.print(Text.assemble(" " * INDENT, line))
 
 
 def build_table(head: Sequence[str], rows: Iterable[Sequence[str | Text]]) -> Table:

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from phyagentos.cli.console import PIPE_WIDTH, build_table, choose_style, print_criterion, summarise, tell_failure
+from phyagentos.cli.console import PIPE_WIDTH, build_table, choose_style, print_criteria, summarise, tell_failure
 from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations.progress import Row
 from phyagentos.operations.run import RunReport
@@ -28,8 +28,7 @@ def print_report(report: RunReport, rows: Sequence[Row], console: Console) -> No
         is_met = report.exit_code == ExitCode.GOAL_MET
         word, style = ("met", "bold green") if is_met else ("not met", "bold red")
         console.print(Text.assemble(f"goal {goal.goal}: ", (word, style), f"  {goal.reason}"))
-        for criterion in goal.criteria:
-            print_criterion(criterion, console)
+        print_criteria(goal.criteria, console, goal.reason)
         refused = [row.session.reason for row in rows if row.session is not None and row.session.problems]
         for reason in (each for each in refused if each not in goal.reason):
             console.print(reason, soft_wrap=True)

@@ -29,7 +29,7 @@ _STOP_WORDS = frozenset(
         " you your",
     )
 )
-_ENDINGS = re.compile(r"(ing|edly|ed|er|est|ly|es|s|e)$")
+_ENDINGS = re.compile(r"(ing|edly|ed|er|est|ly|e)$")
 
 
 class Found(msgspec.Struct, frozen=True, kw_only=True):
@@ -109,8 +109,8 @@ def stem_words(text: str) -> list[str]:
 
 
 def _stem(word: str) -> str:
-    word = re.sub(r"ies$", "y", word)
-    short = _ENDINGS.sub("", word) if len(word) > 4 else word.removesuffix("s") if len(word) == 4 else word
+    single = re.sub(r"(?<=[^s])s$", "", re.sub(r"ies$", "y", word)) if len(word) > 3 else word
+    short = _ENDINGS.sub("", single) if len(single) > 4 else single
     return short[:-1] if len(short) > 3 and short[-1] == short[-2] else short
 
 

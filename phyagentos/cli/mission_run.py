@@ -116,6 +116,6 @@ def show_run(
         console.print_once(f"{why}; {way_out}", "red", even_quiet=True)
     has_moved = any(row.sim_time_s or (row.beat is not None and row.beat.tick) for row in fold.rows())
     if clock.now_s() > warm_by_s and not has_moved:
-        console.print_once("warming up: a first run compiles its kernels; `paos doctor --warm` does so ahead")
+        console.print_once("warming up: a busy machine, or kernels to compile (`paos doctor --warm` does so ahead)")
     if interrupts.count:
         console.print_once("cancelling: the robot is being halted. Ctrl-C again ends at once.", "yellow")

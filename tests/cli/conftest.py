@@ -1,5 +1,7 @@
 """The command line, called in this process; and a journal, written as both planes would."""
 
+from collections.abc import Sequence
+
 import msgspec
 import pytest
 
@@ -62,8 +64,9 @@ class Run(Pens):
         cause = "" if truth is Truth.TRUE else "GRASP_LOST"
         self.decide(id, Attempt(verdict=verdict, criteria=(criterion,), cause=cause))
 
-    def end(self, verdict: str) -> None:
-        self.write(Side.AGENT, f"goal:{GOAL}", "goal_verdict", verdict=verdict, criteria=[], reason="because")
+    def end(self, verdict: str, reason: str = "because", criteria: Sequence[Criterion] = ()) -> None:
+        plain = msgspec.to_builtins(criteria)
+        self.write(Side.AGENT, f"goal:{GOAL}", "goal_verdict", verdict=verdict, criteria=plain, reason=reason)
 
 
 @pytest.fixture

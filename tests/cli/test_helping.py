@@ -7,7 +7,7 @@ import pytest
 from phyagentos.cli.outcome import ExitCode
 
 QUESTIONS = {  # page -> questions of readers
-    "slower": ("make the arm slower", "how do I slow down the robot", "reduce speed"),
+    "slower": ("make the arm slower", "how do I slow down the robot", "cap the joint speeds"),
     "camera": ("add a camera", "a second realsense", "camra"),
     "robot": ("my own robot", "import a urdf"),
     "policy": ("use my own policy", "run a VLA", "pi0"),

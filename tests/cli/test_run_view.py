@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
+from msgspec.structs import replace as change
 from rich.console import Console
 
 from phyagentos import errors
@@ -40,7 +41,7 @@ from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.stop_signals import take_signals
-from phyagentos.protocol.sessions.verdicts import Verdict
+from phyagentos.protocol.sessions.verdicts import Attempt, Criterion, Verdict
 from phyagentos.protocol.world.environment import Entity, Pose, Relation, Snapshot
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.store.edits.edit_intake import EditIntake
@@ -173,6 +174,23 @@ def test_the_final_table_names_nodes_verdicts_times_and_pictures(replanned):
         assert said in text
     assert text.count(str(picture)) == 1
     assert text.endswith(f"next: paos why -w {root} (what decided)\n      paos view -w {root} (the run, on a page)\n")
+
+
+def test_what_decided_a_goal_and_what_held_all_through_are_said_once(run, screen):
+    run.begin()
+    id = run.submit("red")
+    run.execute(id)
+    upright = Criterion(text="upright(bottle)", kind="hold", truth=Truth.TRUE, because="bottle leans 0°")
+    inside = Criterion(text="inside(a, b)", kind="accept", truth=Truth.FALSE, because="a is 49 mm beyond b")
+    run.decide(id, Attempt(verdict=Verdict.SUCCESS, criteria=(upright, change(upright, kind="constraint"))))
+    narrate(run)
+    assert screen().count("upright(bottle)") == 1
+    run.end("failure", "inside(a, b) no longer holds: a is 49 mm beyond b", (inside, upright))
+    assert re.findall("49 mm beyond|✗ .*|✓ .*", print_end(run, 160)) == [
+        "49 mm beyond",
+        "✗ inside(a, b)",
+        "✓ upright(bottle)  bottle leans 0°",
+    ]
 
 
 def test_a_success_whose_execution_was_lost_is_never_shown_as_plain_success(run, screen):

@@ -1,7 +1,6 @@
 """Files that a power cut does not take back."""
 
 import os
-import secrets
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,7 +25,7 @@ def replace_durably(path: Path, data: bytes) -> None:
 def create_durably(path: Path, data: bytes) -> bool:
     """Create a file as a whole; whether there was none of this name, in a folder that is made. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{secrets.token_hex(4)}.tmp")
+    temporary = path.with_name(f".{os.urandom(4).hex()}.tmp")
     temporary.write_bytes(data)
     try:
         path.hardlink_to(temporary)

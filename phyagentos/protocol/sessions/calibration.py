@@ -7,7 +7,6 @@ constant forecast of one half scores 0.25.
 
 import math
 from collections.abc import Sequence
-from statistics import fmean
 from typing import NamedTuple
 
 import msgspec
@@ -49,7 +48,8 @@ def compute_record(scored: Sequence[Scored]) -> TrackRecord:
     """The worth of some forecasts, at least one."""
     cases, succeeded = len(scored), sum(each.succeeded for each in scored)
     base = [Scored((succeeded - each.succeeded + 1) / (cases + 1), each.succeeded) for each in scored]
-    brier, base_brier = (fmean((each.chance - each.succeeded) ** 2 for each in some) for some in (scored, base))
+    errors = (math.fsum((each.chance - each.succeeded) ** 2 for each in some) for some in (scored, base))
+    brier, base_brier = (error / cases for error in errors)
     return TrackRecord(cases=cases, brier=brier, base_brier=base_brier)
 
 
