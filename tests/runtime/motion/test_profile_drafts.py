@@ -160,9 +160,12 @@ def test_names_with_blanks_and_prefixes_are_written_so_that_they_are_read_back(t
     assert profile.arm.joints[5] == f"{prefix}j6"
 
 
-def test_joints_without_an_end_get_a_range_that_is_asked_for(tmp_path):
+@pytest.mark.parametrize("is_degrees", [False, True], ids=["continuous", "degrees"])
+def test_joints_without_an_end_get_a_range_that_is_asked_for(tmp_path, is_degrees):
+    rest, _, last = build_arm().rpartition(LIMIT)
     endless = build_arm().replace('name="j6" type="revolute"', 'name="j6" type="continuous"')
-    profile, settled, _ = draft(tmp_path, endless)
+    degrees = f"{rest}{LIMIT.replace('2.5', '175')}{last}"
+    profile, settled, _ = draft(tmp_path, degrees if is_degrees else endless)
     assert dict(profile.ranges) == {"j6": (-3.14, 3.14)}
     assert "ranges: {j6: [-3.14, 3.14]}   # check" in settled.render()
 
@@ -237,11 +240,12 @@ def draft_mjcf(tmp_path, rest, *arms, armature=0.1, **given):
     return read_profile(path.with_name("target.yaml"))[0]
 
 
-def test_the_forces_of_the_motors_of_a_mjcf_are_those_of_its_draft(tmp_path):
+@pytest.mark.parametrize(("armature", "drafted"), [(0.1, 0.0), (0.005, 0.01)], ids=["enough", "too little"])
+def test_the_forces_of_the_motors_of_a_mjcf_and_their_inertia_are_those_of_its_draft(tmp_path, armature, drafted):
     motors = "".join(f'<motor joint="j{k}" gear="10" forcerange="-{k + 1} {k + 1}"/>' for k in range(4))
-    profile = draft_mjcf(tmp_path, f"<actuator>{motors}</actuator>", ("", 0.0))
+    profile = draft_mjcf(tmp_path, f"<actuator>{motors}</actuator>", ("", 0.0), armature=armature)
     assert profile.arm.torque_nm == (10.0, 20.0, 30.0, 40.0)
-    assert profile.arm.armature_kg_m2 == 0.0
+    assert profile.arm.armature_kg_m2 == drafted
 
 
 def test_joints_that_stand_still_leave_no_coupling_of_their_tendons_behind(tmp_path):
