@@ -65,7 +65,7 @@ class ProfileDraft:
         depth_m: How far what it takes may reach above the tool centre point.
         mount: Where its base stands.
         carried: A hand of another model, at the end of the last link.
-        remarks: On the model, for people.
+        on_model: Remarks on the model, for people.
     """
 
     name: str
@@ -80,12 +80,19 @@ class ProfileDraft:
     forces: Mapping[str, float]
     hand: HandDraft | None
     home_rad: Sequence[float]
-    remarks: tuple[str, ...]
+    on_model: tuple[str, ...]
     band_m: tuple[float, float] = (0.3, 0.6)
     width_m: float = 0.002
     depth_m: float = 0.005
     mount: Pose = UNMOVED
     carried: CarriedHand | None = None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """On the model and the hand, for people."""
+        if self.hand is None or not self.hand.still:
+            return self.on_model
+        return *self.on_model, f"of its fingers {format_names(self.hand.joints)} close; the others stand still"
 
     def render(self) -> str:
         """YAML of the profile."""
@@ -259,8 +266,6 @@ def draft_profile(
         ends = ", ".join(names[other[-1]] for other in others)
         remarks.append(f"{len(others) + 1} arms of {len(chain)} hinges: drafted is that of {names[chain[-1]]}; "
                        f"another with --joint: {ends}")  # fmt: skip
-    if gripper is not None and gripper.still:
-        remarks.append(f"of its fingers {format_names(gripper.joints)} close; the others stand still")
     if fixed:
         remarks.append(f"the hand stands beyond {format_names(fixed)}, fixed to the last link: "
                        "take out of a copy of the model what the hand replaces")  # fmt: skip

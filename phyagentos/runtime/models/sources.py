@@ -89,7 +89,7 @@ def is_urdf(path: Path) -> bool:
         return True
     try:
         with path.open("rb") as file:
-            return next(ElementTree.iterparse(file, ("start",)))[1].tag == "robot"
+            return bool(next(ElementTree.iterparse(file, ("start",)))[1].tag == "robot")
     except (ElementTree.ParseError, ValueError, LookupError, OSError):  # MuJoCo says it better
         return False
 

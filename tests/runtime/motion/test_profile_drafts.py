@@ -106,6 +106,13 @@ def test_a_jaw_that_turns_closes_on_what_stands_still(tmp_path, low, high, side)
     assert side * y[1] > 0.9
 
 
+def test_fingers_between_which_another_stands_are_no_pair(tmp_path):
+    jaws = [JAW.format(p="", k=k, y=y, way=way, kind="prismatic", up=0.02, i=INERTIAL)
+            for k, y, way in ((1, 0.03, 1), (2, 0.0, 1), (3, -0.03, -1))]  # fmt: skip
+    profile, _, _ = draft(tmp_path, build_arm() + FINGERS.format(p="", i=INERTIAL, jaws="".join(jaws)))
+    assert "slide2" in profile.gripper.joints
+
+
 def test_a_tool_that_points_elsewhere_than_its_fingers_is_refused_with_what_to_write(tmp_path):
     profile, _, _ = draft(tmp_path, build_arm() + build_jaws())
     right = profile.tool.quaternion_wxyz
@@ -181,6 +188,7 @@ def test_a_hand_that_cannot_be_guessed_stands_still_and_is_asked_for(tmp_path, f
     asks = "close: write `gripper`, or draft it anew with --hand"
     assert asks in settled.render()
     assert "slide2" in settled.render().split(asks)[0].splitlines()[-1]
+    assert settled.remarks == ()
 
 
 def build_fingers(*angles_deg):
