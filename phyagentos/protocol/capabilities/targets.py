@@ -190,7 +190,7 @@ class Arm(Authored):
         torque_nm: Largest torque of the servo [N m].
         stiffness_nm_rad: Position gain of the servo [N m/rad].
         damping_nms_rad: Velocity gain of the servo [N m s/rad].
-        armature_kg_m2: Inertia of its motors behind their gears, where the model has none; light links need it.
+        armature_kg_m2: Inertia of its motors behind their gears, where the model has too little for light links.
         payload_kg: Heaviest load, the hand included [kg]; an arm without this value carries nothing.
         position_noise_rad: Standard deviation of measured joint positions [rad].
         velocity_noise_rad_s: Standard deviation of measured joint velocities [rad/s].

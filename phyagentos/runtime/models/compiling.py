@@ -7,6 +7,7 @@ import mujoco
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.targets import HAND
+from phyagentos.runtime.models.sources import is_urdf
 
 _ELEMENT = re.compile(r"Element name '([^']*)', id \d+(?:, line (\d+))?")
 _TAG = re.compile(r"Element '([^']*)', line (\d+)")
@@ -65,7 +66,7 @@ def explain(text: str, *paths: Path) -> Problem:
     element, tag = _ELEMENT.search(text), _TAG.search(text)
     name = element[1].rpartition(HAND)[2] if element else tag[1] if tag else ""
     path = paths[-1] if element and HAND in element[1] else paths[0]
-    line = (element[2] if element else tag[2] if tag else None) if path.suffix == ".xml" else None
+    line = None if is_urdf(path) else element[2] if element else tag[2] if tag else None
     address = f"{path}:{line}" if line not in {None, "0"} else _locate(path, name if element else "")
     if opened := re.search(r"Error opening file '([^']*)'", text):
         return Problem("UNREADABLE_FILE", address, f"no file {opened[1]!r}", "a file at that path from the model")

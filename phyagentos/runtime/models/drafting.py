@@ -32,7 +32,8 @@ _PLAIN = re.compile(r"(?!(?:y|n|yes|no|on|off|true|false|null)$)[A-Za-z_][\w.-]*
 _PATH = re.compile(r"[\w:./+@-]+")
 GUESSED_TORQUE_NM, GUESSED_SPEED_RAD_S, GUESSED_LOAD_KG, GUESSED_GRIP_N = 20.0, 1.0, 1.0, 20.0
 STIFFNESS_PER_TORQUE, DAMPING_SHARE = 40.0, 0.1  # of a servo that holds its arm within a few milliradians
-ARMATURE_S2 = 0.001  # inertia of motors behind their gears, of their torque; without it such a servo shakes light links
+ARMATURE_S2 = 0.001  # least inertia of motors behind gears, of their torque; with less such a servo shakes light links
+ENDLESS_RAD = 8.0 * np.pi  # of a range of an arm's joint: as wide ones have no end, or are degrees
 UNMOVED = Pose((0.0, 0.0, 0.0))
 ARM, LEG = 4, 3  # hinges after which what branches is a hand; that make one of several arms
 
@@ -64,7 +65,7 @@ class ProfileDraft:
         depth_m: How far what it takes may reach above the tool centre point.
         mount: Where its base stands.
         carried: A hand of another model, at the end of the last link.
-        remarks: On the model, for people.
+        on_model: Remarks on the model, for people.
     """
 
     name: str
@@ -79,24 +80,32 @@ class ProfileDraft:
     forces: Mapping[str, float]
     hand: HandDraft | None
     home_rad: Sequence[float]
-    remarks: tuple[str, ...]
+    on_model: tuple[str, ...]
     band_m: tuple[float, float] = (0.3, 0.6)
     width_m: float = 0.002
     depth_m: float = 0.005
     mount: Pose = UNMOVED
     carried: CarriedHand | None = None
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """On the model and the hand, for people."""
+        if self.hand is None or not self.hand.still:
+            return self.on_model
+        return *self.on_model, f"of its fingers {format_names(self.hand.joints)} close; the others stand still"
+
     def render(self) -> str:
         """YAML of the profile."""
         model, chain, hand = self.compiled, self.chain, self.hand
         limits = [self._find_force(model.joint(joint).name) for joint in chain]
-        armature = model.dof_armature[model.jnt_dofadr[list(chain)]].tolist()
+        armature_kg_m2 = model.dof_armature[model.jnt_dofadr[list(chain)]].tolist()
         torque = [limit if limit > 0.0 else GUESSED_TORQUE_NM for limit in limits]
+        least_kg_m2 = ARMATURE_S2 * min(torque)
         names = [model.joint(joint).name for joint in chain]
         speeds = [self.speeds.get(name, 0.0) or GUESSED_SPEED_RAD_S for name in names]
         is_known = all(self.speeds.get(name) for name in names)
         endless = {_quote(name): "[-3.14, 3.14]" for name, joint in zip(names, chain, strict=True)
-                   if np.ptp(model.jnt_range[joint]) == 0.0}  # fmt: skip
+                   if not 0.0 < np.ptp(model.jnt_range[joint]) < ENDLESS_RAD}  # fmt: skip
         parked = {
             _quote(name): f"{at:.6g}"
             for name, at in (self.parked | (self.fingers if hand is None else hand.still)).items()
@@ -112,7 +121,7 @@ class ProfileDraft:
             *tool,
             *(_list_mount(self.mount) if self.mount != UNMOVED else ()),
             f"grasp_band_m: {_show(self.band_m)}   # check: paos robot try {self.name} measures it",
-            _map("ranges", endless, "the model lets them turn without end"),
+            _map("ranges", endless, "the model lets them turn without end, or has degrees for radians"),
             _map("parked_rad", parked, "joints of the model that this target does not move"),
             "arm:",
             f"  joints: [{', '.join(map(_quote, names))}]",
@@ -124,8 +133,8 @@ class ProfileDraft:
             f"  stiffness_nm_rad: {_show([STIFFNESS_PER_TORQUE * each for each in torque])}",
             f"  damping_nms_rad: {_show([STIFFNESS_PER_TORQUE * DAMPING_SHARE * each for each in torque])}",
             ""
-            if any(armature)
-            else f"  armature_kg_m2: {ARMATURE_S2 * min(torque):.4g}   {sheet}, of motors and gears",
+            if min(armature_kg_m2) >= least_kg_m2
+            else f"  armature_kg_m2: {max(*armature_kg_m2, least_kg_m2):.4g}   {sheet}, of motors and gears",
             f"  payload_kg: {load_kg:.4g}   {sheet}, the hand included",
             f"  wrist_joints: {min(3, len(chain))}",
             *gripper,
@@ -257,8 +266,6 @@ def draft_profile(
         ends = ", ".join(names[other[-1]] for other in others)
         remarks.append(f"{len(others) + 1} arms of {len(chain)} hinges: drafted is that of {names[chain[-1]]}; "
                        f"another with --joint: {ends}")  # fmt: skip
-    if gripper is not None and gripper.still:
-        remarks.append(f"of its fingers {format_names(gripper.joints)} close; the others stand still")
     if fixed:
         remarks.append(f"the hand stands beyond {format_names(fixed)}, fixed to the last link: "
                        "take out of a copy of the model what the hand replaces")  # fmt: skip

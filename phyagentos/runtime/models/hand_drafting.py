@@ -4,7 +4,7 @@ What is guessed is its drive, its pads, and the frame of the tool.
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import mujoco
@@ -72,11 +72,13 @@ def draft_hand(model: mujoco.MjModel, last: int, fingers: Sequence[int]) -> Hand
     if len(tops) in {2, 4}:
         found = found[:2]  # of four, two are the inner bars of linkages
     pairs = [_close(model, data, pair) for pair in itertools.combinations(found, 2)]
-    best = max(pairs, key=lambda each: round(each.opens_m, 4), default=None)
-    if best is None or best.opens_m < PAD_M[1]:
+    others = [[each for each in found if each not in pair.fingers] for pair in pairs]
+    stills = [_rest(model, data, *each) for each in zip(others, pairs, strict=True)]
+    free = [each for each in zip(pairs, others, stills, strict=True) if _is_free(model, data, *each)]
+    best = max(free, key=lambda each: round(each[0].opens_m, 4), default=None)
+    if best is None or best[0].opens_m < PAD_M[1]:
         return None
-    draft = _draft_pair(model, data, last, best)
-    return replace(draft, still=_rest(model, data, [each for each in found if each not in best.fingers], best))
+    return replace(_draft_pair(model, data, last, best[0]), still=best[2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,6 +156,22 @@ def _rest(model: mujoco.MjModel, data: mujoco.MjData, others: Sequence[_Finger],
 
         still[other.joints[0]] = max(map(float, model.jnt_range[other.joints[0]]), key=measure)
     return {model.joint(joint).name: position for joint, position in still.items()}
+
+
+def _is_free(
+    model: mujoco.MjModel, data: mujoco.MjData, pair: _Pair, others: Sequence[_Finger], still: Mapping[str, float]
+) -> bool:
+    """Whether no other finger stands between two that are wide open, even where it is out of their way."""
+    wide = {drive: float(model.jnt_range[drive][end]) for drive, end in zip(pair.drives, pair.wide, strict=True)}
+    posed = {model.joint(name).id: position for name, position in still.items()} | wide
+    _pose(model, data, list(posed), list(posed.values()))
+
+    def measure(geom: int) -> float:
+        """How much longer a line from finger to finger is that touches a solid [m]."""
+        legs = [float(mujoco.mj_geomDistance(model, data, each.tip, geom, FAR_M, None)) for each in pair.fingers]
+        return sum(legs) - pair.wide_m
+
+    return all(measure(int(geom)) > -PAD_M[1] for other in others for geom in other.geoms)
 
 
 def find_flange(model: mujoco.MjModel, chain: Sequence[int]) -> Placed:

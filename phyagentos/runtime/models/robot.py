@@ -22,8 +22,8 @@ from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.runtime.models.base import free_base, freeze, put_on_plane
 from phyagentos.runtime.models.compiling import compile_model, explain
 from phyagentos.runtime.models.meshes import settle_meshes
-from phyagentos.runtime.models.sources import find_model, find_models
-from phyagentos.runtime.models.urdf import URDF, ModelSource, describe_left_out, read_urdf
+from phyagentos.runtime.models.sources import find_model, find_models, is_urdf
+from phyagentos.runtime.models.urdf import ModelSource, describe_left_out, read_urdf
 
 GRIPPER_ACTUATOR = "act_gripper"
 GRIPPER_TENDON = "gripper_width"
@@ -226,7 +226,7 @@ def read_model(path: Path, arguments: Mapping[str, str] = {}, replaced: Collecti
     Raises:
         DefinitionError: `MODEL_INVALID`, `UNREADABLE_FILE`, also for the file of a solid.
     """
-    if path.suffix in URDF:
+    if is_urdf(path):
         source = read_urdf(path, arguments, replaced)
     else:
         try:

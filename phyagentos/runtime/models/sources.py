@@ -13,6 +13,7 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from xml.etree import ElementTree
 
 from phyagentos.errors import DefinitionError, format_hint, format_install, format_names
 from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
@@ -80,6 +81,17 @@ def require_models(profile: TargetProfile, folder: Path) -> None:
     """Raise `UNREADABLE_FILE`, `LEADS_OUT` or `MODEL_INVALID` unless the models that a profile names can be read."""
     for path in find_models(profile, folder):
         require_reader(path)
+
+
+def is_urdf(path: Path) -> bool:
+    """Whether a file is a URDF or a xacro file: by its name, or by the first element of one that is called .xml."""
+    if path.suffix in {".urdf", ".xacro"}:
+        return True
+    try:
+        with path.open("rb") as file:
+            return bool(next(ElementTree.iterparse(file, ("start",)))[1].tag == "robot")
+    except (ElementTree.ParseError, ValueError, LookupError, OSError):  # MuJoCo says it better
+        return False
 
 
 def require_reader(path: Path) -> None:

@@ -15,7 +15,6 @@ from phyagentos.runtime.models.compiling import explain
 from phyagentos.runtime.models.meshes import find_mesh
 from phyagentos.runtime.models.xacro import expand_xacro
 
-URDF = (".urdf", ".xacro")
 _COMPILER = {"balanceinertia": "true", "discardvisual": "false", "fusestatic": "false", "strippath": "false"}
 _MOVES = ("revolute", "continuous", "prismatic")
 _COUNTS = {

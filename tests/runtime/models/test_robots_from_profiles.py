@@ -247,9 +247,10 @@ def test_a_xacro_file_without_what_expands_it_is_told_before_anything_runs(beak,
             read()
 
 
-def test_a_urdf_keeps_its_links_and_loses_pictures_that_are_absent(tmp_path):
-    (tmp_path / "swing.urdf").write_text(URDF)
-    model = read_model(tmp_path / "swing.urdf").spec.compile()
+@pytest.mark.parametrize("name", ["swing.urdf", "swing.xml"])
+def test_a_urdf_keeps_its_links_and_loses_pictures_that_are_absent(tmp_path, name):
+    (tmp_path / name).write_text(URDF)
+    model = read_model(tmp_path / name).spec.compile()
     assert [model.body(index).name for index in range(model.nbody)] == ["world", "base", "arm"]
     assert model.jnt_actfrcrange[0].tolist() == [-30.0, 30.0]
 

@@ -106,6 +106,13 @@ def test_a_jaw_that_turns_closes_on_what_stands_still(tmp_path, low, high, side)
     assert side * y[1] > 0.9
 
 
+def test_fingers_between_which_another_stands_are_no_pair(tmp_path):
+    jaws = [JAW.format(p="", k=k, y=y, way=way, kind="prismatic", up=0.02, i=INERTIAL)
+            for k, y, way in ((1, 0.03, 1), (2, 0.0, 1), (3, -0.03, -1))]  # fmt: skip
+    profile, _, _ = draft(tmp_path, build_arm() + FINGERS.format(p="", i=INERTIAL, jaws="".join(jaws)))
+    assert "slide2" in profile.gripper.joints
+
+
 def test_a_tool_that_points_elsewhere_than_its_fingers_is_refused_with_what_to_write(tmp_path):
     profile, _, _ = draft(tmp_path, build_arm() + build_jaws())
     right = profile.tool.quaternion_wxyz
@@ -160,9 +167,12 @@ def test_names_with_blanks_and_prefixes_are_written_so_that_they_are_read_back(t
     assert profile.arm.joints[5] == f"{prefix}j6"
 
 
-def test_joints_without_an_end_get_a_range_that_is_asked_for(tmp_path):
+@pytest.mark.parametrize("is_degrees", [False, True], ids=["continuous", "degrees"])
+def test_joints_without_an_end_get_a_range_that_is_asked_for(tmp_path, is_degrees):
+    rest, _, last = build_arm().rpartition(LIMIT)
     endless = build_arm().replace('name="j6" type="revolute"', 'name="j6" type="continuous"')
-    profile, settled, _ = draft(tmp_path, endless)
+    degrees = f"{rest}{LIMIT.replace('2.5', '175')}{last}"
+    profile, settled, _ = draft(tmp_path, degrees if is_degrees else endless)
     assert dict(profile.ranges) == {"j6": (-3.14, 3.14)}
     assert "ranges: {j6: [-3.14, 3.14]}   # check" in settled.render()
 
@@ -178,6 +188,7 @@ def test_a_hand_that_cannot_be_guessed_stands_still_and_is_asked_for(tmp_path, f
     asks = "close: write `gripper`, or draft it anew with --hand"
     assert asks in settled.render()
     assert "slide2" in settled.render().split(asks)[0].splitlines()[-1]
+    assert settled.remarks == ()
 
 
 def build_fingers(*angles_deg):
@@ -237,11 +248,12 @@ def draft_mjcf(tmp_path, rest, *arms, armature=0.1, **given):
     return read_profile(path.with_name("target.yaml"))[0]
 
 
-def test_the_forces_of_the_motors_of_a_mjcf_are_those_of_its_draft(tmp_path):
+@pytest.mark.parametrize(("armature", "drafted"), [(0.1, 0.0), (0.005, 0.01)], ids=["enough", "too little"])
+def test_the_forces_of_the_motors_of_a_mjcf_and_their_inertia_are_those_of_its_draft(tmp_path, armature, drafted):
     motors = "".join(f'<motor joint="j{k}" gear="10" forcerange="-{k + 1} {k + 1}"/>' for k in range(4))
-    profile = draft_mjcf(tmp_path, f"<actuator>{motors}</actuator>", ("", 0.0))
+    profile = draft_mjcf(tmp_path, f"<actuator>{motors}</actuator>", ("", 0.0), armature=armature)
     assert profile.arm.torque_nm == (10.0, 20.0, 30.0, 40.0)
-    assert profile.arm.armature_kg_m2 == 0.0
+    assert profile.arm.armature_kg_m2 == drafted
 
 
 def test_joints_that_stand_still_leave_no_coupling_of_their_tendons_behind(tmp_path):
