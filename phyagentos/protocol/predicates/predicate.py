@@ -44,6 +44,7 @@ __all__ = [
     "worse",
 ]
 
+POINT = "A point is one argument: (x, y, z)."
 _REFERENCE = re.compile(r"\$\{\s*([^{}]+?)\s*\}")
 _TAKES = {
     syntax.Name: tuple(kind for kind in ArgumentKind if kind is not ArgumentKind.NUMBER),
@@ -226,13 +227,19 @@ def _iter_call_findings(call: syntax.Call) -> Iterator[_Finding]:
         return
     least = sum(argument.default is None for argument in definition.arguments)
     if not least <= len(call.terms) <= len(definition.arguments):
+        kinds = zip((argument.kind for argument in definition.arguments), call.terms, strict=False)
+        is_split = any(kind is ArgumentKind.PLACE and isinstance(term, syntax.Number) for kind, term in kinds)
         missing = " and ".join(argument.name for argument in definition.arguments[len(call.terms) : least])
-        hint = f"Add what is meant by {missing}." if missing else "Leave out what is too much."
+        hint = f"Add what is meant by {missing}." if missing else POINT if is_split else "Leave out what is too much."
         found = count(len(call.terms), "argument")
         yield call.column, Problem("INVALID_VALUE", "", found, definition.signature, hint)
     for argument, term in zip(definition.arguments, call.terms, strict=False):
         if argument.kind not in _TAKES[type(term)]:
-            yield term.column, Problem("INVALID_VALUE", "", format_term(term), f"{argument.kind} {argument.name!r}")
+            hint = POINT if argument.kind is ArgumentKind.PLACE else ""
+            yield (
+                term.column,
+                Problem("INVALID_VALUE", "", format_term(term), f"{argument.kind} {argument.name!r}", hint),
+            )
         elif isinstance(term, syntax.Number) and term.value < argument.least:
             expected = f"a number of at least {argument.least:g} for {argument.name!r}"
             yield term.column, Problem("INVALID_VALUE", "", format_term(term), expected, f"Write {-term.value:g}.")
