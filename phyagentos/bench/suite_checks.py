@@ -5,8 +5,10 @@ from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from phyagentos.agent.goals.catalogue import Catalogue
-from phyagentos.agent.goals.graph import read_goal_graph
+from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
 from phyagentos.assembly.planted_faults import check_planted
 from phyagentos.assembly.project import find_project
 from phyagentos.bench.episode import change, make_overrides
@@ -76,7 +78,7 @@ class SuiteChecks:
             self._check_files(library, layers)
             if key not in self._graphs:
                 self._graphs[key] = ()
-                compiled = read_goal_graph(path, catalogue, make_overrides(variant))
+                compiled = self._compile(path, catalogue, variant, layers)
                 names = dict.fromkeys(choice.target for choice in compiled.choices.values())
                 self._graphs[key] = tuple((catalogue.targets[name], library.get_target(name)) for name in names)
                 bodies = read_scene(library.get_scene(compiled.spec.scene)).bodies
@@ -87,6 +89,22 @@ class SuiteChecks:
                 if variant.faults is not None and Path(variant.faults).is_file():
                     self.problems += check_planted(Path(variant.faults), compiled, catalogue, library)
         return self._graphs.get(key, ())
+
+    def _compile(
+        self, graph: Path, catalogue: Catalogue, variant: Variant, layers: Mapping[Address, Variant]
+    ) -> GoalGraph:
+        """A goal graph with what the layers set; raises DefinitionError, of these values where they stand."""
+        try:
+            return read_goal_graph(graph, catalogue, make_overrides(variant))
+        except DefinitionError as error:
+            places = {key: (*place, "set", key) for place, layer in layers.items() for key in layer.set}
+            found = [
+                replace(each, address=self._located.address_of(places[each.address]))
+                if each.address in places
+                else each
+                for each in error.problems
+            ]
+            raise DefinitionError(found) from error
 
     def check_asked(self, orders: Sequence[Order]) -> None:
         """Whether what is asked for can be: axes, their values, parts, and a bound."""

@@ -17,6 +17,7 @@ from phyagentos.assembly.skill_checks import check_arguments, check_skill
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.operations.references import (
     Names,
+    iter_policy_misfits,
     iter_unknown,
     list_of_graph,
     list_of_settings,
@@ -273,7 +274,9 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
             if wrong := check_skill(path, library):
                 return wrong
             skill, located = read_skill(path)
-            return [*iter_unknown(located, list_of_skill(skill, Names(library, path.parent)))]
+            names = Names(library, path.parent)
+            unknown = iter_unknown(located, list_of_skill(skill, names))
+            return [*unknown, *iter_policy_misfits(skill, located, names)]
         case FileKind.TREE:
             from phyagentos.runtime.execution.leaf_registry import build_registry, read_registry
             from phyagentos.runtime.execution.tree_check import check_loaded_tree

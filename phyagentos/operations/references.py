@@ -8,6 +8,8 @@ from functools import cached_property
 from itertools import chain
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.judging.judges.metrics import METRICS, list_measured
@@ -16,16 +18,16 @@ from phyagentos.assembly.planted_faults import iter_misses
 from phyagentos.assembly.project import get_settings
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.capabilities.policy_descriptors import WORLD as ENVIRONMENT
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import Address, Located
-from phyagentos.protocol.settings.perception import Perception
+from phyagentos.protocol.settings.perception import Embedded, Perception
 from phyagentos.protocol.settings.runtime_contract import RuntimeContract, read_runtime_contract
 from phyagentos.protocol.settings.safety import Safety
 from phyagentos.protocol.settings.sensors import WORLD, Sensors, read_sensors
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.models.robot import MOUNT, read_robot
+from phyagentos.runtime.preflight.policy_checks import iter_policy_problems
 from phyagentos.runtime.preflight.sensing import BODY_FRAMES, MODALITIES, PERCEIVED
 
 FIXES = {
@@ -96,6 +98,11 @@ class Names:
             faults, set(chain.from_iterable(each.bodies for each in self.scenes)), joints, self.sensors.cameras
         )
 
+    def find_nearest(self, joints: Collection[str]) -> TargetProfile | None:
+        """The target that has most of these joints; None without any target."""
+        profiles = self.catalogue.targets.values()
+        return max(profiles, key=lambda each: len(set(each.arm.joints) & set(joints)), default=None)
+
     def find_carriers(self) -> set[str]:
         """Bodies that may carry a camera: of each robot whose model is here, and of each scene."""
         bodies = {WORLD, MOUNT, *chain.from_iterable(each.bodies for each in self.scenes)}
@@ -129,14 +136,21 @@ def list_of_skill(skill: SkillRuntime, names: Names) -> Iterator[Reference]:
         yield "resource", ("needs", "resources", index), name, names.resources
     for index, name in enumerate(skill.needs.capabilities):
         yield "capability", ("needs", "capabilities", index), name, names.find_offered("capabilities")
-    for name in skill.policy.observations if skill.policy is not None else ():
-        known = {ENVIRONMENT, *names.find_offered("observations")}
-        yield "observation", ("policy", "observations", name), name, known
     moved = skill.action_space.joints if skill.action_space is not None else ()
-    robots = [each.arm.joints for each in names.catalogue.targets.values()]
-    nearest = max(robots, key=lambda joints: len(set(joints) & set(moved)), default=())
-    for index, name in enumerate(moved):
-        yield "joint", ("action_space", "joints", index), name, nearest
+    nearest = names.find_nearest(moved)
+    for index, name in enumerate(moved if nearest is not None else ()):
+        yield "joint", ("action_space", "joints", index), name, nearest.arm.joints if nearest is not None else ()
+
+
+def iter_policy_misfits(skill: SkillRuntime, located: Located, names: Names) -> Iterator[Problem]:
+    """What preflight finds in the declaration of a policy, on the target that it fits best."""
+    profile = names.find_nearest(skill.action_space.joints if skill.action_space is not None else ())
+    if skill.policy is None or profile is None:
+        return
+    for each in iter_policy_problems(skill, profile, names.sensors, Embedded().max_age_s):
+        root, _, path = each.address.partition(".")
+        at: Address = tuple(path.split("."))
+        yield replace(each, address=located.address_of(at)) if root == "skill" else each
 
 
 def list_of_target(profile: TargetProfile, names: Names) -> Iterator[Reference]:

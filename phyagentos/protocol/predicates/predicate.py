@@ -9,6 +9,7 @@ other `*` means "for every one", over the whole predicate: `not moved(*)` is "no
 that was not seen is unknown, also where no look has ever shown it. With nothing to range over it is unknown.
 """
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -258,13 +259,16 @@ def format_term(term: syntax.Term) -> str:
 def _iter_use_findings(formula: syntax.Formula) -> Iterator[_Finding]:
     """Numbers that are not compared, statements that are."""
     match formula:
-        case syntax.Compare(left):
+        case syntax.Compare(left, _, bound):
             if isinstance(left, syntax.Count):
                 yield from _iter_use_findings(left.body)
             elif (definition := _find(left)) and not definition.is_number:
                 hint = f"Write {syntax.render(left)!r} or 'not {syntax.render(left)}'."
                 found = f"{left.name!r} compared"
                 yield left.column, Problem("INVALID_VALUE", "", found, "a number, or no comparison", hint)
+            elif definition and definition.unit == "rad" and isinstance(bound, float) and bound > math.pi:
+                hint = f"For degrees write {math.radians(bound):.3g}."
+                yield left.column, Problem("INVALID_VALUE", "", f"{bound:g}", "an angle of at most 3.14 rad", hint)
         case syntax.Count(_, column):
             yield column, Problem("INVALID_VALUE", "", "'count'", "a comparison such as '>= 1'")
         case syntax.Call(name, _, column):

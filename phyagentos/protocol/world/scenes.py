@@ -37,7 +37,7 @@ Shares = tuple[Share, Share, Share, Share]
 
 
 def _refuse_bytes(color: object) -> object:
-    numbers = color if isinstance(color, list) and all(isinstance(each, int | float) for each in color) else []
+    numbers = color if isinstance(color, list) and all(isinstance(each, int) for each in color) else []
     if 1.0 < max(numbers, default=0.0) <= 255.0:
         shares = ", ".join(f"{each / 255:.2g}" for each in numbers)
         raise misfit("", "shares of red, green, blue and opacity from 0 to 1", f"For bytes write [{shares}].")
