@@ -21,6 +21,7 @@ import msgspec
 from phyagentos.overtime import limit_time
 
 LOAD_S = 60.0  # for a person's code to load: a library of models takes half of it
+SHOWN = 40  # names in a message; of more the nearest ones
 ROOM_BYTES = 1 << 20  # with less room than that no process can keep its records
 
 _NameT = TypeVar("_NameT", bound=str)
@@ -60,7 +61,10 @@ class Problem(msgspec.Struct, frozen=True, omit_defaults=True):
         """
         possible = tuple(possible)
         hint = format_hint(name, possible) or fix
-        return cls("UNKNOWN_NAME", address, found or repr(name), format_names(possible), hint, by, name, kind)
+        nearest = difflib.get_close_matches(name, possible, SHOWN, cutoff=0.0) if len(possible) > SHOWN else possible
+        more = f" and {len(possible) - SHOWN} more" if len(possible) > SHOWN else ""
+        expected = f"{format_names(nearest)}{more}"
+        return cls("UNKNOWN_NAME", address, found or repr(name), expected, hint, by, name, kind)
 
     @property
     def label(self) -> str:

@@ -7,11 +7,31 @@ from pathlib import Path
 
 import msgspec
 
+from phyagentos.agent.goals.catalogue import Catalogue
+from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.assembly.paths import FAULTS as FILE
+from phyagentos.assembly.project import get_settings
 from phyagentos.errors import DefinitionError, Problem
+from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.documents.schema import read_yaml
 from phyagentos.protocol.sessions.evidence import FAULTS, Event
+from phyagentos.protocol.settings.sensors import read_sensors
 from phyagentos.protocol.world.faults import CameraFault, Push, Stall, read_faults
+from phyagentos.protocol.world.scenes import read_scene
+
+
+def check_planted(
+    path: Path, graph: GoalGraph, catalogue: Catalogue, library: Library, workspace: Path | None = None
+) -> list[Problem]:
+    """Names of a fault file that the scene and the robots of a goal, or the project's sensors.yaml, do not have.
+
+    Raises DefinitionError of a file that cannot be read.
+    """
+    targets = {catalogue.targets[choice.target] for choice in graph.choices.values()}
+    joints = {joint for target in targets for joint in target.arm.joints}
+    sensors = get_settings("sensors.yaml", library, workspace)
+    cameras = read_sensors(sensors).cameras if sensors is not None else None
+    return [*iter_misses(path, read_scene(library.get_scene(graph.spec.scene)).bodies, joints, cameras)]
 
 
 def iter_misses(

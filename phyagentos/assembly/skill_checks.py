@@ -6,7 +6,8 @@ from pathlib import Path
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.agent.goals.places import iter_too_large
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.agent.judging.judges.metrics import iter_unmeasured
+from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, read_skill
@@ -14,6 +15,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.capabilities.trees import Tree, read_tree
 from phyagentos.protocol.documents.schema import Address, Located
 from phyagentos.protocol.documents.yaml_scalars import format_scalar
+from phyagentos.protocol.predicates.library import ArgumentKind
 from phyagentos.protocol.predicates.predicate import parse_predicate, substitute
 from phyagentos.runtime.execution.leaf_registry import read_registry
 from phyagentos.runtime.execution.ports import Port, find_misfit
@@ -64,11 +66,25 @@ def _check_predicates(skill: SkillRuntime, located: Located) -> Iterator[Problem
             except DefinitionError as error:
                 yield from error.problems
                 continue
+            yield from iter_unmeasured(located, address, text)
+            yield from _iter_targets_as_objects(skill, located, address, text)
             for name in predicate.variables:
                 if name not in known:
                     found = f"'${{{name}}}' in {text!r}"
                     fix = f"Declare {name!r} among the parameters, or write one of these."
                     yield Problem.unknown("parameter", located.address_of(address), name, known, found, fix=fix)
+
+
+def _iter_targets_as_objects(skill: SkillRuntime, located: Located, at: Address, text: str) -> Iterator[Problem]:
+    """The session's own target where an object or a place is asked for."""
+    written = parse_predicate(text.replace(f"${{{TARGET_WORD}}}", TARGET_WORD), template=True)
+    for each in () if TARGET_WORD in skill.parameters else written.iter_references():
+        if each.name == TARGET_WORD and each.kind is not ArgumentKind.TARGET:
+            found = f"{TARGET_WORD!r}, the session's own target, as {each.kind} in {text!r}"
+            known = (f"${{{name}}}" for name in skill.parameters)
+            yield located.problem(
+                "INVALID_VALUE", at, found, f"a parameter: {format_names(known)}", "Write one of these."
+            )
 
 
 def _check_needs(skill: SkillRuntime, located: Located, library: Library) -> Iterator[Problem]:

@@ -5,8 +5,11 @@ from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from phyagentos.agent.goals.catalogue import Catalogue
-from phyagentos.agent.goals.graph import read_goal_graph
+from phyagentos.agent.goals.graph import GoalGraph, read_goal_graph
+from phyagentos.assembly.planted_faults import check_planted
 from phyagentos.assembly.project import find_project
 from phyagentos.bench.episode import change, make_overrides
 from phyagentos.bench.plug_ins import draw, load_repair, load_scorer
@@ -20,6 +23,7 @@ from phyagentos.protocol.documents.schema import Address, Located, read_yaml, va
 from phyagentos.protocol.predicates.project_predicates import load_predicates
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES
 from phyagentos.protocol.world.faults import read_faults
+from phyagentos.protocol.world.scenes import read_scene
 from phyagentos.scratch import open_scratch
 
 
@@ -32,13 +36,16 @@ class SuiteChecks:
     def __init__(self, suite: Suite, located: Located, *, runs_python: bool = False) -> None:
         self.problems: list[Problem] = []
         self._suite, self._located = suite, located
-        self._graphs: dict[tuple[str, str], tuple[tuple[TargetProfile, Path], ...]] = {}
+        self._graphs: dict[tuple[str, str, str | None], tuple[tuple[TargetProfile, Path], ...]] = {}
         self._read_catalogue = cache(partial(_read_catalogue, runs_python=runs_python))
+        self._scored: dict[Address, tuple[str, ...]] = {}  # bodies by the place of the condition that names them
         with self._noting():
             scorer = load_scorer(suite.scorer, located.address_of(("scorer",)))
             for name, task in suite.tasks.items():
                 for part, condition in task.score.items():
-                    self.problems += scorer.check(located, ("tasks", name, "score", part), condition)
+                    problems = scorer.check(located, place := ("tasks", name, "score", part), condition)
+                    self.problems += problems
+                    self._scored[place] = () if problems else scorer.list_bodies(condition)
 
     def resolve(self, task: Task, name: str, layers: Mapping[Address, Variant]) -> tuple[str, Variant]:
         """The goal graph of a cell, and what its layers say together, with paths for names."""
@@ -62,7 +69,7 @@ class SuiteChecks:
 
         One that is drawn is checked as it is drawn from `seed`.
         """
-        key = (graph, repr(sorted(variant.set.items())))
+        key = (graph, repr(sorted(variant.set.items())), variant.faults)
         with self._noting(), open_scratch() as scratch:
             path = draw(graph, seed, scratch) if ":" in graph else Path(graph)
             if not path.is_file():
@@ -71,10 +78,33 @@ class SuiteChecks:
             self._check_files(library, layers)
             if key not in self._graphs:
                 self._graphs[key] = ()
-                choices = read_goal_graph(path, catalogue, make_overrides(variant)).choices.values()
-                names = dict.fromkeys(choice.target for choice in choices)
+                compiled = self._compile(path, catalogue, variant, layers)
+                names = dict.fromkeys(choice.target for choice in compiled.choices.values())
                 self._graphs[key] = tuple((catalogue.targets[name], library.get_target(name)) for name in names)
+                bodies = read_scene(library.get_scene(compiled.spec.scene)).bodies
+                for place, names_scored in self._scored.items():
+                    for name in names_scored if place[:2] in layers else ():
+                        if name not in bodies:
+                            self._miss("body", place, name, bodies)
+                if variant.faults is not None and Path(variant.faults).is_file():
+                    self.problems += check_planted(Path(variant.faults), compiled, catalogue, library)
         return self._graphs.get(key, ())
+
+    def _compile(
+        self, graph: Path, catalogue: Catalogue, variant: Variant, layers: Mapping[Address, Variant]
+    ) -> GoalGraph:
+        """A goal graph with what the layers set; raises DefinitionError, of these values where they stand."""
+        try:
+            return read_goal_graph(graph, catalogue, make_overrides(variant))
+        except DefinitionError as error:
+            places = {key: (*place, "set", key) for place, layer in layers.items() for key in layer.set}
+            found = [
+                replace(each, address=self._located.address_of(places[each.address]))
+                if each.address in places
+                else each
+                for each in error.problems
+            ]
+            raise DefinitionError(found) from error
 
     def check_asked(self, orders: Sequence[Order]) -> None:
         """Whether what is asked for can be: axes, their values, parts, and a bound."""

@@ -4,6 +4,7 @@ There is no second parser: each kind is checked by the module that owns it, so t
 is checked may come from elsewhere: the Python of its skills is executed only when asked for.
 """
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -14,15 +15,26 @@ import msgspec
 from phyagentos.assembly.project import FOLDERS, get_settings, open_library
 from phyagentos.assembly.skill_checks import check_arguments, check_skill
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
+from phyagentos.operations.references import (
+    Names,
+    iter_policy_misfits,
+    iter_unknown,
+    list_of_graph,
+    list_of_settings,
+    list_of_skill,
+    list_of_target,
+)
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
-from phyagentos.protocol.capabilities.targets import TARGETS, find_unshared
+from phyagentos.protocol.capabilities.skill_runtimes import read_skill
+from phyagentos.protocol.capabilities.targets import TARGETS, TargetProfile, find_unshared, is_beside
 from phyagentos.protocol.capabilities.trees import Tree, iter_short_references, load_tree, read_tree
 from phyagentos.protocol.documents.schema import read_text, read_yaml
 from phyagentos.protocol.predicates.project_predicates import load_predicates, name_option
 from phyagentos.protocol.settings.perception import Sensing, read_perception
 from phyagentos.protocol.settings.sensors import read_sensors
 from phyagentos.protocol.settings.settings_files import SETTINGS_FILES, check_settings
+from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 from phyagentos.store.document_registry import FORMATS, check_document
 
 if TYPE_CHECKING:
@@ -84,11 +96,40 @@ def lint_paths(paths: Iterable[Path], *, runs_python: bool = False, check_suite:
     checked = tuple(dict.fromkeys(files))
     return LintReport(
         checked=tuple(map(str, checked)),
-        problems=tuple(
-            each for file in checked for each in lint_file(file, runs_python=runs_python, check_suite=check_suite)
+        problems=_keep_first(
+            checked,
+            (each for file in checked for each in lint_file(file, runs_python=runs_python, check_suite=check_suite)),
         ),
         warnings=tuple(each for file in checked for each in find_warnings(file)),
     )
+
+
+def _check_model(path: Path, profile: TargetProfile) -> list[Problem]:
+    """What `paos robot check` finds, where the model is here; one beside the profile may come with another robot."""
+    from phyagentos.runtime.models.sources import require_models
+    from phyagentos.runtime.motion.profile_checks import check_profile
+
+    if not profile.model or profile.driver:
+        return []
+    if is_beside(profile.model):
+        is_here = (path.parent / profile.model).is_file()
+        is_misspelt = bool(format_hint(profile.model, [each.name for each in path.parent.iterdir()]))
+        return check_profile(path) if is_here or is_misspelt else []
+    try:
+        require_models(profile, path.parent)
+    except DefinitionError:
+        return []
+    return check_profile(path)
+
+
+def _keep_first(files: Sequence[Path], problems: Iterable[Problem]) -> tuple[Problem, ...]:
+    """Each problem once, at the path as it was given: a suite finds those of its goal graphs too, by whole paths."""
+    given = {os.path.realpath(file): str(file) for file in files}
+    kept = dict[Problem, None]()
+    for each in problems:
+        file, mark, place = each.address.partition(":")
+        kept[msgspec.structs.replace(each, address=f"{given.get(file, file)}{mark}{place}")] = None
+    return tuple(kept)
 
 
 def iter_authored_files(folder: Path) -> Iterator[Path]:
@@ -214,19 +255,28 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
             if path.name == TARGETS.file:
                 return find_unshared(list(read_target_registry(path).values()))
         case FileKind.SETTINGS:
-            check_settings(path)
+            is_of_workspace = (path.parent / MARKER).is_file()
+            names = Names(Workspace.open(path.parent).library() if is_of_workspace else library, path.parent)
+            return [*iter_unknown(read_yaml(path), list_of_settings(check_settings(path), names))]
         case FileKind.GOAL_GRAPH:
             from phyagentos.agent.goals.graph import check_goal_graph, read_goal_graph
 
             if unsound := check_goal_graph(path, catalogue := Catalogue.read(library)):
                 return unsound
-            return [*check_arguments(read_goal_graph(path, catalogue), read_yaml(path), catalogue, library)]
+            graph, located = read_goal_graph(path, catalogue), read_yaml(path)
+            unknown = iter_unknown(located, list_of_graph(graph, Names(library, path.parent)))
+            return [*check_arguments(graph, located, catalogue, library), *unknown]
         case FileKind.WANTED:
             from phyagentos.agent.planning.domain import read_wanted
 
             read_wanted(path, Catalogue.read(library))
         case FileKind.SKILL:
-            return check_skill(path, library)
+            if wrong := check_skill(path, library):
+                return wrong
+            skill, located = read_skill(path)
+            names = Names(library, path.parent)
+            unknown = iter_unknown(located, list_of_skill(skill, names))
+            return [*unknown, *iter_policy_misfits(skill, located, names)]
         case FileKind.TREE:
             from phyagentos.runtime.execution.leaf_registry import build_registry, read_registry
             from phyagentos.runtime.execution.tree_check import check_loaded_tree
@@ -240,10 +290,10 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
 
             return find_start_problems(path)
         case FileKind.TARGET:
-            known = {**Catalogue.read(library).targets, (own := read_target(path)).target: own}
-            return [each for each in find_unshared(list(known.values())) if each.address.startswith(f"{own.target}/")]
+            names, own = Names(library, path.parent), read_target(path)
+            known = {**names.catalogue.targets, own.target: own}
+            unshared = (each for each in find_unshared([*known.values()]) if each.address.startswith(f"{own.target}/"))
+            return [*iter_unknown(read_yaml(path), list_of_target(own, names)), *unshared, *_check_model(path, own)]
         case FileKind.FAULTS:
-            from phyagentos.protocol.world.faults import read_faults
-
-            read_faults(path)
+            return [*Names(library, path.parent).iter_misses(path)]
     return ()

@@ -26,8 +26,8 @@ from phyagentos.assembly.graphics import require_graphics
 from phyagentos.assembly.memory_choice import choose_memory
 from phyagentos.assembly.paths import choose_folder, serve_alone
 from phyagentos.assembly.planes import Plane, start_watch
-from phyagentos.assembly.planted_faults import find_unstruck, iter_misses
-from phyagentos.assembly.project import admit_python, get_file, get_settings, open_library, parse_overrides
+from phyagentos.assembly.planted_faults import check_planted, find_unstruck
+from phyagentos.assembly.project import admit_python, get_file, open_library, parse_overrides
 from phyagentos.assembly.skill_checks import check_arguments, check_skill
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem, has_room
@@ -42,7 +42,6 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.sessions.session import GoalId
 from phyagentos.protocol.settings.perception import Prior, Sensing
 from phyagentos.protocol.settings.runtime_contract import WorldMode
-from phyagentos.protocol.settings.sensors import read_sensors
 from phyagentos.protocol.settings.settings_files import declare
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 from phyagentos.protocol.workspace.workspace import Workspace
@@ -261,13 +260,8 @@ def check_request(
             if find_driver_name(profile) == SHARING and not all(map(_is_shipped, named)):
                 problems += _check_own(profile, file, compiled, catalogue, library, seed)
         problems += check_arguments(compiled, read_yaml(graph), catalogue, library)
-        bodies = read_scene(library.get_scene(compiled.spec.scene)).bodies
         if faults is not None and not problems:
-            targets = {catalogue.targets[choice.target] for choice in compiled.choices.values()}
-            joints = {joint for target in targets for joint in target.arm.joints}
-            sensors = get_settings("sensors.yaml", library, workspace)
-            cameras = read_sensors(sensors).cameras if sensors is not None else None
-            problems += iter_misses(faults, bodies, joints, cameras)
+            problems += check_planted(faults, compiled, catalogue, library, workspace)
     except DefinitionError as error:
         problems += error.problems
     files = [library.get_skill(skill) for skill in sorted({choice.skill for choice in compiled.choices.values()})]

@@ -11,14 +11,15 @@ import yaml
 from phyagentos.cli.outcome import ExitCode
 
 ROOT = Path(__file__).resolve().parents[2]
-MISTAKES, OF_VALUES = (
+MISTAKES, OF_VALUES, OF_NAMES = (
     yaml.safe_load((Path(__file__).parent / name).read_text(encoding="utf-8"))
-    for name in ("mistakes.yaml", "mistakes_of_values.yaml")
+    for name in ("mistakes.yaml", "mistakes_of_values.yaml", "mistakes_of_names.yaml")
 )
 LIBRARY_WORDS = re.compile(
     r"Input should|Field required|Value error|Tuple should|\w+Error\b|Traceback|pydantic|msgspec|`float`|type float"
     r"|mapping values|could not find|did not find|cannot start|found unexpected|undefined alias|constructor"
 )
+BESIDE = ("protocol/", "robots/")  # where files stand beside each other
 MOST = 3.0
 
 
@@ -26,8 +27,9 @@ def make_mistake(mistake: dict, root: Path) -> tuple[Path, str]:
     """The edited file, and the address `file:line:column` of its problem."""
     path = root / mistake["file"]
     path.parent.mkdir(parents=True, exist_ok=True)
-    for sibling in (ROOT / mistake["file"]).parent.glob("*.yaml") if mistake["file"].startswith("protocol/") else ():
-        shutil.copyfile(sibling, path.parent / sibling.name)
+    for sibling in (ROOT / mistake["file"]).parent.iterdir() if mistake["file"].startswith(BESIDE) else ():
+        if sibling.is_file():
+            shutil.copyfile(sibling, path.parent / sibling.name)
     before = (ROOT / mistake["file"]).read_text(encoding="utf-8")
     assert mistake["old"] in before
     text = before.replace(mistake["old"], mistake["new"], 1)
@@ -67,7 +69,9 @@ def make_and_rate(paos, mistake: dict, root: Path) -> tuple[float, str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("mistakes", "count", "least_mean"), [(MISTAKES, 40, 2.7), (OF_VALUES, 104, 3.0)])
+@pytest.mark.parametrize(
+    ("mistakes", "count", "least_mean"), [(MISTAKES, 40, 2.7), (OF_VALUES, 104, 3.0), (OF_NAMES, 42, 3.0)]
+)
 def test_mistakes_are_told_with_their_place_and_words(mistakes, count, least_mean, paos, tmp_path):
     assert len(mistakes) == count
     ratings, poor = [], []

@@ -11,7 +11,7 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.channel import connect
-from phyagentos.runtime.targets import server
+from phyagentos.runtime.targets import agreement, server
 from phyagentos.runtime.targets.agreement import AgreementReceiver, AgreementSender
 from phyagentos.runtime.targets.server import UnixDoor
 
@@ -42,10 +42,12 @@ def test_a_workspace_is_opened_beside_the_sockets_of_its_runtime_and_with_no_oth
 
 def test_a_world_whose_socket_is_taken_away_listens_again_at_a_path_of_any_length(tmp_path, monkeypatch):
     monkeypatch.setattr(server, "LOOK_S", 0.02)
+    monkeypatch.setattr(agreement, "LOOK_S", 0.02)
     place = make_socket_folder(tmp_path / ("long" * 30)) / "arm.world"
     receiver, sender = AgreementReceiver(place.with_name("table.time")), AgreementSender(place.with_name("table.time"))
     assert sender.send({"arm": "s-1"})
     assert receiver.read() == {"arm": "s-1"}
+    threading.Thread(target=receiver.wake, args=(threading.Condition(),), daemon=True).start()
     door = UnixDoor(str(place))
     shutil.rmtree(place.parent)
     accepted = []
@@ -57,5 +59,9 @@ def test_a_world_whose_socket_is_taken_away_listens_again_at_a_path_of_any_lengt
     thread.join()
     client.send_bytes(b"here")
     assert accepted[0].recv_bytes() == b"here"
+    while not sender.send({"arm": "s-2"}):
+        thread.join(0.01)
+    while receiver.read() != {"arm": "s-2"}:
+        thread.join(0.01)
     for each in (client, *accepted, door, receiver, sender):
         each.close()

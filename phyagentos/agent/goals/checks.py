@@ -12,6 +12,7 @@ from phyagentos.agent.goals.expansion import Node, Path
 from phyagentos.agent.goals.places import iter_misplaced
 from phyagentos.agent.goals.selector import ANY, Choice, select
 from phyagentos.agent.goals.spec import NAME_MAX, REFERENCE, GoalSpec, Promise
+from phyagentos.agent.judging.judges.metrics import iter_unmeasured
 from phyagentos.errors import DefinitionError, Problem, format_names, raise_any
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, SkillRuntime, find_mismatch
 from phyagentos.protocol.capabilities.targets import find_unshared
@@ -154,9 +155,10 @@ class Checks:
                 if name not in self._kinds:
                     yield self.located.unknown("object", path, name, self._kinds)
                 elif len(names) < 2 or set(names) - {name} - self._alike.get(name, frozenset()):
-                    alike = format_names(self._alike.get(name, ()))
+                    alike = format_names(self._alike.get(name, ())).replace("(none)", "nothing else in the scene")
+                    expected = "two or more objects of one form and colour"
                     yield self.located.problem(
-                        "SCENE_INVALID", path, f"{name!r} in {list(names)}", f"alike are {alike}"
+                        "SCENE_INVALID", path, f"{name!r} in {list(names)}", expected, f"Like {name!r} looks {alike}."
                     )
 
     def iter_warnings(self) -> Iterator[Problem]:
@@ -197,6 +199,7 @@ class Checks:
         except DefinitionError as error:
             yield from error.problems
             return
+        yield from iter_unmeasured(self.located, path, text)
         if self._scene is not None and "accept" in path:
             yield from iter_misplaced(self.located, path, text, self._scene)
         for reference in predicate.iter_references():

@@ -8,7 +8,7 @@ import pydantic
 
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter
 from phyagentos.protocol.documents.plain_data import Fields
-from phyagentos.protocol.documents.schema import AlsoCalled, Authored, check_each
+from phyagentos.protocol.documents.schema import AlsoCalled, Authored, admit
 from phyagentos.protocol.predicates.syntax import HUMAN
 from phyagentos.protocol.sessions.forecasters import find_forecaster
 from phyagentos.protocol.sessions.lookahead import DEFAULT_FORECASTER
@@ -37,7 +37,7 @@ class LookaheadSpec(Authored):
 
     samples: int = pydantic.Field(default=16, ge=1, le=1000)
     threshold: float = pydantic.Field(default=0.7, ge=0.0, le=1.0)
-    forecasters: Annotated[tuple[str, ...], pydantic.AfterValidator(partial(check_each, check=find_forecaster))] = (
+    forecasters: tuple[Annotated[str, pydantic.AfterValidator(partial(admit, check=find_forecaster))], ...] = (
         pydantic.Field(default=(DEFAULT_FORECASTER,), min_length=1, validate_default=True)
     )
 

@@ -28,11 +28,13 @@ class Scorer:
         check: Problems of one condition, which stands at a place of the suite; nothing has run.
         score: Which conditions hold: given part -> condition, the workspace, whose processes have ended, and the bundle
             of the session after which it is asked, or None at the end of the episode. None where it cannot be said.
+        list_bodies: The bodies of a scene that a sound condition names.
     """
 
     name: str
     check: Callable[[Located, Address, Any], list[Problem]]
     score: Callable[[Mapping[str, Any], Path, Path | None], dict[str, bool] | None]
+    list_bodies: Callable[[Any], tuple[str, ...]] = lambda condition: ()
 
 
 def _check(located: Located, path: Address, condition: Any) -> list[Problem]:

@@ -15,7 +15,7 @@ from typing_extensions import override
 from phyagentos.errors import Problem
 from phyagentos.protocol.documents.document import DocumentFormat
 from phyagentos.protocol.documents.enclosure import leads_out
-from phyagentos.protocol.documents.schema import Authored, Box, NotNegative, Positive, Quaternion, Span
+from phyagentos.protocol.documents.schema import Authored, Box, NotNegative, Positive, Quaternion, Span, misfit
 from phyagentos.protocol.settings.operations import SESSION_OPERATIONS, Operation
 from phyagentos.protocol.world.friction import Surface
 
@@ -375,7 +375,7 @@ class TargetProfile(Authored):
             )
         if (self.gripper.max_width_m > 0.0) != (self.end_effector == "opening"):
             expected = "a gripper that opens" if self.end_effector == "opening" else "no gripper"
-            raise ValueError(f"end_effector {self.end_effector!r} needs {expected}")
+            raise misfit("end_effector", f"one that fits the block `gripper`: {self.end_effector!r} needs {expected}")
         return self
 
     @pydantic.model_validator(mode="after")

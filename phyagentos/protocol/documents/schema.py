@@ -296,7 +296,7 @@ def _find_owner(data: Any, path: Address) -> tuple[_Mapping, str | int]:
 
 
 def misfit(key: str, expected: str, hint: str = "") -> PydanticCustomError:
-    """What a validator of a model raises about the value of one of its keys, so that the problem stands there."""
+    """What a validator of a model raises about the value of a key, dotted where it is deeper, to stand there."""
     return PydanticCustomError("misfit", "{wanted}", {"key": key, "wanted": expected, "hint": hint})
 
 
@@ -324,14 +324,13 @@ def _check_direction(values: _Values) -> _Values:
     return values
 
 
-def check_each(texts: tuple[str, ...], check: Callable[[str], object]) -> tuple[str, ...]:
-    """The texts, in a validator of a model; raises ValueError with what is wrong with the first unsound one."""
-    for text in texts:
-        try:
-            check(text)
-        except DefinitionError as error:
-            raise ValueError(str(error)) from error
-    return texts
+def admit(text: str, check: Callable[[str], object]) -> str:
+    """The text, in a validator of a model, unless `check` raises DefinitionError, whose first problem stands there."""
+    try:
+        check(text)
+    except DefinitionError as error:
+        raise PydanticCustomError("problem", "unsound", {"problem": error.problems[0]}) from error
+    return text
 
 
 Span = Annotated[tuple[float, float], pydantic.AfterValidator(_check_rising)]
@@ -375,11 +374,16 @@ def _to_problem(model: type[Authored], located: Located, base: Address, item: Er
         fields = _find_fields(model, loc[:-1])
         problem = located.unknown("key", path, key, fields)
         called = [name for name, field in fields.items() if any(key in each.names for each in _iter_synonyms(field))]
-        return msgspec.structs.replace(problem, hint=f"Here it is called {called[0]!r}.") if called else problem
+        deeper = "" if format_hint(key, fields) else _find_deeper(fields, key)
+        hint = f"It belongs below {deeper!r}." if deeper else problem.hint
+        return msgspec.structs.replace(problem, hint=f"Here it is called {called[0]!r}." if called else hint)
     if kind == "missing":
         return located.problem("MISSING_VALUE", path, "nothing", f"key {key!r}", f"Add {key!r}.")
+    if kind == "problem":
+        return msgspec.structs.replace(facts["problem"], address=located.address_of(path))
     if kind == "misfit":
-        path, found = ((*path, facts["key"]), found.get(facts["key"])) if facts["key"] else (path, found)
+        for step in facts["key"].split(".") if facts["key"] else ():
+            path, found = (*path, step), found.get(step)
         return located.problem("INVALID_VALUE", path, show_value(found), facts["wanted"], facts["hint"])
     if kind in {"union_tag_invalid", "union_tag_not_found"}:
         tag = facts["discriminator"].strip("'")
@@ -535,6 +539,14 @@ def _find_fields(model: type[Authored], loc: Address) -> dict[str, pydantic.fiel
         found = [inner for each in found for inner in _enter(each, step)]
     models = [inner for each in found for inner in _iter_models(each)]
     return {info.alias or name: info for name, info in models[0].model_fields.items()} if models else {}
+
+
+def _find_deeper(fields: Mapping[str, pydantic.fields.FieldInfo], key: str) -> str:
+    """Which of these fields holds models with that key; `NAME` stands for a key of a mapping."""
+    for name, info in fields.items():
+        if any(key in each.model_fields for each in _iter_models(info.annotation)):
+            return f"{name}.NAME" if get_origin(info.annotation) is dict else name
+    return ""
 
 
 def _enter(annotation: object, step: str | int) -> Sequence[object]:

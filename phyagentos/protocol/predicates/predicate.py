@@ -9,6 +9,7 @@ other `*` means "for every one", over the whole predicate: `not moved(*)` is "no
 that was not seen is unknown, also where no look has ever shown it. With nothing to range over it is unknown.
 """
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -44,6 +45,7 @@ __all__ = [
     "worse",
 ]
 
+POINT = "A point is one argument: (x, y, z)."
 _REFERENCE = re.compile(r"\$\{\s*([^{}]+?)\s*\}")
 _TAKES = {
     syntax.Name: tuple(kind for kind in ArgumentKind if kind is not ArgumentKind.NUMBER),
@@ -226,13 +228,19 @@ def _iter_call_findings(call: syntax.Call) -> Iterator[_Finding]:
         return
     least = sum(argument.default is None for argument in definition.arguments)
     if not least <= len(call.terms) <= len(definition.arguments):
+        kinds = zip((argument.kind for argument in definition.arguments), call.terms, strict=False)
+        is_split = any(kind is ArgumentKind.PLACE and isinstance(term, syntax.Number) for kind, term in kinds)
         missing = " and ".join(argument.name for argument in definition.arguments[len(call.terms) : least])
-        hint = f"Add what is meant by {missing}." if missing else "Leave out what is too much."
+        hint = f"Add what is meant by {missing}." if missing else POINT if is_split else "Leave out what is too much."
         found = count(len(call.terms), "argument")
         yield call.column, Problem("INVALID_VALUE", "", found, definition.signature, hint)
     for argument, term in zip(definition.arguments, call.terms, strict=False):
         if argument.kind not in _TAKES[type(term)]:
-            yield term.column, Problem("INVALID_VALUE", "", format_term(term), f"{argument.kind} {argument.name!r}")
+            hint = POINT if argument.kind is ArgumentKind.PLACE else ""
+            yield (
+                term.column,
+                Problem("INVALID_VALUE", "", format_term(term), f"{argument.kind} {argument.name!r}", hint),
+            )
         elif isinstance(term, syntax.Number) and term.value < argument.least:
             expected = f"a number of at least {argument.least:g} for {argument.name!r}"
             yield term.column, Problem("INVALID_VALUE", "", format_term(term), expected, f"Write {-term.value:g}.")
@@ -251,13 +259,16 @@ def format_term(term: syntax.Term) -> str:
 def _iter_use_findings(formula: syntax.Formula) -> Iterator[_Finding]:
     """Numbers that are not compared, statements that are."""
     match formula:
-        case syntax.Compare(left):
+        case syntax.Compare(left, _, bound):
             if isinstance(left, syntax.Count):
                 yield from _iter_use_findings(left.body)
             elif (definition := _find(left)) and not definition.is_number:
                 hint = f"Write {syntax.render(left)!r} or 'not {syntax.render(left)}'."
                 found = f"{left.name!r} compared"
                 yield left.column, Problem("INVALID_VALUE", "", found, "a number, or no comparison", hint)
+            elif definition and definition.unit == "rad" and isinstance(bound, float) and bound > math.pi:
+                hint = f"For degrees write {math.radians(bound):.3g}."
+                yield left.column, Problem("INVALID_VALUE", "", f"{bound:g}", "an angle of at most 3.14 rad", hint)
         case syntax.Count(_, column):
             yield column, Problem("INVALID_VALUE", "", "'count'", "a comparison such as '>= 1'")
         case syntax.Call(name, _, column):

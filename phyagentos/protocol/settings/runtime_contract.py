@@ -6,7 +6,7 @@ from typing import Literal
 
 import pydantic
 
-from phyagentos.protocol.documents.schema import Authored, read_yaml, validate
+from phyagentos.protocol.documents.schema import Authored, misfit, read_yaml, validate
 from phyagentos.protocol.settings.operations import SESSION_OPERATIONS, Operation
 from phyagentos.protocol.settings.verification import Verification
 
@@ -116,7 +116,10 @@ class RuntimeContract(Authored):
         if self.record is not None:
             periods = 1.0 / (self.record.rate_hz * self.control_period_s)
             if periods < 0.999 or abs(periods - round(periods)) > 1e-6 * periods:
-                raise ValueError(f"record.rate_hz must be {1 / self.control_period_s:g} Hz divided by a whole number")
+                fastest_hz = 1 / self.control_period_s
+                whole = max(1, round(periods))
+                hint = f"Write {fastest_hz / whole:g}."
+                raise misfit("record.rate_hz", f"{fastest_hz:g} Hz divided by a whole number", hint)
         return self
 
 

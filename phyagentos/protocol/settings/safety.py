@@ -40,6 +40,7 @@ GUARDED = (  # codes of what the guard finds
     "JOINT_POSITION", "JOINT_VELOCITY", "JOINT_ACCELERATION", "JOINT_JERK", "SET_POINTS_DISAGREE",
     "GRIPPER_WIDTH", "GRIPPER_FORCE", "WORKSPACE", "KEEP_OUT", "COLLISION",
 )  # fmt: skip
+SOURCES = "Name the data sheet, the standard, the measurement or the policy of the site."
 CLAMPABLE = ("JOINT_POSITION", "GRIPPER_WIDTH")  # what can be projected without making it worse
 
 
@@ -169,7 +170,9 @@ def _check_limits(located: Located, target: str, limits: TargetLimits) -> Iterat
     for path, limit, unit in limits.iter_limits():
         at = ("targets", target, *path)
         if limit.source.strip().lower() in NO_SOURCE:
-            yield located.problem("MISSING_VALUE", (*at, "source"), repr(limit.source), "where the number comes from")
+            yield located.problem(
+                "MISSING_VALUE", (*at, "source"), repr(limit.source), "where the number comes from", SOURCES
+            )
         if limit.unit != unit:
             yield located.problem(
                 "INVALID_VALUE",
@@ -186,7 +189,8 @@ def _check_limits(located: Located, target: str, limits: TargetLimits) -> Iterat
         elif path[0].startswith("gripper_") and min(as_numbers(limit)) == 0.0:
             continue  # nothing opens
         elif path[0] not in {"joint_position_min", "joint_position_max"} and min(as_numbers(limit)) <= 0.0:
-            yield located.problem("INVALID_VALUE", (*at, "value"), str(limit.value), "greater than 0")
+            wrong = format_names(f"{each:g}" for each in as_numbers(limit) if each <= 0.0)
+            yield located.problem("INVALID_VALUE", (*at, "value"), wrong, "greater than 0", "Write its magnitude.")
     yield from _check_joints(located, target, limits)
     for code, reaction in limits.reactions.items():
         at = ("targets", target, "reactions", code)

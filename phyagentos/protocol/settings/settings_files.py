@@ -30,9 +30,9 @@ def compute_file_hash(path: Path) -> str:
     return hashlib.sha256(read_regular(path)).hexdigest()
 
 
-def check_settings(path: Path) -> None:
-    """Check one of the settings files by its name; raises DefinitionError with every problem at file:line:column."""
-    _FILES[path.name][1](path)
+def check_settings(path: Path) -> Authored:
+    """Read one of the settings files by its name; raises DefinitionError with every problem at file:line:column."""
+    return _FILES[path.name][1](path)
 
 
 def declare(path: Path, **values: object) -> None:

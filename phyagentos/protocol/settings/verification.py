@@ -9,9 +9,9 @@ from typing import Annotated, Self
 
 import pydantic
 
-from phyagentos.errors import format_hint, format_names
+from phyagentos.errors import get_known
 from phyagentos.plugins import Plugins
-from phyagentos.protocol.documents.schema import Authored, check_each, misfit
+from phyagentos.protocol.documents.schema import Authored, admit
 from phyagentos.protocol.predicates.predicate import parse_predicate
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 
@@ -36,6 +36,12 @@ class JudgeName(StrEnum):
 
 JudgeOption = str | float | bool
 DEFAULT_JUDGES: tuple[str, ...] = (JudgeName.PREDICATES, JudgeName.HOLDS, JudgeName.METRICS, JudgeName.LOOKAHEAD)
+
+
+def _require_judge(name: str) -> None:
+    """Raises DefinitionError `UNKNOWN_NAME` of a judge that neither ships nor is installed; none is loaded."""
+    if name not in set(JudgeName):
+        get_known("judge", "", name, dict.fromkeys(Plugins(JUDGE_ENTRY_POINTS, dict.fromkeys(JudgeName)).names()))
 
 
 class VisionModel(Authored):
@@ -69,23 +75,17 @@ class Verification(Authored):
     """
 
     mode: VerificationMode = VerificationMode.RECOVERY
-    judges: tuple[Annotated[str, pydantic.Field(pattern=r"^[a-z][a-z0-9_]*$")], ...] = pydantic.Field(
-        default=DEFAULT_JUDGES, min_length=1
-    )
-    criteria: Annotated[tuple[str, ...], pydantic.AfterValidator(partial(check_each, check=parse_predicate))] = ()
+    judges: tuple[
+        Annotated[
+            str,
+            pydantic.Field(pattern=r"^[a-z][a-z0-9_]*$"),
+            pydantic.AfterValidator(partial(admit, check=_require_judge)),
+        ],
+        ...,
+    ] = pydantic.Field(default=DEFAULT_JUDGES, min_length=1)
+    criteria: tuple[Annotated[str, pydantic.AfterValidator(partial(admit, check=parse_predicate))], ...] = ()
     vision: VisionModel | None = None
     options: dict[str, dict[str, JudgeOption]] = pydantic.Field(default_factory=dict)
-
-    @pydantic.field_validator("judges")
-    @classmethod
-    def _check_names(cls, names: tuple[str, ...]) -> tuple[str, ...]:
-        if set(names) <= set(JudgeName):
-            return names
-        known = Plugins(JUDGE_ENTRY_POINTS, dict.fromkeys(JudgeName)).names()  # none is loaded
-        for name in names:
-            if name not in known:
-                raise misfit("", f"judges: {format_names(known)}", format_hint(name, known) or f"Remove {name!r}.")
-        return names
 
     @pydantic.model_validator(mode="after")
     def _check_judges(self) -> Self:

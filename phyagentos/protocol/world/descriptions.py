@@ -42,7 +42,8 @@ def parse_description(text: str, address: str = "") -> tuple[str, str, str]:
     for group, words in enumerate((ARTICLES, COLORS, FORMS), 1):
         if (word := match[group]) and word not in words:
             found = f"{word!r} at column {match.start(group) + 1} of {text!r}"
-            problems.append(Problem.unknown("word", address, word, words, found))
+            fix = "Write one of these: an article, perhaps a colour, and a form, as in `a red box`."
+            problems.append(Problem.unknown("word", address, word, words, found, fix=fix))
     raise_any(problems)
     return match[1], match[2] or "", match[3].removesuffix("thing")
 

@@ -33,7 +33,18 @@ from phyagentos.protocol.world.friction import PAIRS, Surface
 
 Number2 = tuple[float, float]
 Share = Annotated[float, pydantic.Field(ge=0.0, le=1.0)]
-Color = tuple[Share, Share, Share, Share]
+Shares = tuple[Share, Share, Share, Share]
+
+
+def _refuse_bytes(color: object) -> object:
+    numbers = color if isinstance(color, list) and all(isinstance(each, int) for each in color) else []
+    if 1.0 < max(numbers, default=0.0) <= 255.0:
+        shares = ", ".join(f"{each / 255:.2g}" for each in numbers)
+        raise misfit("", "shares of red, green, blue and opacity from 0 to 1", f"For bytes write [{shares}].")
+    return color
+
+
+Color = Annotated[Shares, pydantic.BeforeValidator(_refuse_bytes, json_schema_input_type=Shares)]
 
 NAME = re.compile(r"(?!(and|or|not|count)$)[A-Za-z_][A-Za-z0-9_]*")  # as in predicates
 MOVABLE_M = 0.5  # half a metre each way: more than an arm of this size could handle
@@ -198,8 +209,11 @@ class Body(Authored):
     def _check_mobility(self) -> "Body":
         if self.joint is not None and (self.fixed or self.part_of):
             raise ValueError("what has a joint is neither fixed nor part of another body")
-        if self.part_of and (self.fixed or self.place.area or self.place.frame or any(self.place.jitter_m)):
-            raise ValueError("a part stands where place.position_m says in the frame of its whole, and is not fixed")
+        wrong = [key for key in ("area", "frame", "jitter_m") if any(getattr(self.place, key) or ())]
+        if self.part_of and (self.fixed or wrong):
+            key = f"place.{wrong[0]}" if wrong else "fixed"
+            expected = f"a place by position_m alone, in the frame of {self.part_of!r}, whose part it is"
+            raise misfit(key, expected, f"Leave out {key}, or part_of.")
         if all(solid.decor for solid in self.shapes) and not (self.fixed or self.part_of):
             raise ValueError("what is decor alone touches nothing: it is fixed, or part of another body")
         if self.contents and len(places := self.list_places()) < self.contents.count:
@@ -402,7 +416,8 @@ def _iter_oversized(spec: SceneSpec, located: Located) -> Iterator[Problem]:
             if max(solid.size_m) > MOVABLE_M:
                 found = f"[{', '.join(f'{value:g}' for value in solid.size_m)}]"
                 expected = f"half sizes in metres, at most {MOVABLE_M:g} for what can be moved"
-                hint = f"For centimetres write [{', '.join(f'{value / 100:g}' for value in solid.size_m)}]."
+                in_cm, in_mm = (", ".join(f"{value / unit:g}" for value in solid.size_m) for unit in (100, 1000))
+                hint = f"For centimetres write [{in_cm}], for millimetres [{in_mm}]."
                 path = ("bodies", name, "shapes", index, "size_m")
                 yield located.problem("SCENE_INVALID", path, found, expected, hint)
 
@@ -412,7 +427,7 @@ def _find_dangling(spec: SceneSpec, located: Located) -> list[Problem]:
     problems: list[Problem] = []
 
     def require(kind: str, name: str | None, known: object, *path: str | int) -> None:
-        names = list(known) if isinstance(known, dict) else []
+        names = [*(known if isinstance(known, dict) else ()), *(located.data.get(f"{kind}s") or ())]  # unsound ones
         if name is not None and name not in names:
             problems.append(located.unknown(kind, path, name, names))
 

@@ -9,17 +9,19 @@ from py_trees.ports import PortInformation
 
 @dataclass(frozen=True)
 class Port(PortInformation):
-    """One input or output; ends of a range are in the unit of the port.
+    """One input or output; ends of a range are in the unit of the port, `choices` are the only texts.
 
     Attributes:
         minimum: Least number.
         above: Number that it has to be greater than.
         maximum: Greatest number.
+        choices: The only texts; any without.
     """
 
     minimum: float = -math.inf
     above: float = -math.inf
     maximum: float = math.inf
+    choices: tuple[str, ...] = ()
 
 
 def expand_ports(ports: Mapping[str, PortInformation], given: Iterable[str]) -> Mapping[str, PortInformation]:
@@ -37,6 +39,8 @@ def find_misfit(value: object, port: PortInformation) -> str:
     numbers = [*_iter_numbers(value)]
     if not all(map(math.isfinite, numbers)):
         return "a finite number" if numbers == [value] else "finite numbers"
+    if isinstance(port, Port) and port.choices and value not in port.choices:
+        return " or ".join(map(repr, port.choices))
     if not isinstance(port, Port) or all(port.minimum <= n <= port.maximum and n > port.above for n in numbers):
         return ""
     words = {"of at least": port.minimum, "greater than": port.above, "of at most": port.maximum}

@@ -5,7 +5,7 @@ Alternative rejected: `MjSpec.attach`, which needs a prefix on every name.
 """
 
 import os
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -14,11 +14,11 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, format_hint
 from phyagentos.geometry import compute_rotation
 from phyagentos.protocol.capabilities.targets import HAND, Frame, TargetProfile, is_beside
 from phyagentos.protocol.documents.enclosure import leads_out
-from phyagentos.protocol.documents.schema import read_yaml, validate
+from phyagentos.protocol.documents.schema import Address, read_yaml, validate
 from phyagentos.runtime.models.base import free_base, freeze, put_on_plane
 from phyagentos.runtime.models.compiling import compile_model, explain
 from phyagentos.runtime.models.meshes import settle_meshes
@@ -65,15 +65,21 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     lists |= {("postures", name): value for name, value in profile.postures.items()}
     sizes = {"arm": len(profile.arm.joints), "postures": len(profile.arm.joints[profile.servoed])}
     problems = [
-        located.problem("INVALID_VALUE", address, f"{len(value)} values", f"{sizes[address[0]]}, one per joint")
+        located.problem(
+            "INVALID_VALUE", address, f"{len(value)} values", f"{size}, one per joint", _advise_count(size - len(value))
+        )
         for address, value in lists.items()
-        if len(value) != sizes[address[0]]
+        if len(value) != (size := sizes[address[0]])
     ]
     needs_file = is_beside(profile.model) and (profile.model != "" or profile.kind == "simulation")
     if needs_file and not (path.parent / profile.model).is_file():
         problems.append(
             located.problem(
-                "UNREADABLE_FILE", ("model",), repr(profile.model), expected=f"a MJCF file in {path.parent}"
+                "UNREADABLE_FILE",
+                ("model",),
+                repr(profile.model),
+                f"a MJCF file in {path.parent}",
+                format_hint(profile.model, [each.name for each in path.parent.glob("*.xml")]),
             )
         )
     steps = profile.control_period_s / profile.physics_step_s
@@ -90,6 +96,10 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
     if problems:
         raise DefinitionError(problems)
     return profile, path.parent
+
+
+def _advise_count(more: int) -> str:
+    return f"Add {more}." if more > 0 else f"Remove {-more}."
 
 
 def find_ancestors(model: mujoco.MjModel, body: int) -> list[int]:
@@ -149,6 +159,7 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
         for name in _OPTIONS:  # those of the arm: the scene sets them for all
             setattr(hand.option, name, getattr(spec.option, name))
         spec.attach(hand, prefix=HAND, frame=frame)
+    joints = [each.name for each in spec.joints]  # those that are parked too
     if base is None or profile.hand is not None:
         _park_others(spec, profile)
     for pad in profile.gripper.pad_boxes:
@@ -167,7 +178,12 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
         (free_base if is_free else put_on_plane)(spec, profile, base, path)
     elif profile.stands_on_column:
         _add_column(spec.worldbody.bodies[0], profile.mount_position_m[2])
-    _check_names(spec, profile, path)
+    known = {
+        "joint": joints,
+        "geom": [each.name for each in spec.geoms if each.name],
+        "site": [each.name for each in spec.sites],
+    }
+    _check_names(known, profile, folder)
     for name, span in dict(profile.ranges).items():
         spec.joint(name).limited, spec.joint(name).range = True, span
     for joint in map(spec.joint, profile.arm.joints[profile.servoed]):
@@ -303,23 +319,22 @@ def _iter_outside(path: Path, robots: Path) -> Iterator[Problem]:
                 yield Problem("LEADS_OUT", str(file), repr(name), f"a file below {robots}", "Keep it with the model.")
 
 
-def _check_names(spec: mujoco.MjSpec, profile: TargetProfile, path: Path) -> None:
-    known = {
-        "joint": [joint.name for joint in spec.joints],
-        "geom": [geom.name for geom in spec.geoms if geom.name],
-        "site": [site.name for site in spec.sites],
-    }
-    wanted = [
-        *(
-            ("joint", name)
-            for name in (*profile.arm.joints[profile.servoed], *profile.gripper.joints, *dict(profile.ranges))
-        ),
-        *(("geom", name) for name in profile.gripper.pads),
-        ("site", profile.tcp),
+def _check_names(known: Mapping[str, Sequence[str]], profile: TargetProfile, folder: Path) -> None:
+    """Raises DefinitionError `UNKNOWN_NAME` for each name of the model that it lacks, where the profile has it."""
+    lists = {("arm", "joints"): profile.arm.joints, ("gripper", "joints"): profile.gripper.joints}
+    base = profile.servoed.start
+    wanted: list[tuple[str, Address, str]] = [
+        ("joint", (*at, i), name)
+        for at, names in lists.items()
+        for i, name in enumerate(names)
+        if at[0] == "gripper" or i >= base
     ]
-    problems = [Problem.unknown(kind, str(path), name, known[kind]) for kind, name in wanted if name not in known[kind]]
-    if problems:
-        raise DefinitionError(problems)
+    wanted += [("joint", ("ranges", name), name) for name in dict(profile.ranges)]
+    wanted += [("geom", ("gripper", "pads", i), name) for i, name in enumerate(profile.gripper.pads)]
+    wanted.append(("site", ("tcp",), profile.tcp))
+    if missing := [each for each in wanted if each[2] not in known[each[0]]]:
+        located = read_yaml(folder / "target.yaml")
+        raise DefinitionError([located.unknown(kind, at, name, known[kind]) for kind, at, name in missing])
 
 
 def _add_servos(spec: mujoco.MjSpec, profile: TargetProfile) -> None:

@@ -64,7 +64,9 @@ def _iter_posture_problems(robot: RobotModel, located: Located) -> Iterator[Prob
         for index in np.flatnonzero(outside).tolist():
             low, high = robot.q_min_rad[index], robot.q_max_rad[index]
             found, expected = f"{names[index]} at {q_rad[index]:g} rad", f"{low:.4g} to {high:.4g}"
-            yield located.problem("INVALID_VALUE", (*address, index), found, expected)
+            turned = np.radians(q_rad[index])
+            hint = f"For degrees write {turned:.4g}." if low <= turned <= high else "Write a number between them."
+            yield located.problem("INVALID_VALUE", (*address, index), found, expected, hint)
         for first, second in [] if outside.any() else scene.find_contacts(q_rad):
             yield located.problem("IN_COLLISION", address, f"{first} touches {second}", "a posture that is free")
 

@@ -8,6 +8,7 @@ import contextlib
 import socket
 import threading
 from collections.abc import Mapping
+from multiprocessing.connection import wait
 from pathlib import Path
 
 import msgspec
@@ -16,6 +17,7 @@ from phyagentos.runtime.channel import shorten
 
 _DECODER = msgspec.json.Decoder(dict[str, str] | None)
 _BYTES_MAX = 65536
+LOOK_S = 1.0  # between two looks whether the socket is still there
 
 
 class AgreementSender:
@@ -43,13 +45,11 @@ class AgreementSender:
 
 
 class AgreementReceiver:
-    """Receives what runs at a datagram socket; replaces one that an earlier process left."""
+    """Receives what runs at a datagram socket; replaces one that an earlier process left, made again where it goes."""
 
     def __init__(self, path: Path) -> None:
-        path.unlink(missing_ok=True)
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
-        with shorten(path) as name:
-            self._socket.bind(name)
+        self._path = path
+        self._listen()
         self._latest: dict[str, str] | None = None
 
     def read(self) -> dict[str, str] | None:
@@ -60,16 +60,28 @@ class AgreementReceiver:
         return self._latest
 
     def wake(self, lock: threading.Condition) -> None:
-        """Notify the waiters of this lock at every datagram; never returns."""
-        while True:
-            news = self._socket.recv(_BYTES_MAX)
+        """Notify the waiters of this lock at every datagram, until it is closed."""
+        while self._socket.fileno() >= 0:
+            has_news = bool(wait([self._socket], LOOK_S))
             with lock:
-                self._take(news)
-                lock.notify_all()
+                if has_news:
+                    with contextlib.suppress(OSError):  # it was closed
+                        self.read()
+                    lock.notify_all()
+                elif not self._path.exists():  # a cleaner of old files took it
+                    self.close()
+                    self._listen()
 
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+    def _listen(self) -> None:
+        self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._path.unlink(missing_ok=True)
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+        with shorten(self._path) as name:
+            self._socket.bind(name)
 
     def _take(self, news: bytes) -> None:
         with contextlib.suppress(msgspec.MsgspecError):

@@ -23,8 +23,11 @@ class MoveLevel(MovingLeaf):
             default_value=0.08,
             description="Largest apparent tilt [rad], accelerations included.",
         ),
-        "method": PortInformation(
-            data_type=str, default_value="casadi", description="`casadi` (shaped) or `toppra` (joint limits only)."
+        "method": Port(
+            data_type=str,
+            choices=("casadi", "toppra"),
+            default_value="casadi",
+            description="`casadi` (shaped) or `toppra` (joint limits only).",
         ),
     }
 

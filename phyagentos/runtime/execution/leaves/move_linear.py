@@ -15,7 +15,9 @@ class MoveLinear(MovingLeaf):
 
     INPUT_PORTS = {
         "approach": PortInformation(data_type=Approach, description="The line."),
-        "direction": PortInformation(data_type=str, default_value="forward", description="`forward` or `back`."),
+        "direction": Port(
+            data_type=str, choices=("forward", "back"), default_value="forward", description="`forward` or `back`."
+        ),
         "speed": Port(
             data_type=float, above=0.0, maximum=1.0, default_value=0.25, description="Fraction of the velocity limits."
         ),

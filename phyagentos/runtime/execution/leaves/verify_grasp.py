@@ -1,6 +1,7 @@
 """Judge a grasp by what the hand measures: the fingers press on something as wide as the object."""
 
 from phyagentos.runtime.execution.leaf import FailureCode, Leaf, PortInformation, Role, Status
+from phyagentos.runtime.execution.ports import Port
 from phyagentos.runtime.perception.world_model import HAND
 
 
@@ -10,8 +11,11 @@ class VerifyGrasp(Leaf):
     ROLE = Role.VERIFY
     INPUT_PORTS = {
         "object": PortInformation(data_type=str, description="Name of the entity."),
-        "after": PortInformation(
-            data_type=str, default_value="close", description="`close` (a miss) or `lift` and later (a loss)."
+        "after": Port(
+            data_type=str,
+            choices=("close", "lift"),
+            default_value="close",
+            description="`close` (a miss) or `lift` and later (a loss).",
         ),
     }
 
