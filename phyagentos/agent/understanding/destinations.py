@@ -100,7 +100,9 @@ class Destinations(Nouns):
             return f"near({name}, {place})"
         if dest.data == "under":
             self.lack(RequestProblemKind.CAPABILITY, dest)
-        if dest.data == "into" or (dest.data == "inside_it" and self.get(place).has_interior):
+        if (dest.data == "into" and self.get(name).stands != place) or (
+            dest.data == "inside_it" and self.get(place).has_interior
+        ):
             return f"inside({name}, {place})"
         is_on_lid = dest.data not in {"to", "to_its_colour"} and self.get(place).opens
         return f"on({name}, {place})" if is_on_lid else self._relate(name, place)
