@@ -31,7 +31,8 @@ _COURTESY = re.compile(
     rf"(?: (?:{_SOFT}))* (not )?(?!see\b|have\b)"
 )
 _WISH = re.compile(
-    r"^(?:(?:it|that) would be (?:\w+ )?\w+|i would (?:really |so )?(?:love|like|prefer|appreciate)(?: it)?) if "
+    r"(?:^|(?<=[,;] ))(?:(?:it|that|i) would be (?:\w+ )?\w+|"
+    r"i would (?:really |so )?(?:love|like|prefer|appreciate)(?: it)?) if "
     r"(?!you\b)([^,;]+?) (?:was|were|ended up|would be|could be|went|got|is|are)\b"
 )
 _SOUND = re.compile(

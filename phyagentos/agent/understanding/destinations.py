@@ -91,7 +91,10 @@ class Destinations(Nouns):
             names = tuple(each for each in names if colour and self.get(each).colour == colour)
             if not names:
                 self.left_out[name] = f"{colour} one of {places.words!r}" if colour else f"colour for {places.words!r}"
-        return next(iter(names if len(names) < 2 else self.ask(kind, dest, names, about=name)), "")
+        place = next(iter(names if len(names) < 2 else self.ask(kind, dest, names, about=name)), "")
+        if place == name:  # `place it beside it`
+            self.lack(RequestProblemKind.CONTRADICTION, dest)
+        return place
 
     def _locate(self, name: str, dest: Node, place: str) -> str:
         if dest.data in SIDES:

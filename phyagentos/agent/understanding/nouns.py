@@ -124,9 +124,10 @@ class Nouns(Discourse):
 
     def find_it(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
         """The one fitting object of the latest clause with any, else of the last goal; of several, a question."""
-        if self.picked:
+        if self.picked and slot is Slot.MOVED:
             return self.picked
-        said = [[name for name in names if name not in self.recent[-1]] for names in reversed(self.recent[:-1])]
+        taken = {*self.picked, *self.recent[-1]}
+        said = [[name for name in names if name not in taken] for names in reversed(self.recent[:-1])]
         past = self.list_past(is_place=slot is Slot.VESSEL)
         doors = [each.name for each in self.list_fitting(slot)] if slot is Slot.OPENS else []
         for names in (*said, past, doors):

@@ -39,7 +39,8 @@ _GOES_ON = re.compile(
 _CONDITION = re.compile(r"\b(if|unless|whenever|when|in case)\b[^,;]*")
 _PERFECT = re.compile(r"\b(?:after|once|when|as soon as) (?:you have|having) (\w+ed)\b")
 _ROOM = re.compile(
-    r"^(?:(?:will|can|could|does|do|would)\b.*\bfit|(?:is|are) there (?:\w+ ){0,2}?(?:room|space)\b|"
+    r"^(?:(?:will|can|could|does|do|would)\b.*\bfit|(?:will|can|could)\b.*\bhold\b|"
+    r"(?:is|are) there (?:\w+ ){0,2}?(?:room|space)\b|"
     r"how (?:many|much)\b.*\b(?:fit|room|space)\b(?! is between))"
 )
 _STATED = re.compile(  # a question that begins as a statement does, and is no polite wish
@@ -141,8 +142,9 @@ def _parse(parser: Lark, text: str, others: Iterator[str]) -> tuple[str, Tree[To
 
 def _find_lost(written: str, read: str, scene: Set[str]) -> str:
     """Words of the scene and numbers in what was written that are in nothing that was read; empty where none is."""
-    spoken = [word for word in _WORD.findall(written) if word in scene or word[0].isdigit()]
-    return " ".join(dict.fromkeys(word for word in spoken if word not in _WORD.findall(read)))
+    spoken = dict.fromkeys(word for word in _WORD.findall(written) if word in scene or word[0].isdigit())
+    kept = {word.removesuffix("s") for word in _WORD.findall(read)}
+    return " ".join(word for word in spoken if word.removesuffix("s") not in kept)
 
 
 def _refuse_words(near: Mapping[str, str], usual: Sequence[str], scene: Set[str]) -> Impossible:

@@ -246,6 +246,7 @@ class Transfers(Destinations):
             and self.get(places[0]).has_interior
             and not has_token(clause, "bring")
             and not has_token(clause, "remove")
+            and places[0] not in {self.get(name).stands for name in names}
         )
         single = places if is_clear else []
         chosen = single or self.ask(QuestionKind.WHERE, clause, places)
@@ -334,6 +335,7 @@ class Transfers(Destinations):
         """From what the objects stand in or on, where that is no table; else a question where to."""
         names = self.resolve(nouns, Slot.MOVED).names
         if names and all(self.get(name).stands for name in names):
+            self.left = tuple({self.get(name).stands: "" for name in names})
             return [f"not {self._relate(name, self.get(name).stands)}" for name in self._put(Named(names=names))]
         return self._read_put_away(clause, nouns)
 
