@@ -23,7 +23,7 @@ def reword(text: str, nouns: Collection[str], adjectives: Collection[str], verbs
         (rf"(^|[,;] |\band |\bthen )({place}) ({verb}) ([^,;]+?)(?= [,;]| and | then |$)", r"\1\3 \4 \2"),
         (rf"\b({verb}) ({place}) ({phrase})(?= [,;]| and | then |$)", r"\1 \3 \2"),
         (rf"(?<=\w)(?<!\band)(?<!\bthen) (?=(?:{verb}) (?:{_DETERMINER}|it|them|{adjective}|{noun})\b)", " , "),
-        (rf"\b({noun}|it|them|there) (?={_DETERMINER} )", r"\1 , "),
+        (rf"\b({place}|it|them) (?={_DETERMINER} )", r"\1 , "),
     )
     for pattern, order in orders:
         text, count = re.subn(pattern, order, text)
