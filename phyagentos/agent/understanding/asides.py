@@ -16,9 +16,9 @@ _LEAD = (
     "grateful|great|guess|happy|hello|help|helpful|hey|hi|hmm?|hope|hoping|i|if|is|it|just|kind|kindly|like|little|"
     "lovely|love|maybe|me|might|much|my|nice|of|oh|ok|okay|perhaps|please|possible|possibly|really|robot|so|sorry|sort|"
     "suppose|that|there|think|thinking|thought|to|trouble|um+|uh+|us|very|was|way|well|were|whether|wonder|wonderful|"
-    "wondering|would|you"
+    "wondering|would|you|obliged|delighted|pleased|today|have|might"
 )
-_MODAL = "could|can|would|will"  # `should you drop it` is a condition
+_MODAL = "could|can|would|will|might"  # `should you drop it` is a condition
 _SOFT = (
     rf"{_MODAL}|to|please|kindly|maybe|perhaps|possibly|just|quickly|now|also|to|go ahead and|go and|be able to|"
     "manage to|at least|try to|try and|be so kind as to|be a dear and|help me|help me to|help us|mind"
@@ -26,12 +26,13 @@ _SOFT = (
 _COURTESY = re.compile(
     rf"(^|[,;] )(?:(?:{_LEAD}|,) )*?"
     rf"(?:(?:{_MODAL}) you|(?:want|need|like|love|have|get|ask|asking|wish|for|expect|trust) you to|"
-    rf"(?:if|that|chance|hoping|hope|think|thinking|wondering|wish|maybe|"
+    rf"(?:if|whether|that|chance|hoping|hope|think|thinking|wondering|wish|maybe|"
     rf"perhaps|possibly|guess|suppose) you (?:{_MODAL}))"
     rf"(?: (?:{_SOFT}))* (not )?(?!see\b|have\b)"
 )
 _WISH = re.compile(
-    r"^(?:(?:it|that) would be (?:\w+ )?\w+|i would (?:really |so )?(?:love|like|prefer|appreciate)(?: it)?) if "
+    r"(?:^|(?<=[,;] ))(?:(?:it|that|i) would be (?:\w+ )?\w+|"
+    r"i would (?:really |so )?(?:love|like|prefer|appreciate)(?: it)?) if "
     r"(?!you\b)([^,;]+?) (?:was|were|ended up|would be|could be|went|got|is|are)\b"
 )
 _SOUND = re.compile(
@@ -41,8 +42,8 @@ _REASONS = (
     r"\b(?:because|cause|cos|cuz|seeing (?:that|as)|given that)\b[^,;]*",
     r"\b(?:since|as) (?:i|we|my|our|he|she|guests|people|someone|somebody|"
     r"(?:it|there|that) (?:is|was|has)|the \w+ (?:is|are|was|has|have)) [^,;]*",
-    r"\bso(?: that)? (?:i|we|he|she|my \w+|our \w+|people|everyone|everybody|guests) "
-    r"(?:can|could|do|will|may|might|have|get|am|are|need) [^,;]*",
+    r"\bso(?: that)? (?:(?:i|we|he|she|my \w+|our \w+|people|everyone|everybody|guests) "
+    r"(?:can|could|do|will|may|might|have|get|am|are|need)|nobody|no one) [^,;]*",
     r"\b(?:in order to|to (?:make|free up|have|get) (?:some )?(?:more )?(?:room|space))\b[^,;]*",
 )
 _MANNER = (
@@ -60,6 +61,17 @@ _REMARK = re.compile(
     r"(?:it|they|that|this|(?:the|those|these|my|our|his|her)(?: \w+){1,2}|some\w+|every\w+|people|"
     r"\w+s|dinner|lunch|breakfast|today|tonight) "
     r"(?:is|are|was|were|has|have|will be|keeps?))\b"
+)
+_PERSON = r"(?:(?:i|we|he|she|they|some(?:one|body)|people|my \w+)(?: just| always| really| still| do| already)*)"
+_STATEMENT = re.compile(
+    rf"(?:(?:and|but|well|oh|look|see) )*(?:{_PERSON} (?:think|believe|see|guess) )?(?:"
+    rf"{_PERSON} (?:left|leave|keep|kept|dropped|knocked|tipped|spilled|forgot|put|made|got|has|have|had|see|saw)|"
+    r"(?:there|it|that|this|(?:the|my|our|that|this|those|these|an?|some)(?: [\w-]+){1,6}?)(?: there| here)? "
+    r"(?:is|are|was|were|has|had|have|looks?|seems?|keeps?|fell|rolled|slid|got))\b"
+)
+_WISHED = re.compile(
+    r"\b(?:should|must|ought|needs?|wants?|may|shall|let|except|unless|until|if|when|never|no|not|please|to be|"
+    r"(?:is|are|has|have) to|supposed|meant|allowed|forbidden|banned|limits|reserved)\b"
 )
 _FIRST_PERSON = re.compile(
     r"(?:i|we) (?:can|could|am|are) (?:not|looking)|(?:i|we) (?:need|want|have|would like|am going|am about) to\b"
@@ -97,7 +109,14 @@ def drop_asides(text: str, known: Set[str], scene: Set[str]) -> tuple[str, tuple
         partial(drop, is_idle=lambda said: said not in known and said not in read_lexicon()["not_of_manner"]["words"]),
         text,
     )
-    rest, text = text, ""
+    text, remarks = _drop_remarks(text, known, scene)
+    return re.sub(r"^[\s,;]+", "", text).strip(), (*dropped, *remarks)
+
+
+def _drop_remarks(rest: str, known: Set[str], scene: Set[str]) -> tuple[str, list[str]]:
+    """The parts of a request that are no remarks, with what a remark names for a later `it`, and the remarks."""
+    dropped: list[str] = []
+    text = ""
     while rest:
         said, mark, rest = re.fullmatch(r"([^,;]*)([,;]?)\s*(.*)", rest).groups()  # type: ignore[union-attr]
         remark = said.strip()
@@ -110,11 +129,20 @@ def drop_asides(text: str, known: Set[str], scene: Set[str]) -> tuple[str, tuple
             rest = rest.removeprefix("so ")
         elif rest and (topic := _find_topic(remark, rest, known, scene)) is not None:
             dropped.append(remark)
-            rest = re.sub(r"\b(?:it|them)\b", topic, rest, count=1) if topic else rest
             rest = rest.removeprefix("so ")
+            if topic and not re.match(rf"(?:(?!{_join(scene)})[^,;])*?\b(?:it|them)\b", rest):
+                text += f"{topic} , "  # `the tray is dirty, take the can out of it`
+            elif topic:
+                rest = re.sub(r"\b(?:it|them)\b", topic, rest, count=1)
+        elif (
+            text
+            and re.match(r"(?:it|they) (?:is|are|was|has|have|looks?|seems?)\b", remark)
+            and not _is_said(remark, scene)
+        ):
+            dropped.append(remark)
         else:
             text += f"{said.rstrip()} {mark} "
-    return re.sub(r"^[\s,;]+", "", text).strip(), tuple(dropped)
+    return text, dropped
 
 
 def _drop_courtesies(text: str) -> str:
@@ -122,6 +150,15 @@ def _drop_courtesies(text: str) -> str:
     text = re.sub(r"^i (?:think|guess|suppose|believe|reckon|figure)(?: that)? (?!not\b)", "", text)
     text = _WISH.sub(r"i want \1 to be", text)
     return _COURTESY.sub(lambda found: f"{found[1]}{'do not ' if found[2] else ''}", text)
+
+
+def _join(words: Set[str]) -> str:
+    return rf"\b(?:{'|'.join(sorted(map(re.escape, words), key=len, reverse=True))})\b"
+
+
+def _is_said(remark: str, scene: Set[str]) -> bool:
+    """Whether a remark names an object, a number or what is wished for."""
+    return bool(_WISHED.search(remark) or re.search(r"\d", remark) or not scene.isdisjoint(remark.split()))
 
 
 def _is_idle(said: str, known: Set[str], scene: Set[str]) -> bool:
@@ -137,21 +174,23 @@ def _is_idle(said: str, known: Set[str], scene: Set[str]) -> bool:
 
 def _find_topic(remark: str, later: str, known: Set[str], scene: Set[str]) -> str | None:
     """What a remark about an object leaves for a later `it`: the object's phrase, or nothing; None if it is none."""
+    words = _join(scene)
     refers = bool(re.search(r"\b(?:it|them|they)\b", later))
-    if there := re.match(r"there (?:is|are) (?:an? |some |the )?(.*)", remark):
-        return f"the {there[1]}" if refers else None
-    words = "|".join(sorted(map(re.escape, scene)))
+    phrases = re.findall(rf"\b(?:(?:the|my|our|this|that|these|those|an?|some) )?(?:(?!can not ){words} ?)+", remark)
+    if refers and phrases and _STATEMENT.match(remark) and not _WISHED.search(remark):
+        return re.sub(r"^(?:my|our|this|that|these|those|an?|some) |^(?!the )", "the ", phrases[0]).strip()
+    if re.match(r"there (?:is|are)\b", remark):
+        return None
     if stated := re.fullmatch(
-        rf"((?:the|my|our|this) (?:(?:{words})\b ?)+)(?:is|are|was|were|looks?|seems?|fell|has|have|got|keeps?)\b(.*)",
+        rf"((?:the|my|our|this) (?:{words} ?)+)(?:is|are|was|were|looks?|seems?|fell|has|have|got|keeps?)\b(.*)",
         remark,
     ):
         is_idle = _is_idle(remark.removeprefix(stated[1]), known - {"mess", "way", "fallen"}, scene)
-        return (stated[1].strip() if refers else "") if is_idle else None
+        return "" if is_idle and not refers else None
     if not _FIRST_PERSON.match(remark) or not (
         later.startswith("so ") or not re.match(r"\w+ (?:need|want|have|would)", remark)
     ):
         return None
-    phrases = re.findall(rf"\b(?:the|my|our|this|that|an?) (?:(?:{words})\b ?)+", remark)
     if not refers:
         return ""
     return phrases[0].strip() if len(phrases) == 1 else None

@@ -112,8 +112,7 @@ class Clauses(Keeping):
         steps: list[Step] = []
         topic, *others = list_children(group)
         is_topic = topic.data == "elided" and others and not self._verb and not self.list_past()
-        if is_topic:  # `the red cube, put it into the tray`
-            self.resolve(list_children(topic)[0], Slot.ANY)
+        named = self.resolve(list_children(topic)[0], Slot.ANY).names if is_topic else ()  # `the red cube, put it ...`
         for clause in others if is_topic else [topic, *others]:
             read = self._read_steps(clause)
             self._ask_scope(group, clause, read)
@@ -121,6 +120,9 @@ class Clauses(Keeping):
             again = {f"holding({ROLE}, {name})" for name in self.recent[-1]} if any(read) else set()
             steps = [[text for text in step if text not in again] for step in steps] + read
         texts = [text for step in steps for text in step]
+        about = {name for text in (*texts, *self.constraints) for name in find_entities(text)}
+        if named and about.isdisjoint((*named, *map(self.find_opening, named))):  # what is said of it is not known
+            self.lack(RequestProblemKind.SENTENCE, topic)
         opened = {get_object(text) for text in texts if says(text, Meaning.OPEN, Meaning.CLOSED)}
         held = {text: self.get(get_object(text)) for text in texts if says(text, Meaning.HOLDING)}
         grips = {text for text, each in held.items() if not each.movable and self.find_opening(each.name) in opened}
@@ -290,8 +292,8 @@ class Clauses(Keeping):
 
     def _undo(self, text: str) -> Step:
         item = self.get(get_object(text))
-        back = [self._put_back(item.name)] if item.movable and not item.contents else list_flipped(text)
-        return back or self.lack(RequestProblemKind.CAPABILITY, text)
+        back = [self._put_exactly(item.name)] if item.movable and not item.contents else list_flipped(text)
+        return [each for each in back if each] or self.lack(RequestProblemKind.CAPABILITY, text)
 
     def _resolve_after(self, before: Sequence[str], objects: Node) -> tuple[str, ...]:
         """Objects of a phrase that goes on from the last goal: `the other one` is none of those."""

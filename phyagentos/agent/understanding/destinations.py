@@ -91,7 +91,10 @@ class Destinations(Nouns):
             names = tuple(each for each in names if colour and self.get(each).colour == colour)
             if not names:
                 self.left_out[name] = f"{colour} one of {places.words!r}" if colour else f"colour for {places.words!r}"
-        return next(iter(names if len(names) < 2 else self.ask(kind, dest, names, about=name)), "")
+        place = next(iter(names if len(names) < 2 else self.ask(kind, dest, names, about=name)), "")
+        if place == name:  # `place it beside it`
+            self.lack(RequestProblemKind.CONTRADICTION, dest)
+        return place
 
     def _locate(self, name: str, dest: Node, place: str) -> str:
         if dest.data in SIDES:
@@ -100,7 +103,9 @@ class Destinations(Nouns):
             return f"near({name}, {place})"
         if dest.data == "under":
             self.lack(RequestProblemKind.CAPABILITY, dest)
-        if dest.data == "into" or (dest.data == "inside_it" and self.get(place).has_interior):
+        if (dest.data == "into" and self.get(name).stands != place) or (
+            dest.data == "inside_it" and self.get(place).has_interior
+        ):
             return f"inside({name}, {place})"
         is_on_lid = dest.data not in {"to", "to_its_colour"} and self.get(place).opens
         return f"on({name}, {place})" if is_on_lid else self._relate(name, place)

@@ -91,7 +91,7 @@ class Discourse:
         grouped: Objects that a phrase named together with others, as `the cubes`.
         spared: Everything that some clause says to leave as it is: `the others` are none of it.
         heads: The last noun of each slot.
-        among: Those of which an exception takes some away.
+        among: Those that a phrase means where several fit: what an exception is of, or where something stands.
         count: How many `the two cubes nearest to the bottle` are, while they are found.
         left_out: Objects that stay where they are, each with what is missing.
         exempt: What `everything except the bottle` leaves aside.
@@ -347,7 +347,8 @@ class Discourse:
             around = [item for item in found if item.name not in names]
             return self._select(around, tail, str(tail.data), self.get(names[0])) if names else []
         if tail.data == "part_of":
-            return [item for item in found if item.part_of in owners]
+            is_surface = any(self.get(name).kind in SURFACES for name in owners)  # `the corner of the table`
+            return [item for item in found if item.part_of in owners or (is_surface and item.kind == REGION)]
         return self._list_standing(found, owners)
 
     def _list_standing(self, found: Iterable[SceneObject], owners: Iterable[str]) -> list[SceneObject]:

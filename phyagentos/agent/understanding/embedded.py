@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import islice, product
 
 from phyagentos.agent.goals.spec import WantedGoal
@@ -59,6 +60,8 @@ class EmbeddedUnderstander:
         self, refused: Impossible, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]
     ) -> Understanding:
         """Ask whether known words were meant that make a request of it; the refusal where none do."""
+        if any(lack.kind is not RequestProblemKind.WORD for lack in refused.lacks):
+            return refused
         words = [lack.words for lack in refused.lacks]
         spelt: dict[str, tuple[str, ...]] = {}
         for near in islice(product(*(lack.possible for lack in refused.lacks)), _SPELLINGS_MAX):
@@ -78,6 +81,13 @@ class EmbeddedUnderstander:
         for text, each in found.items():
             meant.setdefault(_outline(each), (spelt[text][0] if len(words) == 1 else text, each))
         named = dict(meant.values())
+        ((_, read_so), *more), near = meant.values(), spelt[next(iter(found))]
+        if (
+            not more
+            and isinstance(read_so, Understood)
+            and list(map(_find_letters, words)) == list(map(_find_letters, near))
+        ):
+            return replace(read_so, reasons=(*read_so.reasons, f"{', '.join(words)}: {', '.join(near)}"))
         if (answer := answers.get(key)) in named:
             return named[str(answer)]
         question = Question(
@@ -153,6 +163,11 @@ def _begin(said: Clauses, steps: tuple[Texts, ...], accept: Texts, constraints: 
             said.lack(RequestProblemKind.START, text)
     said.reasons += [f"{text} does not hold at first, so it is wanted in the end" for text in late]
     return tuple(dict.fromkeys((*accept, *late))), tuple(text for text in constraints if text not in late)
+
+
+def _find_letters(word: str) -> list[str]:
+    """The letters of a word, doubled ones once: alike of `teh` and `the`, which need no question."""
+    return sorted(re.sub(r"(.)\1", r"\1", word))
 
 
 def _replace_words(text: str, words: Mapping[str, str]) -> str:

@@ -56,7 +56,8 @@ class Keeping(Transfers):
             return self._say(str(kept.data), objects, constraint=not is_end)
         names = self.resolve(objects, Slot.ANY).names
         self.spared += names
-        places = self._find_places(kept)
+        self.among = tuple(self.get(name).stands for name in names)
+        places, self.among = self._find_places(kept), ()
         if kept.data in SIDES:
             return self.lack(RequestProblemKind.CAPABILITY, kept)
         self.unmet = ""

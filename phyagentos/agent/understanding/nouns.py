@@ -59,7 +59,7 @@ class Nouns(Discourse):
     def _is_of_both(self, first: Node, second: Node) -> bool:
         """Whether a number may count both phrases: `one of the red and blue cubes`."""
         is_counted = any(find_child(first, each) is not None for each in ("any", "number", "exactly", "half"))
-        plain = list_children(first)[-1]
+        plain = [first, *list_children(first)][-1]
         return is_counted and find_child(plain, "head") is None and len(list_children(second)) == 1
 
     def remove(self, names: tuple[str, ...], phrase: Node, slot: Slot, spare: Sequence[str] = ()) -> tuple[str, ...]:
@@ -113,9 +113,8 @@ class Nouns(Discourse):
         self.recent[-1] = recent
         return named
 
-    def restrict(self, objects: Named, source: Node) -> Named:
+    def restrict(self, objects: Named, source: Node, owners: Sequence[str]) -> Named:
         """Of several objects those that stand in or on what `from` names; one object is taken from wherever it is."""
-        owners = self.resolve_aside(source, Slot.PLACE).names
         if len(objects.names) < 2 or not owners:
             return objects
         names = tuple(each.name for each in self._list_standing(map(self.get, objects.names), owners))
@@ -125,14 +124,16 @@ class Nouns(Discourse):
 
     def find_it(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
         """The one fitting object of the latest clause with any, else of the last goal; of several, a question."""
-        if self.picked:
+        if self.picked and slot is Slot.MOVED:
             return self.picked
-        said = [[name for name in names if name not in self.recent[-1]] for names in reversed(self.recent[:-1])]
+        taken = {*self.picked, *self.recent[-1]}
+        said = [[name for name in names if name not in taken] for names in reversed(self.recent[:-1])]
         past = self.list_past(is_place=slot is Slot.VESSEL)
         doors = [each.name for each in self.list_fitting(slot)] if slot is Slot.OPENS else []
         for names in (*said, past, doors):
             names = [self.find_opening(name) if slot is Slot.OPENS else name for name in names]
             if found := tuple(dict.fromkeys(name for name in names if slot.takes(self.get(name)))):
+                found = tuple(name for name in found if name in self.among) or found
                 return found if len(found) == 1 else self.ask(QuestionKind.WHICH, phrase, found)
         if self.questions:
             return ()

@@ -5,7 +5,8 @@ reading, so that a sentence with two meanings is found out instead of decided by
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import lru_cache, reduce
@@ -18,6 +19,7 @@ from lark.exceptions import UnexpectedEOF, UnexpectedInput
 from lark.visitors import CollapseAmbiguities
 
 from phyagentos.agent.understanding.asides import drop_asides
+from phyagentos.agent.understanding.rewording import reword
 from phyagentos.agent.understanding.understanding import Impossible, RequestProblem, RequestProblemKind, refuse
 from phyagentos.agent.understanding.vocabulary import Vocabulary, read_lexicon
 from phyagentos.errors import find_nearest
@@ -35,6 +37,16 @@ _GOES_ON = re.compile(
     r"|\b(?:too|as well)\s*[,;.!?]*$"
 )
 _CONDITION = re.compile(r"\b(if|unless|whenever|when|in case)\b[^,;]*")
+_PERFECT = re.compile(r"\b(?:after|once|when|as soon as) (?:you have|having) (\w+ed)\b")
+_ROOM = re.compile(
+    r"^(?:(?:will|can|could|does|do|would)\b.*\bfit|(?:will|can|could)\b.*\bhold\b|"
+    r"(?:is|are) there (?:\w+ ){0,2}?(?:room|space)\b|"
+    r"how (?:many|much)\b.*\b(?:fit|room|space)\b(?! is between))"
+)
+_STATED = re.compile(  # a question that begins as a statement does, and is no polite wish
+    r"(?:so |and |ok |okay )*((?:the|an?|any\w*|some\w*|my|this|that|these|those|both|all|every\w*|nothing|each)\b"
+    r"(?!.*\b(?:please|should|must|could|can|would)\b)[^?]*)\?\W*"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,11 +66,10 @@ class Readings:
 
 def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     """Every reading of a request; none where a word is unknown, or from where on it is no sentence."""
-    text = " ".join(request.lower().split())
-    if len(text) > 4 * MOST_LETTERS:  # courtesies are not counted below
-        return refuse(RequestProblemKind.SENTENCE, text[MOST_LETTERS : 2 * MOST_LETTERS])
-    for pattern, spelt in _read_spellings():
-        text = pattern.sub(spelt, text)
+    written = " ".join(request.lower().split())
+    if len(written) > 4 * MOST_LETTERS:  # courtesies are not counted below
+        return refuse(RequestProblemKind.SENTENCE, written[MOST_LETTERS : 2 * MOST_LETTERS])
+    text = _spell(written)
     text, count = _GOES_ON.subn("", text.strip())
     text, goes_on = text.strip(" ,"), count > 0
     adjectives, nouns = vocabulary.list_words()
@@ -70,25 +81,32 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     text, views = re.subn(_alternatives(_read_phrases()["robots_view"]), " ", text)
     idle = (phrase for phrase in courtesy if phrase not in words or " " in phrase)
     text = re.sub(_alternatives((*idle, *manner)), " ", text)
-    text = re.sub(r",(?:\s*,)+", ",", " ".join(text.split())).strip(" ,;")
+    text = re.sub(r"[,;](?:\s*[,;])+", lambda found: ";" if ";" in found[0] else ",", " ".join(text.split())).strip(
+        " ,;"
+    )
     content = sorted({word for word in words if len(word) >= LEAST_NEAR} | adjectives | nouns)
     strange = [word for word in _WORD.findall(text) if word not in words and not re.fullmatch(r"[\d.]+|[+-]", word)]
     condition = _CONDITION.search(text)
     if condition and (strange or condition[1] != "if"):
         return refuse(RequestProblemKind.CONDITION, condition[0].strip(" ,;"))
+    if _ROOM.match(text):
+        return refuse(RequestProblemKind.ROOM, text.strip(" ;"))
+    polite = {each for phrase in courtesy for each in phrase.split() if len(each) >= LEAST_NEAR}
     if near := {word: _find_meant(word, content) for word in strange}:
-        polite = {each for phrase in courtesy for each in phrase.split() if len(each) >= LEAST_NEAR}
         usual = [*content, *(word for word in sorted((words | polite) - {*content}) if len(word) > 1)]
         return _refuse_words(near, usual, scene)
     if len(text) > MOST_LETTERS:
         return refuse(RequestProblemKind.SENTENCE, text[MOST_LETTERS:])
     try:
-        forest = parser.parse(text)
+        text, forest = _parse(parser, text, reword(text, nouns | {*map(pluralise, nouns)}, adjectives, _list_verbs()))
     except UnexpectedInput as error:
         if condition:
             return refuse(RequestProblemKind.CONDITION, condition[0].strip(" ,;"))
         stop = 0 if isinstance(error, UnexpectedEOF) else error.pos_in_stream
         return refuse(RequestProblemKind.SENTENCE, text[stop:] or text)
+    spoken = scene - {word for phrase in courtesy for word in phrase.split()}
+    if lost := _find_lost(written, " ".join((text, *unsaid, *asides)), spoken):
+        return refuse(RequestProblemKind.SENTENCE, lost)
     if _count_readings(forest) > MOST_READINGS:
         return refuse(RequestProblemKind.SENTENCE, text)
     trees = CollapseAmbiguities().transform(forest)
@@ -99,6 +117,34 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
         is_robots_view=views > 0,
         goes_on=goes_on,
     )
+
+
+def _spell(text: str) -> str:
+    """What is written as the grammar reads it: turns of phrase, contractions, questions that begin as statements do."""
+    if stated := _STATED.fullmatch(text):
+        verb = re.fullmatch(r"(.*?)(?: it| they)? (is|are)\b(.*)", stated[1])
+        text = f"{verb[2]} {verb[1]}{verb[3]}?" if verb else f"is {stated[1]}?"
+    for pattern, spelt in _read_spellings():
+        text = pattern.sub(spelt, text)
+    return _PERFECT.sub(lambda found: f"after you {_list_participles().get(found[1], found[1])}", text)
+
+
+def _parse(parser: Lark, text: str, others: Iterator[str]) -> tuple[str, Tree[Token]]:
+    """The readings of a request; where there are none, those of the first other order of its words that has some."""
+    try:
+        return text, parser.parse(text)
+    except UnexpectedInput:
+        for other in others:
+            with suppress(UnexpectedInput):
+                return other, parser.parse(other)
+        raise
+
+
+def _find_lost(written: str, read: str, scene: Set[str]) -> str:
+    """Words of the scene and numbers in what was written that are in nothing that was read; empty where none is."""
+    spoken = dict.fromkeys(word for word in _WORD.findall(written) if word in scene or word[0].isdigit())
+    kept = {word.removesuffix("s") for word in _WORD.findall(read)}
+    return " ".join(word for word in spoken if word.removesuffix("s") not in kept)
 
 
 def _refuse_words(near: Mapping[str, str], usual: Sequence[str], scene: Set[str]) -> Impossible:
@@ -152,11 +198,26 @@ def pluralise(noun: str) -> str:
 def _inflect(phrase: str) -> list[str]:
     """A phrase; where a `*` marks its verb also with the third person and the participle."""
     verb, marked, rest = phrase.partition("*")
-    if not marked:
-        return [phrase]
+    return [f"{form}{rest}" for form in (verb, pluralise(verb), f"{_find_stem(verb)}ing")] if marked else [phrase]
+
+
+def _find_stem(verb: str) -> str:
+    """What endings that begin with a vowel are added to."""
     stem = verb[:-1] if re.search("[^e]e$", verb) else verb
-    stem = f"{verb}{verb[-1]}" if re.fullmatch(r"[^aeiou]*[aeiou][^aeiouwxy]", verb) else stem
-    return [f"{form}{rest}" for form in (verb, pluralise(verb), f"{stem}ing")]
+    return f"{verb}{verb[-1]}" if re.fullmatch(r"[^aeiou]*[aeiou][^aeiouwxy]", verb) else stem
+
+
+@lru_cache(maxsize=1)
+def _list_verbs() -> frozenset[str]:
+    """Every verb of requests."""
+    phrases = (phrase for each in read_lexicon().values() if isinstance(each, list) for phrase in each)
+    return frozenset(phrase.partition("*")[0] for phrase in phrases if "*" in phrase)
+
+
+@lru_cache(maxsize=1)
+def _list_participles() -> dict[str, str]:
+    """Perfect participle -> its verb, as far as it is regular."""
+    return {f"{_find_stem(verb)}ed": verb for verb in _list_verbs()}
 
 
 @lru_cache(maxsize=1)

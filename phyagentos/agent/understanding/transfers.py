@@ -70,7 +70,9 @@ class Transfers(Destinations):
             return self._fill(
                 placing, self.resolve(nouns, Slot.LOOSE), self._find_places(list_children(placing)[-1]).names
             )
-        *_, dest = (each for each in more if each.data not in {"source", "except"})  # one before it was corrected
+        *_, dest = (
+            each for each in more if each.data not in {"source", "except", "unlike"}
+        )  # one before it was corrected
         if (ground := find_child(placing, "ground")) is not None:  # `on the table next to the can`
             below = self.resolve_aside(list_children(ground)[0], Slot.PLACE).names
             if dest.data not in {*SIDES, "beside"} or any(self.get(name).kind not in SURFACES for name in below):
@@ -79,7 +81,7 @@ class Transfers(Destinations):
         objects = self._resolve_from(nouns, source)
         self.unmet = self.unmet if objects.by_colour else ""
         if source is not None:
-            objects = self.restrict(objects, list_children(source)[0])
+            objects = self.restrict(objects, list_children(source)[0], self._find_source(list_children(source)[0]))
         if (
             find_child(placing, "except") is not None
             and len(objects.names) < 2
@@ -116,12 +118,18 @@ class Transfers(Destinations):
 
     def _resolve_from(self, nouns: Node, source: Node | None) -> Named:
         """Objects of a phrase; `the cube from the left bench` is the one that stands there."""
-        owners = self.resolve_aside(list_children(source)[0], Slot.PLACE).names if source is not None else ()
+        owners = self._find_source(list_children(source)[0]) if source is not None else ()
         self.among = (
             tuple(each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), owners)) if owners else ()
         )
         objects, self.among = self.resolve(nouns, Slot.MOVED), ()
         return objects
+
+    def _find_source(self, noun: Node) -> tuple[str, ...]:
+        """Of several places that `from the post` can mean those that something stands in or on."""
+        self.among = tuple(filter(None, (each.stands or each.ground for each in self.list_fitting(Slot.MOVED))))
+        owners, self.among = self.resolve_aside(noun, Slot.PLACE).names, ()
+        return owners
 
     def _read_pick_put(self, clause: Node, nouns: Node, *more: Node) -> Step:
         placing = more[-1]
@@ -198,10 +206,11 @@ class Transfers(Destinations):
             return self.lack(RequestProblemKind.CAPABILITY, clause)  # to the person, that is
         names = self._put(self.resolve(nouns, Slot.MOVED))
         is_exact = any("where" in str(each) for each in clause.children)
-        return [(self._put_exactly(name) if is_exact else "") or self._put_back(name) for name in names]
+        wanted = [self._put_exactly(name) if is_exact else self._put_back(name) for name in names]
+        return wanted if all(wanted) else self.lack(RequestProblemKind.CAPABILITY, clause)
 
     def _put_exactly(self, name: str) -> str:
-        """At the point where it is at first; empty where it stands in or on something, or without places."""
+        """At the point where it is at first; empty in or on something, as no skill promises it, or unknown."""
         at_m = self.get(name).at_m
         return self._stand_at(name, at_m) if at_m is not None and not self.get(name).stands else ""
 
@@ -237,6 +246,7 @@ class Transfers(Destinations):
             and self.get(places[0]).has_interior
             and not has_token(clause, "bring")
             and not has_token(clause, "remove")
+            and places[0] not in {self.get(name).stands for name in names}
         )
         single = places if is_clear else []
         chosen = single or self.ask(QuestionKind.WHERE, clause, places)
@@ -288,9 +298,9 @@ class Transfers(Destinations):
 
     def _read_take(self, clause: Node, nouns: Node, source: Node, *_: Node) -> Step:
         self._verb = "take"
-        objects = self.restrict(self.resolve(nouns, Slot.MOVED), source)
+        objects, places = self.resolve(nouns, Slot.MOVED), self.resolve_aside(source, Slot.PLACE)
+        objects = self.restrict(objects, source, places.names)
         objects = replace(objects, names=self.remove(objects.names, clause, Slot.MOVED))
-        places = self.resolve_aside(source, Slot.PLACE)
         self.left = tuple(name for name in places.names if self.get(name).has_interior)
         if has_token(clause, "away_from") and not self._list_standing(map(self.get, objects.names), places.names):
             return self.lack(RequestProblemKind.CAPABILITY, clause)
@@ -325,6 +335,7 @@ class Transfers(Destinations):
         """From what the objects stand in or on, where that is no table; else a question where to."""
         names = self.resolve(nouns, Slot.MOVED).names
         if names and all(self.get(name).stands for name in names):
+            self.left = tuple({self.get(name).stands: "" for name in names})
             return [f"not {self._relate(name, self.get(name).stands)}" for name in self._put(Named(names=names))]
         return self._read_put_away(clause, nouns)
 

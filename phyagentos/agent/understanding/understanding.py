@@ -76,6 +76,7 @@ class RequestProblemKind(_Kind):
     FIXED = "fixed", "would move what is fixed"
     SOLID = "solid", "puts something into what has no inside"
     RIGID = "rigid", "opens or closes what has no joint"
+    ROOM = "room", "asks for room: request it as a goal, and its plan says whether there is any"
     START = "start", "has to hold all through, and does not as the scene begins"
     PAST = "past", "means something done before, and nothing was"
     GOAL = "goal", "says nothing that shall come true"

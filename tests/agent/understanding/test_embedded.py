@@ -1,15 +1,19 @@
 """The embedded understander: every word counts, what is open is asked, what is not here is refused by its name."""
 
+import re
 import time
 from dataclasses import replace
 
 import pytest
 
 from phyagentos.agent.goals.spec import WantedGoal
+from phyagentos.agent.understanding import reading
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
+from phyagentos.agent.understanding.rewording import reword
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,
+    Inquiry,
     QuestionKind,
     RequestProblemKind,
     Understood,
@@ -142,9 +146,48 @@ def test_a_known_word_too_many_changes_the_goal_or_refuses_it(understand, word):
         assert not same or found.goal.constraints or found.goal.steps, request
 
 
+def test_a_word_of_the_scene_that_a_spelling_loses_is_refused(understand, monkeypatch):
+    monkeypatch.setattr(reading, "_read_spellings", lambda: ((re.compile(" and the green cube"), ""),))
+
+    (lack,) = understand("put the red cube and the green cube into the red tray").lacks
+
+    assert (lack.kind, lack.words) == (RequestProblemKind.SENTENCE, "green")
+
+
+@pytest.mark.parametrize(
+    ("request_", "goal"),
+    [
+        ("put the cube red into the tray green", ("inside(red_cube, green_tray)",)),
+        ("in the red tray put the blue cube", ("inside(blue_cube, red_tray)",)),
+        ("put in the red tray the blue cube", ("inside(blue_cube, red_tray)",)),
+        (
+            "put the red cube in the red tray put the blue cube in the blue tray the green cube in the green tray",
+            ("inside(red_cube, red_tray)", "inside(blue_cube, blue_tray)", "inside(green_cube, green_tray)"),
+        ),
+    ],
+)
+def test_another_order_of_words_is_read_and_loses_none(understand, request_, goal):
+    others = list(reword(request_, {"cube", "tray"}, {"red", "green", "blue"}, {"put"}))
+
+    assert others
+    for other in others:
+        assert sorted(other.replace(",", "").split()) == sorted(request_.split())
+    assert understand(request_).goal.accept == goal
+
+
+def test_a_question_without_a_verb_is_no_goal(understand):
+    assert isinstance(understand("anything in the red tray?"), Inquiry)
+    assert isinstance(understand("the red cube in the red tray?"), Inquiry)
+
+
+def test_a_topic_that_nothing_is_said_of_is_refused(understand):
+    assert isinstance(understand("the bottle, put the red cube into the red tray"), Impossible)
+
+
 @pytest.mark.parametrize(
     ("request_", "kind"),
     [
+        ("will all the cubes fit in the red tray?", RequestProblemKind.ROOM),
         ("make coffee", RequestProblemKind.WORD),
         ("put the purple cube into the red tray", RequestProblemKind.OBJECT),
         ("put the wall into the red tray", RequestProblemKind.FIXED),
