@@ -225,7 +225,9 @@ def track(
             return stays
     if found.rotation[2, 2] < -0.5:  # on its head, which few objects are: what was once taken for that would stay so
         again = fit(item, seen, views)
-        found = again if again is not None and again.cost_m < found.cost_m - ALIKE_M else found
+        is_down = again is None or again.rotation[2, 2] < -0.5
+        margin_m = -ALIKE_M if is_down else _compute_alike(found.rms_m, found.count)
+        found = again if again is not None and again.cost_m < found.cost_m + margin_m else found
     is_good = found.cost_m < TRACKED_M and float(np.linalg.norm(found.position_m - prior[1])) < TRACK_REACH_M
     if not is_good:
         return None

@@ -177,3 +177,16 @@ def test_a_board_that_was_moved_has_turned_where_that_fits_much_better(moved_m, 
     cloud = make_cloud(face @ turned.T + at_m + np.array((0.0, moved_m, 0.0)), board.colors[0])
     found = track(board, cloud, (look_from((0.5, 0.0, 1.4)),), (np.eye(3), at_m))
     assert abs(found.rotation[1, 0]) == pytest.approx(np.sin(np.radians(yaw_deg)), abs=0.05)
+
+
+def test_what_was_believed_on_its_head_is_not_surely_so_where_it_may_stand_as_well():
+    """Of a mug the side without its handle is visible: that it had fallen was a false verdict."""
+    handle = "{kind: box, size_m: [0.012, 0.005, 0.012], position_m: [0.042, 0.0, 0.012]}"
+    scene = SCENE.replace("size_m: [0.026, 0.04]}]", f"size_m: [0.03, 0.033]}}, {handle}]")
+    mug = build_inventory(SceneSpec.model_validate(yaml.safe_load(scene))).objects["can"]
+    angles, heights = np.meshgrid(np.linspace(-0.9, 0.9, 15) + np.pi, np.linspace(-0.03, 0.03, 8))
+    points = np.column_stack(((0.03 * np.cos(angles)).ravel(), (0.03 * np.sin(angles)).ravel(), heights.ravel()))
+    cloud = make_cloud(points + np.array((0.5, 0.0, 0.033)), mug.colors[0])
+    prior = np.diag((1.0, -1.0, -1.0)), np.array((0.5, 0.0, 0.033))
+    found = track(mug, cloud, (look_from((-0.5, 0.0, 0.6)),), prior)
+    assert (found.rotation[2, 2] > 0.9, found.other_tilt_rad > 3.0) == (True, True)
