@@ -72,6 +72,7 @@ class Documents:
         self.passages: dict[SessionId, list[Passage]] = defaultdict(list)
         self.requests: list[Record] = []  # of operators
         self.version = Version()
+        self._is_served = False  # as of the last refresh
         self._bundles: dict[tuple[str, str, int], Bundle] = {}
         self._follower: Follower | None = None
         self._lock = threading.Lock()
@@ -93,7 +94,9 @@ class Documents:
             files = [self.workspace.root / name for name in _WATCHED]
             files += map(self.workspace.answers_of, self.ledger.goals)
             newest = find_latest([*files, *self.workspace.logs.glob("*.log")])
-            self.version = Version(self.ledger.seq, beats, traces, newest, sum(self.list_stages().values()))
+            stages = self.list_stages()
+            self._is_served = stages["runtime"]
+            self.version = Version(self.ledger.seq, beats, traces, newest, sum(stages.values()))
             return self.version
 
     def is_running(self) -> bool:
@@ -150,8 +153,11 @@ class Documents:
         return read_heartbeats(self.workspace.heartbeats)
 
     def read_pulse(self) -> str:
-        """What moves, as JSON: of each target its name, session, phase, active leaf and simulated time [s]."""
-        beats = self.read_beats().values()
+        """What moves, as JSON: of each target its name, session, phase, active leaf and simulated time [s].
+
+        Nothing moves in a workspace that no runtime serves.
+        """
+        beats = self.read_beats().values() if self._is_served else ()
         return msgspec.json.encode(
             [(each.target, each.session, each.phase, each.leaf, each.sim_time_s) for each in beats]
         ).decode()

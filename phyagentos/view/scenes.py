@@ -219,6 +219,7 @@ class Stage:
         self._aim()
         self.control = Control()
         self._playback: Any = None
+        self._replayed: Control | None = None  # what was chosen for the moment that stands there
         self._paths: list[Any] = []
         self._told = ""
         self._shown: tuple[object, ...] = ()  # joint positions
@@ -310,11 +311,14 @@ class Stage:
 
     def _replay(self) -> None:
         control, (first_s, *_, last_s) = self.control, self._playback.time_s
+        if control is self._replayed:
+            return
         time_s = float(np.clip(first_s if control.time_s is None else control.time_s, first_s, last_s))
         for each in self._paths:
             each.visible = control.paths
         self._playback.pose(time_s, self._data)
         self._show(self._playback.believe(time_s), time_s)
+        self._replayed = control
 
     def _show(self, believed: Environment | None, time_s: float) -> None:
         import mujoco

@@ -3,6 +3,7 @@
 import asyncio
 import html
 import json
+import os
 import re
 from contextlib import aclosing
 from threading import Event
@@ -11,11 +12,13 @@ import numpy as np
 import pytest
 
 from phyagentos.agent.tools.proposals import Proposal, Proposals, encode_proposal
+from phyagentos.clock import SystemClock
 from phyagentos.protocol.sessions.estop import is_latched
 from phyagentos.protocol.sessions.evidence import SCENE_MODEL
 from phyagentos.protocol.sessions.heartbeats import Heartbeat, write_heartbeat
 from phyagentos.protocol.sessions.verdicts import Verdict
 from phyagentos.protocol.workspace.array_files import encode_arrays
+from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole
 from phyagentos.protocol.world.truth import Truth
 from phyagentos.view.access import FORM_HEADER, Access
 from phyagentos.view.archive import build_archive
@@ -266,7 +269,12 @@ def test_a_heartbeat_is_sent_as_data_and_renders_no_panel(documents, monkeypatch
             write_heartbeat(documents.workspace.heartbeats, beat)
             return await anext(events)
 
-    data = asyncio.run(follow()).removeprefix("event: pulse\ndata: ")
+    lock = become_sole(documents.workspace.root / WATCHDOG_LOCK, SystemClock(), "BUSY", "held")
+    try:
+        event = asyncio.run(follow())
+    finally:
+        os.close(lock)
+    data = event.removeprefix("event: pulse\ndata: ")
     assert json.loads(data) == [["panda", "tidy-7.a", "executing", "pick", 1.5]]
     assert drawn == []
 
