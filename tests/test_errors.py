@@ -1,4 +1,4 @@
-"""A full disk is named, whatever raised the error and whoever called."""
+"""A full disk is named, whatever raised the error and whoever called; each problem of a file is raised once."""
 
 import errno
 import shutil
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from phyagentos import errors
-from phyagentos.errors import find_full_disk, list_foreign_errors
+from phyagentos.errors import DefinitionError, Problem, find_full_disk, list_foreign_errors, raise_any
 
 FULL = OSError(errno.ENOSPC, "No space left on device")
 
@@ -45,3 +45,11 @@ def test_an_interrupt_is_an_error_of_a_persons_code_where_no_keyboard_reaches(he
         assert (KeyboardInterrupt in list_foreign_errors()) is is_foreign
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_problems_are_raised_together_each_once_and_none_raises_nothing():
+    raise_any(iter(()))
+    one, other = Problem("SYNTAX", "a.yaml:1:1"), Problem("SYNTAX", "a.yaml:2:1")
+    with pytest.raises(DefinitionError) as raised:
+        raise_any(iter((one, other, one)))
+    assert raised.value.problems == (one, other)

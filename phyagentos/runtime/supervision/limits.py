@@ -179,8 +179,7 @@ def _find_due_of_session(snapshot: SupervisionSnapshot, session: Session) -> Due
     if snapshot.phase is Phase.CHECKING:
         if snapshot.age_s <= limits.preflight_s:
             return None
-        why = f"it was checked for longer than {limits.preflight_s} s"
-        return Due(Measure.REFUSE, why)
+        return Due(Measure.REFUSE, f"it was checked for longer than {limits.preflight_s} s")
     if snapshot.age_s > limits.wall_timeout_s:
         why = f"the contract allows {limits.wall_timeout_s} s by the wall clock"
         return Due(Measure.STOP, why, ended=Ended.TIMED_OUT)
