@@ -5,7 +5,7 @@ reading, so that a sentence with two meanings is found out instead of decided by
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -76,14 +76,8 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     parser, words = _build_parser(adjectives, nouns, tuple(vocabulary.postures))
     scene = adjectives | nouns | {*map(pluralise, nouns)}
     text, asides = drop_asides(" ".join(text.split()), words, scene)
-    courtesy, manner = (_read_phrases()[name] for name in ("courtesy", "manner"))
-    unsaid = tuple(re.findall(_alternatives(manner), text))
-    text, views = re.subn(_alternatives(_read_phrases()["robots_view"]), " ", text)
-    idle = (phrase for phrase in courtesy if phrase not in words or " " in phrase)
-    text = re.sub(_alternatives((*idle, *manner)), " ", text)
-    text = re.sub(r"[,;](?:\s*[,;])+", lambda found: ";" if ";" in found[0] else ",", " ".join(text.split())).strip(
-        " ,;"
-    )
+    text, unsaid, is_robots_view = _drop_phrases(text, words)
+    courtesy = _read_phrases()["courtesy"]
     content = sorted({word for word in words if len(word) >= LEAST_NEAR} | adjectives | nouns)
     strange = [word for word in _WORD.findall(text) if word not in words and not re.fullmatch(r"[\d.]+|[+-]", word)]
     condition = _CONDITION.search(text)
@@ -114,9 +108,20 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
         text=text,
         trees=tuple(dict.fromkeys(trees)),
         unsaid=(*unsaid, *asides),
-        is_robots_view=views > 0,
+        is_robots_view=is_robots_view,
         goes_on=goes_on,
     )
+
+
+def _drop_phrases(text: str, words: Collection[str]) -> tuple[str, tuple[str, ...], bool]:
+    """Without phrases of courtesy and manner; those of manner; whether left and right are those of the robot."""
+    phrases = _read_phrases()
+    unsaid = tuple(re.findall(_alternatives(phrases["manner"]), text))
+    text, views = re.subn(_alternatives(phrases["robots_view"]), " ", text)
+    idle = (phrase for phrase in phrases["courtesy"] if phrase not in words or " " in phrase)
+    text = " ".join(re.sub(_alternatives((*idle, *phrases["manner"])), " ", text).split())
+    text = re.sub(r"[,;](?:\s*[,;])+", lambda found: ";" if ";" in found[0] else ",", text)
+    return text.strip(" ,;"), unsaid, views > 0
 
 
 def _spell(text: str) -> str:

@@ -70,9 +70,8 @@ class Transfers(Destinations):
             return self._fill(
                 placing, self.resolve(nouns, Slot.LOOSE), self._find_places(list_children(placing)[-1]).names
             )
-        *_, dest = (
-            each for each in more if each.data not in {"source", "except", "unlike"}
-        )  # one before it was corrected
+        # of several places the last is meant: one before it was corrected
+        *_, dest = (each for each in more if each.data not in {"source", "except", "unlike"})
         if (ground := find_child(placing, "ground")) is not None:  # `on the table next to the can`
             below = self.resolve_aside(list_children(ground)[0], Slot.PLACE).names
             if dest.data not in {*SIDES, "beside"} or any(self.get(name).kind not in SURFACES for name in below):

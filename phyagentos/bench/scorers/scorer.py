@@ -16,6 +16,7 @@ from typing import Any
 from phyagentos.assembly.paths import OUTCOMES as FILE
 from phyagentos.errors import Problem
 from phyagentos.operations.workspaces import read_ledger
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Address, Located
 
 
@@ -33,7 +34,7 @@ class Scorer:
 
     name: str
     check: Callable[[Located, Address, Any], list[Problem]]
-    score: Callable[[Mapping[str, Any], Path, Path | None], dict[str, bool] | None]
+    score: Callable[[Fields, Path, Path | None], dict[str, bool] | None]
     list_bodies: Callable[[Any], tuple[str, ...]] = lambda condition: ()
 
 
@@ -43,7 +44,7 @@ def _check(located: Located, path: Address, condition: Any) -> list[Problem]:
     return [located.problem("INVALID_VALUE", path, repr(condition), "the name of an outcome, such as success")]
 
 
-def _score(parts: Mapping[str, Any], workspace: Path, bundle: Path | None) -> dict[str, bool] | None:
+def _score(parts: Fields, workspace: Path, bundle: Path | None) -> dict[str, bool] | None:
     lines = (workspace / FILE).read_text(encoding="utf-8").splitlines() if (workspace / FILE).is_file() else []
     found = [each for each in map(json.loads, lines) if bundle is None or each.get("session") == bundle.name]
     last = found[-1] if found else {}

@@ -12,6 +12,7 @@ from typing import Any
 
 from phyagentos.bench.scorers.scorer import Scorer
 from phyagentos.errors import Problem
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import Address, Located
 from phyagentos.protocol.sessions.evidence import SCENE_MODEL, TERMINAL
 from phyagentos.protocol.workspace.array_files import read_arrays
@@ -70,7 +71,7 @@ def _read_time(end: Path) -> float:
     return float(read_arrays(end)["time"])
 
 
-def _list_bodies(condition: Mapping[str, Any]) -> tuple[str, ...]:
+def _list_bodies(condition: Fields) -> tuple[str, ...]:
     """Of the conditions that ship; what others are given is theirs."""
     ((name, arguments),) = condition.items()
     return () if ":" in name else _bind(_find_condition(name), arguments, Path()).args[1:]

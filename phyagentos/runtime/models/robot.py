@@ -152,13 +152,11 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
     base = profile.base
     spec = read_base(profile, path)
     if profile.hand is not None:
-        frame = _get_body(spec, profile.hand.at, path).add_frame(
-            pos=profile.hand.at.position_m, quat=profile.hand.at.quaternion_wxyz
+        at, model = (
+            profile.hand.at,
+            read_model(find_model(profile.hand.model, folder), profile.hand.arguments.as_texts()),
         )
-        hand = read_model(find_model(profile.hand.model, folder), profile.hand.arguments.as_texts()).spec
-        for name in _OPTIONS:  # those of the arm: the scene sets them for all
-            setattr(hand.option, name, getattr(spec.option, name))
-        spec.attach(hand, prefix=HAND, frame=frame)
+        _attach(spec, model.spec, _get_body(spec, at, path).add_frame(pos=at.position_m, quat=at.quaternion_wxyz))
     joints = [each.name for each in spec.joints]  # those that are parked too
     if base is None or profile.hand is not None:
         _park_others(spec, profile)
@@ -178,11 +176,8 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
         (free_base if is_free else put_on_plane)(spec, profile, base, path)
     elif profile.stands_on_column:
         _add_column(spec.worldbody.bodies[0], profile.mount_position_m[2])
-    known = {
-        "joint": joints,
-        "geom": [each.name for each in spec.geoms if each.name],
-        "site": [each.name for each in spec.sites],
-    }
+    geoms, sites = [each.name for each in spec.geoms if each.name], [each.name for each in spec.sites]
+    known = {"joint": joints, "geom": geoms, "site": sites}
     _check_names(known, profile, folder)
     for name, span in dict(profile.ranges).items():
         spec.joint(name).limited, spec.joint(name).range = True, span
@@ -190,6 +185,12 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
         if joint.range[0] == joint.range[1]:  # it turns without end: one turn to either side is enough
             joint.limited, joint.range = True, (-2 * np.pi, 2 * np.pi)
     return spec
+
+
+def _attach(spec: mujoco.MjSpec, hand: mujoco.MjSpec, frame: mujoco.MjsFrame) -> None:
+    for name in _OPTIONS:  # those of the arm: the scene sets them for all
+        setattr(hand.option, name, getattr(spec.option, name))
+    spec.attach(hand, prefix=HAND, frame=frame)
 
 
 def _park_others(spec: mujoco.MjSpec, profile: TargetProfile) -> None:
