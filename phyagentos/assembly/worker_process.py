@@ -3,6 +3,7 @@
 import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -122,7 +123,8 @@ def read_site(workspace: Workspace, target: str, clock: Clock) -> WorkerSite:
     if not spec.own_process:
         folder = library.get_target(target).parent
         driver = spec.open(DriverSite(profile=targets[target], folder=folder, workspace=workspace, clock=clock))
-        local = ServedTarget(driver, ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock))
+        log = ReceiveLog(workspace.logs / f"receive-{target}.jsonl", clock)
+        local = ServedTarget(driver, log, is_estopped=partial(is_latched, workspace.signals.parent))
     return WorkerSite(
         workspace=workspace,
         target=target,

@@ -324,6 +324,12 @@ def stops_in_an_emergency(subject: DriverSubject) -> None:
     subject.estop = False
     subject.reset()
     _require(client.ask(wire.Begin("next", EPOCH)), wire.Ack, "Begin")
+    before = count(client)
+    subject.estop = True
+    client.ask(wire.Halt("next", EPOCH))
+    assert count(client) == before + 1, "its body does not hear of an emergency stop that a halt comes upon"
+    subject.estop = False
+    subject.reset()
 
 
 def goes_on_from_its_snapshot(subject: DriverSubject) -> None:

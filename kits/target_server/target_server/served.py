@@ -165,6 +165,7 @@ class Served:
                 return self._follow(kind, request)
             self._check_turn(request)
             return self._apply(self._read_points(request), client)
+        self.look_for_stops()
         self._check(request)
         if kind == "Cancel":
             return self._calls.cancel(request["number"]).encode()

@@ -182,6 +182,7 @@ class ServedTarget:
                     self.look_for_stops()
                 return self._authority.check_commanding(session, epoch)
             case wire.OfSession(session, epoch):
+                self.look_for_stops()  # where a guard was the first to see one, no further command comes
                 return self._authority.check(session, epoch)
         return None
 

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 
 from benchmarks.recorded import open_robot
-from phyagentos.assembly.worker_process import open_handle
+from phyagentos.assembly.worker_process import open_handle, read_site
 from phyagentos.clock import SystemClock
+from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.sessions.estop import Latch, latch, reset
 from phyagentos.protocol.sessions.session import Scene
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.protocol.world.environment import Entity, Environment, Pose, Shape, ShapeKind
 from phyagentos.runtime.actions.handle import CommandRefused
 from phyagentos.runtime.actions.set_points import SetPoints
+from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.server import Loopback
 
 pytestmark = pytest.mark.sim
@@ -48,6 +50,18 @@ def test_a_latched_stop_is_refused_by_the_guard_of_a_worker_whose_target_would_o
     assert (refused.value.by, refused.value.code, refused.value.reaction) == ("guard", "ESTOPPED", "stop_category_1")
     assert [line["kind"] for line in lines].count("Command") == 1  # the second one never reached the target
     assert lines[-1]["kind"] == "Halt"
+
+
+def test_a_body_that_a_worker_holds_hears_of_the_stop_that_the_guard_has_seen_first(tmp_path, monkeypatch):
+    space = Workspace.create(tmp_path / "w", Library.open(find_shipped_root() / "benchmarks" / "library"))
+    local, heard = read_site(space, "counter", SystemClock()).local, []
+    monkeypatch.setattr(local.driver, "emergency_stop", lambda: heard.append("stop"))
+    assert isinstance(local.handle(wire.LoadScene("counter", 1, "e")), wire.Loaded)
+    assert isinstance(local.handle(wire.Begin("s", 1)), wire.Ack)
+    latch(space.signals.parent, Latch(by="a button"))
+    assert isinstance(local.handle(wire.Halt("s", 1)), wire.Step)
+    assert isinstance(local.handle(wire.End("s", 1)), wire.Ended)
+    assert heard == ["stop"]
 
 
 def test_a_session_after_the_reset_is_let_through_again(handle, workspace):
