@@ -76,6 +76,19 @@ def test_what_stands_on_an_object_is_moved_before_another_way_is_tried(make_stag
     assert "not on(yellow_cube, red_cube)" in stage.make_mission().ledger.goals["row-7"].nodes["red"].reason
 
 
+def test_what_another_node_is_about_to_move_out_of_its_place_is_waited_for(make_stage, write_graph):
+    def lose(world, session):
+        return Play(world=world, ended=Ended.SKILL_FAILED, code="GRASP_LOST", leaf="pick_and_place/place/carry")
+
+    world = put(make_world(), "red_cube", (0.4, 0.0, 0.06))
+    stage = make_stage({"red": lose, "green": no_way}, world=world)
+    report = stage.pursue(write_graph(ROW.replace("        after: [red]\n", "")))
+
+    assert report.verdict == "success"
+    ran = [(session.id, session.parameters["object"]) for session in stage.runtime.ran]
+    assert {name for _, name in ran[1 + ran.index(("row-7.red.r1", "red_cube")) :]} == {"green_cube"}
+
+
 def test_what_a_node_that_fans_out_would_bring_about_is_no_part_of_the_rest(make_stage, write_graph):
     text = ROW.replace('    accept: ["inside(red_cube, red_tray)", "inside(green_cube, green_tray)"]\n', "").rstrip()
     each = """

@@ -6,7 +6,7 @@ what waited for it is left out.
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +29,7 @@ from phyagentos.agent.mission.task_document import TaskEdit
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.documents.schema import read_yaml
-from phyagentos.protocol.predicates.predicate import View, parse_predicate, substitute
+from phyagentos.protocol.predicates.predicate import View, iter_entities, parse_predicate, substitute
 from phyagentos.protocol.sessions.session import Session
 from phyagentos.protocol.sessions.tasks import NodeState
 from phyagentos.protocol.sessions.verdicts import Criterion
@@ -149,6 +149,15 @@ class Changes:
         except DefinitionError:  # of a form that no plan is made for
             domain = None
         return domain.find_unmet((session.skill, session.target, session.parameters)) if domain is not None else ()
+
+    def find_movers(self, node: str, objects: Collection[str]) -> dict[str, str]:
+        """Nodes that go on or are to come, none of them after this one, and move one of these objects anyway."""
+        live, later = _OPEN | {NodeState.ACTIVE}, {node, *self.facts.dag.find_after(node)}
+        names = [name for name in self.facts.graph.order if self.facts.get_state(name) in live and name not in later]
+        accepts = {name: self.drafter.compiler.compile_node(name).accept for name in names}
+        wanted = [(name, parse_predicate(text)) for name in names for text in accepts[name] if "${" not in text]
+        moved = [(name, next(iter_entities(predicate), "")) for name, predicate in wanted if predicate.is_lasting]
+        return {name: item for name, item in reversed(moved) if item in objects}
 
     def plan_anew(self, node: str, world: Environment) -> list[Entry]:
         """The amendment that makes up for a node, and the end of nodes that it replaces; empty without a plan."""

@@ -30,7 +30,6 @@ from phyagentos.agent.repair.case import join_evidence
 from phyagentos.agent.repair.clearing import PURPOSE as CLEARS
 from phyagentos.agent.repair.looking import LOOKS_MAX, settle
 from phyagentos.agent.repair.recovery_policies import RepairPolicy
-from phyagentos.protocol.predicates.predicate import iter_entities, parse_predicate
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lessons import LESSONS
 from phyagentos.protocol.sessions.lifecycle import SessionState, find_cancel
@@ -283,16 +282,9 @@ class GoalController:
         """
         if session.purpose != CLEARS or session.parent is not None or not self.worklist.has_live():
             return ""
-        objects, later = {*map(str, session.parameters.values())}, self.worklist.dag.find_after(session.node)
-        for name in self.graph.order:
-            is_open = self._facts.get_state(name) in {*_OPEN, NodeState.ACTIVE}
-            if not is_open or name in {session.node, *later, *self._held}:
-                continue
-            accept = (text for text in self._drafter.compiler.compile_node(name).accept if "${" not in text)
-            for predicate in map(parse_predicate, accept):
-                item = next(iter_entities(predicate), "")
-                if predicate.is_lasting and item in objects:
-                    return f"{name} comes first: it moves {item}, as {', '.join(session.advised_by)} wants"
+        movers = self._changes.find_movers(session.node, [*map(str, session.parameters.values())])
+        for name in (each for each in self.graph.order if each in movers and each not in self._held):
+            return f"{name} comes first: it moves {movers[name]}, as {', '.join(session.advised_by)} wants"
         return ""
 
     def _keep_to_budget(self, entries: list[Entry]) -> list[Entry]:

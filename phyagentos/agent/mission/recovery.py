@@ -25,6 +25,7 @@ from phyagentos.agent.repair.retrying import find_of_skill, keep_means, revise_r
 from phyagentos.codes import get_present_name
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import normalize_text, read_meanings
+from phyagentos.protocol.predicates.predicate import iter_entities, parse_predicate
 from phyagentos.protocol.sessions.evidence import Bundle
 from phyagentos.protocol.sessions.lifecycle import SessionState
 from phyagentos.protocol.sessions.session import Session, SessionStatus
@@ -179,8 +180,15 @@ class Recovery:
         """
         if not self.restores or miss.cause not in _OF_WORLD or miss.world is None or not self.facts.has_replans(node):
             return []
-        unmet = self.changes.find_unmet(miss.session, miss.world) if only_unmet else ()
-        planned = self.changes.plan_anew(node, miss.world) if unmet or not only_unmet else []
+        latest = self.evidence.find_latest(miss.session.scene.episode) or miss.world  # later where others went on
+        world = max(miss.world, latest, key=lambda each: each.time_s)
+        unmet = self.changes.find_unmet(miss.session, world) if only_unmet else ()
+        lacking = [next(iter_entities(parse_predicate(text)), "") for text in unmet]
+        movers = self.changes.find_movers(node, lacking)
+        if begun := [name for name in movers if self.facts.get_state(name) is NodeState.ACTIVE]:
+            why = f"it needs {', '.join(unmet)}, which {', '.join(begun)} will change"
+            return [self.drafter.note_next(node, GoalEvent.NODE_WAITS, why, Relation.REPLAN, begun)]
+        planned = self.changes.plan_anew(node, world) if unmet or not only_unmet else []
         if not planned:
             return []
         why = join((reason, *(f"it needs {text}" for text in unmet)))
