@@ -161,7 +161,7 @@ def _rest(model: mujoco.MjModel, data: mujoco.MjData, others: Sequence[_Finger],
 def _is_free(
     model: mujoco.MjModel, data: mujoco.MjData, pair: _Pair, others: Sequence[_Finger], still: Mapping[str, float]
 ) -> bool:
-    """Whether no other finger stands between two that are wide open, even where it is out of their way."""
+    """Whether no other finger stands between two that are wide open, once it is moved aside."""
     wide = {drive: float(model.jnt_range[drive][end]) for drive, end in zip(pair.drives, pair.wide, strict=True)}
     posed = {model.joint(name).id: position for name, position in still.items()} | wide
     _pose(model, data, list(posed), list(posed.values()))
