@@ -5,8 +5,7 @@ from pathlib import Path
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph
-from phyagentos.agent.goals.places import iter_too_large
-from phyagentos.agent.judging.judges.metrics import iter_unmeasured
+from phyagentos.agent.goals.places import iter_too_large, iter_unmeasured
 from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target

@@ -104,6 +104,13 @@ def lint_paths(paths: Iterable[Path], *, runs_python: bool = False, check_suite:
     )
 
 
+def _check_settings(path: Path, library: Library) -> list[Problem]:
+    """Of a workspace, against its own library."""
+    is_of_workspace = (path.parent / MARKER).is_file()
+    names = Names(Workspace.open(path.parent).library() if is_of_workspace else library, path.parent)
+    return [*iter_unknown(read_yaml(path), list_of_settings(check_settings(path), names))]
+
+
 def _check_model(path: Path, profile: TargetProfile) -> list[Problem]:
     """What `paos robot check` finds, where the model is here; one beside the profile may come with another robot."""
     from phyagentos.runtime.models.sources import require_models
@@ -255,9 +262,7 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
             if path.name == TARGETS.file:
                 return find_unshared(list(read_target_registry(path).values()))
         case FileKind.SETTINGS:
-            is_of_workspace = (path.parent / MARKER).is_file()
-            names = Names(Workspace.open(path.parent).library() if is_of_workspace else library, path.parent)
-            return [*iter_unknown(read_yaml(path), list_of_settings(check_settings(path), names))]
+            return _check_settings(path, library)
         case FileKind.GOAL_GRAPH:
             from phyagentos.agent.goals.graph import check_goal_graph, read_goal_graph
 

@@ -12,7 +12,6 @@ from msgspec.structs import replace
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.graph import GoalGraph
-from phyagentos.agent.judging.judges.metrics import METRICS, list_measured
 from phyagentos.assembly.drivers import DRIVERS
 from phyagentos.assembly.planted_faults import iter_misses
 from phyagentos.assembly.project import get_settings
@@ -21,6 +20,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import Address, Located
+from phyagentos.protocol.predicates.measured import METRICS, list_measured
 from phyagentos.protocol.settings.perception import Embedded, Perception
 from phyagentos.protocol.settings.runtime_contract import RuntimeContract, read_runtime_contract
 from phyagentos.protocol.settings.safety import Safety

@@ -6,9 +6,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.agent.judging.judges.metrics import HoldJudge, MetricJudge
+from phyagentos.agent.judging.judges.metrics import TRAJECTORY_METRICS, HoldJudge, MetricJudge
 from phyagentos.agent.judging.judges.predicates import LookaheadJudge, PredicateJudge
 from phyagentos.agent.judging.verifier import SessionVerifier
+from phyagentos.protocol.predicates.measured import METRICS
 from phyagentos.protocol.sessions.calibration import TrackRecord
 from phyagentos.protocol.sessions.evidence import TRAJECTORY, Event, read_bundle, write_json
 from phyagentos.protocol.sessions.lookahead import LOOKAHEAD, LookaheadRequest, LookaheadResult
@@ -240,3 +241,7 @@ def test_a_judgement_names_every_file_it_read_by_its_hash(tmp_path):
     assert {reference.file: reference.sha256 for reference in attempt.evidence} == {
         name: hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() for name in read
     }
+
+
+def test_every_metric_of_a_trajectory_can_be_named():
+    assert TRAJECTORY_METRICS.keys() <= {*METRICS}

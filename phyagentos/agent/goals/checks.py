@@ -9,10 +9,9 @@ from msgspec.structs import replace
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.expansion import Node, Path
-from phyagentos.agent.goals.places import iter_misplaced
+from phyagentos.agent.goals.places import iter_misplaced, iter_unmeasured
 from phyagentos.agent.goals.selector import ANY, Choice, select
 from phyagentos.agent.goals.spec import NAME_MAX, REFERENCE, GoalSpec, Promise
-from phyagentos.agent.judging.judges.metrics import iter_unmeasured
 from phyagentos.errors import DefinitionError, Problem, format_names, raise_any
 from phyagentos.protocol.capabilities.skill_runtimes import Parameter, SkillRuntime, find_mismatch
 from phyagentos.protocol.capabilities.targets import find_unshared

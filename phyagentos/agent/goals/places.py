@@ -1,4 +1,4 @@
-"""What no session can put where a goal wants it: inside of a solid, what stands fixed, what is too large."""
+"""What no session can do: put an object into a solid, or where it is too large, or measure what nothing measures."""
 
 import math
 from collections.abc import Iterator
@@ -7,6 +7,7 @@ from phyagentos.errors import Problem, format_names
 from phyagentos.protocol.documents.schema import Address, Located
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import Statement, read_statement
+from phyagentos.protocol.predicates.measured import METRICS, list_measured
 from phyagentos.protocol.predicates.predicate import find_formula
 from phyagentos.protocol.predicates.syntax import And, Name
 from phyagentos.protocol.world.environment import ShapeKind
@@ -17,6 +18,13 @@ _AXES = {
     ShapeKind.BOX: (0, 1, 2),
     ShapeKind.CYLINDER: (0, 0, 1),
 }  # of sides; what is round dips into a narrower opening
+
+
+def iter_unmeasured(located: Located, path: Address, text: str) -> Iterator[Problem]:
+    """Metrics of a predicate that nothing measures, so that it would stay unknown."""
+    for name in list_measured(text):
+        if name not in METRICS:
+            yield located.unknown("metric", path, name, METRICS, f"{name!r} in {text!r}")
 
 
 def iter_misplaced(located: Located, path: Address, text: str, scene: SceneSpec) -> Iterator[Problem]:

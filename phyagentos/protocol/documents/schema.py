@@ -380,8 +380,8 @@ def _to_problem(model: type[Authored], located: Located, base: Address, item: Er
     if kind == "missing":
         return located.problem("MISSING_VALUE", path, "nothing", f"key {key!r}", f"Add {key!r}.")
     if kind == "problem":
-        raised: Problem = facts["problem"]
-        return msgspec.structs.replace(raised, address=located.address_of(path))
+        unsound: Problem = facts["problem"]
+        return msgspec.structs.replace(unsound, address=located.address_of(path))
     if kind == "misfit":
         for step in facts["key"].split(".") if facts["key"] else ():
             path, found = (*path, step), found.get(step)

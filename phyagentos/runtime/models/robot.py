@@ -176,9 +176,7 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
         (free_base if is_free else put_on_plane)(spec, profile, base, path)
     elif profile.stands_on_column:
         _add_column(spec.worldbody.bodies[0], profile.mount_position_m[2])
-    geoms, sites = [each.name for each in spec.geoms if each.name], [each.name for each in spec.sites]
-    known = {"joint": joints, "geom": geoms, "site": sites}
-    _check_names(known, profile, folder)
+    _check_names(joints, spec, profile, folder)
     for name, span in dict(profile.ranges).items():
         spec.joint(name).limited, spec.joint(name).range = True, span
     for joint in map(spec.joint, profile.arm.joints[profile.servoed]):
@@ -320,8 +318,10 @@ def _iter_outside(path: Path, robots: Path) -> Iterator[Problem]:
                 yield Problem("LEADS_OUT", str(file), repr(name), f"a file below {robots}", "Keep it with the model.")
 
 
-def _check_names(known: Mapping[str, Sequence[str]], profile: TargetProfile, folder: Path) -> None:
-    """Raises DefinitionError `UNKNOWN_NAME` for each name of the model that it lacks, where the profile has it."""
+def _check_names(joints: Sequence[str], spec: mujoco.MjSpec, profile: TargetProfile, folder: Path) -> None:
+    """Raises DefinitionError `UNKNOWN_NAME` for each name that the model lacks, where it stands in the profile."""
+    sites, geoms = [each.name for each in spec.sites], [each.name for each in spec.geoms if each.name]
+    known = {"joint": joints, "geom": geoms, "site": sites}
     lists = {("arm", "joints"): profile.arm.joints, ("gripper", "joints"): profile.gripper.joints}
     base = profile.servoed.start
     wanted: list[tuple[str, Address, str]] = [

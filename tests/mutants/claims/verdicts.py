@@ -245,7 +245,7 @@ MUTANTS = (
         claim="What a skill says of itself counts as measured.",
         edits=(
             Edit(
-                "phyagentos.agent.judging.judges.metrics",
+                "phyagentos.protocol.predicates.measured",
                 'REPORTED = "reported_"',
                 'REPORTED = ""',
             ),

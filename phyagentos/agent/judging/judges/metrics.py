@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 
 from phyagentos.agent.judging.judges.judge_registry import make_unknown
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
-from phyagentos.errors import Problem
-from phyagentos.protocol.documents.schema import Address, Located
+from phyagentos.protocol.predicates.measured import REPORTED
 from phyagentos.protocol.predicates.predicate import (
     Predicate,
     find_formula,
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
 
     Trajectory = Mapping[str, NDArray[np.float64]]
 
-REPORTED = "reported_"  # begins the name of a number that is the controller's own word
 REST_RAD = 0.02  # what a joint that is held moves by as others stop
 MAX_BYTES = 64 * 1024 * 1024  # of a trajectory: an hour of a seven-jointed arm
 _LAST = slice(-1, None)  # row
@@ -74,21 +72,6 @@ TRAJECTORY_METRICS: "Mapping[str, Callable[[Trajectory], float]]" = {
 }
 """Name -> how it is computed from the arrays of the trajectory. `peak_force_n` needs a target that feels contacts and
 so records `force_n`, the greatest of each control period; for any other it is unknown."""
-
-METRICS = (*TRAJECTORY_METRICS, "sim_time_s", "ticks", "interventions")
-"""Every name but those that are the controller's own word."""
-
-
-def list_measured(text: str) -> list[str]:
-    """Metrics that a predicate compares, but for those that a controller reports of itself."""
-    return [name for name in iter_metrics(text) if not name.startswith(REPORTED)]
-
-
-def iter_unmeasured(located: Located, path: Address, text: str) -> Iterator[Problem]:
-    """Metrics of a predicate that nothing measures, so that it would stay unknown."""
-    for name in list_measured(text):
-        if name not in METRICS:
-            yield located.unknown("metric", path, name, METRICS, f"{name!r} in {text!r}")
 
 
 def read_report(bundle: Bundle) -> Iterator[tuple[str, float]]:
