@@ -21,9 +21,11 @@ from phyagentos.protocol.world.scenes import read_scene
 
 
 def check_planted(
-    path: Path, graph: GoalGraph, catalogue: Catalogue, library: Library, workspace: Path | None = None
+    path: Path, graph: GoalGraph, catalogue: Catalogue, library: Library, workspace: Path | None = None, goal: str = "*"
 ) -> list[Problem]:
     """Names of a fault file that the scene and the robots of a goal, or the project's sensors.yaml, do not have.
+
+    `goal` is the id that the goal will have, where it is known: faults for sessions of other goals are passed over.
 
     Raises DefinitionError of a file that cannot be read.
     """
@@ -31,16 +33,19 @@ def check_planted(
     joints = {joint for target in targets for joint in target.arm.joints}
     sensors = get_settings("sensors.yaml", library, workspace)
     cameras = read_sensors(sensors).cameras if sensors is not None else None
-    return [*iter_misses(path, read_scene(library.get_scene(graph.spec.scene)).bodies, joints, cameras)]
+    return [*iter_misses(path, read_scene(library.get_scene(graph.spec.scene)).bodies, joints, cameras, goal)]
 
 
 def iter_misses(
-    path: Path, bodies: Collection[str], joints: Collection[str], cameras: Collection[str] | None
+    path: Path, bodies: Collection[str], joints: Collection[str], cameras: Collection[str] | None, goal: str = "*"
 ) -> Iterator[Problem]:
     """Names of a sound fault file that scene, robot and sensors.yaml do not have; None for cameras not known."""
     located, file = read_yaml(path), read_faults(path)
     for index, fault in enumerate(file.faults):
         place = ("faults", index)
+        of_goal = (fault.when.session or "*").partition(".")[0]
+        if goal != "*" and not fnmatch.fnmatchcase(goal, of_goal):
+            continue
         if fault.object and fault.object not in bodies:
             yield located.unknown("object", (*place, "object"), fault.object, bodies)
         if isinstance(fault, Stall | Push) and fault.joint not in joints:

@@ -87,7 +87,8 @@ class SuiteChecks:
                         if name not in bodies:
                             self._miss("body", place, name, bodies)
                 if variant.faults is not None and Path(variant.faults).is_file():
-                    self.problems += check_planted(Path(variant.faults), compiled, catalogue, library)
+                    goal = next((f"{at[1]}-{seed}" for at in layers if at[:1] == ("tasks",)), "*")
+                    self.problems += check_planted(Path(variant.faults), compiled, catalogue, library, goal=goal)
         return self._graphs.get(key, ())
 
     def _compile(

@@ -15,7 +15,7 @@ from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.assembly.drivers import DRIVERS
 from phyagentos.assembly.planted_faults import iter_misses
 from phyagentos.assembly.project import get_settings
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, format_hint
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
@@ -26,7 +26,6 @@ from phyagentos.protocol.settings.runtime_contract import RuntimeContract, read_
 from phyagentos.protocol.settings.safety import Safety
 from phyagentos.protocol.settings.sensors import WORLD, Sensors, read_sensors
 from phyagentos.protocol.world.scenes import SceneSpec
-from phyagentos.runtime.models.robot import MOUNT, read_robot
 from phyagentos.runtime.preflight.policy_checks import iter_policy_problems
 from phyagentos.runtime.preflight.sensing import BODY_FRAMES, MODALITIES, PERCEIVED
 
@@ -105,6 +104,8 @@ class Names:
 
     def find_carriers(self) -> set[str]:
         """Bodies that may carry a camera: of each robot whose model is here, and of each scene."""
+        from phyagentos.runtime.models.robot import MOUNT, read_robot  # MuJoCo, which a client does not have
+
         bodies = {WORLD, MOUNT, *chain.from_iterable(each.bodies for each in self.scenes)}
         for name, profile in self.catalogue.targets.items():
             try:
@@ -154,14 +155,20 @@ def iter_policy_misfits(skill: SkillRuntime, located: Located, names: Names) -> 
 
 
 def list_of_target(profile: TargetProfile, names: Names) -> Iterator[Reference]:
-    """Its driver, and what it offers: something that a skill needs, a sensor measures, or another target offers."""
-    if profile.driver:
-        yield "driver", ("driver",), profile.driver, DRIVERS.names()
+    """What it offers: something that a skill needs, a sensor measures, or another target offers; and its driver.
+
+    A driver may be of a package that is not installed, a capability one that no skill needs yet: both are looked up
+    only where a known one is called almost so.
+    """
+    drivers = DRIVERS.names()
+    if profile.driver and format_hint(profile.driver, drivers):
+        yield "driver", ("driver",), profile.driver, drivers
     for key in ("observations", "actions", "capabilities"):
         known = names.find_wanted(key) | names.find_offered(key, but=profile.target)
         known |= set(names.measured) if key == "observations" else set()
         for index, name in enumerate(getattr(profile, key)):
-            yield {"capabilities": "capability"}.get(key, key[:-1]), (key, index), name, known
+            if key != "capabilities" or format_hint(name, known):
+                yield {"capabilities": "capability"}.get(key, key[:-1]), (key, index), name, known
 
 
 def list_of_settings(settings: object, names: Names) -> Iterator[Reference]:
@@ -188,6 +195,8 @@ def list_of_settings(settings: object, names: Names) -> Iterator[Reference]:
 
 
 def _list_of_sensors(sensors: Sensors, names: Names) -> Iterator[Reference]:
+    from phyagentos.runtime.models.robot import MOUNT  # as above
+
     words = {*MODALITIES, *names.find_wanted("observations"), *names.find_offered("observations")}
     seen = set(chain.from_iterable(each.cameras for each in names.scenes))
     is_foreign = any(each.driver for each in names.catalogue.targets.values())  # then cameras are those of its world

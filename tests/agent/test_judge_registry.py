@@ -139,7 +139,9 @@ def test_a_judge_that_does_not_open_is_refused_with_its_place(announce, make_ver
 
 
 def test_a_judge_that_is_not_installed_is_refused_in_the_settings_with_its_place(make_verifier):
-    with pytest.raises(DefinitionError, match=r"'metric'\]; expected judges: holds, .* Did you mean 'metrics'\?"):
+    with pytest.raises(
+        DefinitionError, match=r"\(judge\): found 'metric'; expected holds, .* Did you mean 'metrics'\?"
+    ):
         make_verifier("verification: {judges: [predicates, metric]}")
 
 

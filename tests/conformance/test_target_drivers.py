@@ -148,7 +148,7 @@ def test_the_port_demands_no_gripper(check):
 def test_a_profile_has_a_gripper_exactly_when_its_end_effector_opens(end_effector, expected):
     dropped = {"gripper"} if end_effector == "opening" else set()
     told = read_target(Library.open(BENCHMARKS).get_target("counter")).model_dump(exclude=dropped)
-    with pytest.raises(ValueError, match=f"end_effector '{end_effector}' needs {expected}"):
+    with pytest.raises(ValueError, match=f"'{end_effector}' needs {expected}"):
         TargetProfile.model_validate(
             {k: v for k, v in told.items() if k not in dropped} | {"end_effector": end_effector}
         )

@@ -1,5 +1,6 @@
 """The forecasters of a session: who is asked, who decides, and what becomes of one that fails or is distrusted."""
 
+import re
 from types import SimpleNamespace
 
 import pytest
@@ -122,5 +123,6 @@ def test_the_kit_of_rollouts_is_found_on_the_path_and_its_absence_names_the_comm
         DefinitionError, match=r"UNKNOWN_NAME \(forecaster\): found 'rollouts'.* pip install .*/kits/rollouts"
     ):
         find_forecaster("rollouts")
-    with pytest.raises(ValueError, match=r"pip install .*/kits/rollouts"):
+    with pytest.raises(ValueError, match="unsound") as refused:
         LookaheadSpec()
+    assert re.search("pip install .*/kits/rollouts", refused.value.errors()[0]["ctx"]["problem"].hint)

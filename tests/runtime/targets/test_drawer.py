@@ -143,8 +143,8 @@ def test_a_pressed_button_stays_where_friction_holds_its_spring_and_comes_out_wh
         ({"joint": {"kind": "slide", "axis": [1, 0, 0], "travel": -0.1}}, "greater than 0"),
         ({"joint": {"kind": "slide", "axis": [1, 0, 0], "travel": 0.1, "opening": [0.5, 1.5]}}, "two fractions of"),
         ({"joint": {"kind": "slide", "axis": [1, 0, 0], "travel": 0.1}, "fixed": True}, "neither fixed"),
-        ({"part_of": "drawer", "fixed": True}, "a part stands"),
-        ({"part_of": "drawer", "place": {"jitter_m": [0.1, 0, 0]}}, "a part stands"),
+        ({"part_of": "drawer", "fixed": True}, "a place by position_m alone"),
+        ({"part_of": "drawer", "place": {"jitter_m": [0.1, 0, 0]}}, "a place by position_m alone"),
     ],
 )
 def test_a_joint_that_cannot_be_is_refused(body, says):
