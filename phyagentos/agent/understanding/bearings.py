@@ -5,7 +5,7 @@ the understander puts a question.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from phyagentos.agent.understanding.vocabulary import SURFACES, SceneObject
 from phyagentos.geometry import Vector
@@ -97,7 +97,8 @@ def list_beside(bodies: Sequence[SceneObject], kind: str, view: float, owner: Sc
     others = [body for body in bodies if body.name != owner.name]
     if owner.at_m is None or any(body.at_m is None for body in others):
         return [body.name for body in others]
-    if kind == "beside":
+    if kind == "beside":  # what an object is in, or has in it, is not beside it
+        others = [each for each in others if each.name != owner.stands and each.stands != owner.name]
         return [each.name for each in others if each.at_m and math.dist(each.at_m[:2], owner.at_m[:2]) <= BESIDE_M]
     if kind == "under":
         return [each.name for each in others if _is_under(each, owner)]
@@ -124,15 +125,22 @@ def find_beside(body: SceneObject, owner: SceneObject, others: Sequence[SceneObj
     )
 
 
-def find_row(bodies: Sequence[SceneObject], others: Sequence[SceneObject]) -> list[Vector] | None:
-    """Points of a row from where the first object stands to its freest side [m]; None where there is no room."""
+def find_row(
+    bodies: Sequence[SceneObject],
+    others: Sequence[SceneObject],
+    sides: Iterable[str] = SIDES,
+    view: float = 1.0,
+    stays: Iterable[int] = (0,),
+) -> list[Vector] | None:
+    """Points of a row through where the first object, or another one, stands [m]; None where there is no room."""
     if any(body.at_m is None or body.stands for body in bodies):
         return None
     apart_m = 2 * max(math.hypot(*body.half_m[:2]) for body in bodies) + GAP_M
-    first_m = bodies[0].at_m or (0.0, 0.0, 0.0)
     rows = [
-        [shift((*first_m[:2], (body.at_m or first_m)[2]), side, 1.0, n * apart_m) for n, body in enumerate(bodies)]
-        for side in SIDES
+        [shift((*at_m[:2], (body.at_m or at_m)[2]), side, view, (n - stay) * apart_m) for n, body in enumerate(bodies)]
+        for stay in stays
+        for side in sides
+        if (at_m := bodies[stay].at_m)
     ]
     rooms = {
         n: min((_room(point, each) for point in row for each in others), default=1.0) for n, row in enumerate(rows)

@@ -170,6 +170,8 @@ class Clauses(Keeping):
             steps = [[text] for text in self._read_texts(list_children(clause)[0])]
         elif clause.data == "first_of":  # of what a command is about one before the others
             command, single = list_children(clause)
+            if command.data == "heap":  # which one is first or last is its place in the tower
+                self.lack(RequestProblemKind.SENTENCE, single)
             texts = self._read_texts(command)
             names = self.resolve_one(single, Slot.OPENS if self._verb in ACTS else Slot.MOVED).names
             is_first = has_token(clause, "first") or has_token(clause, "beginning")
@@ -286,7 +288,7 @@ class Clauses(Keeping):
 
     def _read_undo(self, clause: Node) -> Step:
         """What the last goal is about, as the scene has it at first."""
-        return [back for text in self._list_past_texts() for back in self._undo(text)] or self.lack(
+        return [back for text in self.list_past_texts() for back in self._undo(text)] or self.lack(
             RequestProblemKind.PAST, clause
         )
 

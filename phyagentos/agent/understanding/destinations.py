@@ -10,8 +10,11 @@ from phyagentos.agent.understanding.bearings import SIDES, VIEWS, find_beside, l
 from phyagentos.agent.understanding.discourse import Named, Slot
 from phyagentos.agent.understanding.nouns import Nouns
 from phyagentos.agent.understanding.phrases import Node, find_child, has_token, is_open, list_children
+from phyagentos.agent.understanding.steps import Step, get_object, says
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
+from phyagentos.agent.understanding.vocabulary import SceneObject
 from phyagentos.geometry import Vector
+from phyagentos.protocol.predicates.library import Meaning
 
 
 @dataclass(slots=True, kw_only=True)
@@ -27,6 +30,7 @@ class Destinations(Nouns):
     placed: tuple[str, ...] = ()
     stood: dict[str, Vector] = field(default_factory=dict)
     left: tuple[str, ...] = ()
+    _said: list[str] = field(default_factory=list)
 
     def _find_places(self, dest: Node, *, by_colour: bool = False) -> Named:
         """What a destination names; every coloured place with an interior where it says only the colour."""
@@ -130,14 +134,27 @@ class Destinations(Nouns):
             self.lack(RequestProblemKind.CAPABILITY, dest)
             return ""
         view = self.ask_view(dest)
-        point_m = place_beside(self.get(name), str(dest.data), view, self.get(place)) if view else None
+        owner = self.find_stood(place, dest)
+        point_m = place_beside(self.get(name), str(dest.data), view, owner) if view else None
         return self._stand_at(name, point_m) if point_m is not None else ""
+
+    def find_stood(self, name: str, phrase: Node) -> SceneObject:
+        """An object where the request or the last goal has it; a lack in or on another one, where no point is said."""
+        said = [text for text in (*self.list_past_texts(), *self._said) if get_object(text) == name]
+        placed = [text for text in said if says(text, Meaning.INSIDE, Meaning.ON, Meaning.AT)]
+        if name not in self.stood and placed and not self.vocabulary.is_known(placed[-1], is_true=True):
+            self.lack(RequestProblemKind.CAPABILITY, phrase)
+        return replace(self.get(name), at_m=self.stood.get(name, self.get(name).at_m))
+
+    def list_past_texts(self) -> Step:
+        """What the last goal accepts."""
+        return self.vocabulary.past[-1].accept if self.vocabulary.past else ()
 
     def _stand_beside(self, name: str, dest: Node, place: str) -> str:
         """At a point on the freest side, as no skill guarantees `near`; empty where places are not known."""
         objects = [each for each in self.vocabulary.objects.values() if each.name not in (name, place)]
         others = [replace(each, at_m=self.stood.get(each.name, each.at_m)) for each in objects]
-        point_m = find_beside(self.get(name), self.get(place), others)
+        point_m = find_beside(self.get(name), self.find_stood(place, dest), others)
         bearer = self.get(place).stands
         if bearer and self.get(bearer).has_interior:  # beside it in there, where no skill chooses the point
             self.lack(RequestProblemKind.CAPABILITY, dest)

@@ -5,6 +5,7 @@ what they leave unknown is answered as unknown, and never guessed.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import combinations
 
 import msgspec
 
@@ -76,7 +77,7 @@ def read_inquiry(said: Clauses, question: Node) -> Inquiry:
                 said.lack(RequestProblemKind.SENTENCE, question)
         case "ask_named", [*nouns, last]:
             statements = dict.fromkeys(said.list_most(nouns, last), "")
-        case (("ask_distance" | "ask_parts" | "ask_which_of" | "ask_same" | "ask_states" | "ask_nearer"), _):
+        case data, _ if data in _OF_PARTS:
             kind, statements = _read_parts(said, question, parts)
         case _, [objects]:
             statements = dict.fromkeys(said.resolve(objects, Slot.ANY).names, "")
@@ -102,6 +103,15 @@ def _read_parts(said: Clauses, question: Node, parts: Sequence[Node]) -> tuple[I
         case "ask_distance", _:
             *names, other = said.resolve(question, Slot.ANY).names or ("",)
             statements = {name: f"near({name}, {other})" for name in names}
+        case "ask_height", [noun]:
+            heights = {name: 2 * said.get(name).half_m[2] for name in said.resolve_one(noun, Slot.ANY).names}
+            statements = {name: format_length(m) if m else _WORDS[Truth.UNKNOWN] for name, m in heights.items()}
+        case "ask_pair", [plain]:
+            kind = InquiryKind.FARTHER if has_token(question, "farthest_pair") else kind
+            names = said.list_alike(plain)
+            statements = {f"{one} and {other}": f"near({one}, {other})" for one, other in combinations(names, 2)}
+            if len(names) < 3:  # nothing to choose from
+                said.lack(RequestProblemKind.OBJECT, plain, names)
         case "ask_states", [objects, *states]:
             for state in states:
                 slot = Slot(read_lexicon()["meanings"][state.data]["slot"])
@@ -175,6 +185,9 @@ def _say_state(said: Clauses, names: Iterable[str], state: Node) -> dict[str, st
 
 
 _OPEN = ("any", "number", "exactly", "half", "some")  # quantities that leave open which objects are meant
+_OF_PARTS = {  # read by their parts
+    *("ask_distance", "ask_parts", "ask_which_of", "ask_same", "ask_states", "ask_nearer", "ask_height", "ask_pair")
+}
 _KINDS = {
     "ask_state": InquiryKind.WHETHER,
     "ask_place": InquiryKind.WHETHER,
@@ -192,6 +205,8 @@ _KINDS = {
     "ask_states": InquiryKind.WHICH,
     "ask_nearer": InquiryKind.NEARER,
     "ask_distance": InquiryKind.DISTANCE,
+    "ask_height": InquiryKind.HEIGHT,
+    "ask_pair": InquiryKind.NEARER,
     "ask_colour": InquiryKind.COLOUR,
     "ask_why": InquiryKind.WHY,
     "ask_abilities": InquiryKind.ABILITIES,
@@ -200,7 +215,7 @@ _KINDS = {
 
 def answer(inquiry: Inquiry, world: Environment) -> Answer:
     """The answer of a snapshot to a question about it; why, and what can be wished for, it does not know."""
-    if inquiry.kind is InquiryKind.SIDE:
+    if inquiry.kind in {InquiryKind.SIDE, InquiryKind.HEIGHT}:
         return Answer(answer="; ".join(f"{who}: {names}" for who, names in inquiry.statements.items()))
     if inquiry.kind is InquiryKind.COMPARED:
         ((name, most),) = inquiry.statements.items()

@@ -199,7 +199,9 @@ class Nouns(Discourse):
             found = self._filter(found, tail)
         if slot is Slot.MOVED and not colours:
             self.left_out |= dict.fromkeys(map(" ".join, self.vocabulary.unlisted), "entry for it in the inventory")
-        return tuple(item.name for item in found) or self.lack(RequestProblemKind.OBJECT, noun)
+        if not found and not self.questions:  # an open one may leave none so far
+            self.lack(RequestProblemKind.OBJECT, noun)
+        return tuple(item.name for item in found)
 
     def find_everything_else(self, noun: Node, slot: Slot) -> tuple[str, ...]:
         """All that fits, and of which nothing was said."""

@@ -5,7 +5,7 @@ reading, so that a sentence with two meanings is found out instead of decided by
 """
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Collection, Iterable, Iterator, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -85,10 +85,10 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
         return refuse(RequestProblemKind.CONDITION, condition[0].strip(" ,;"))
     if _ROOM.match(text):
         return refuse(RequestProblemKind.ROOM, text.strip(" ;"))
-    polite = {each for phrase in courtesy for each in phrase.split() if len(each) >= LEAST_NEAR}
-    if near := {word: _find_meant(word, content) for word in strange}:
+    polite = {each for phrase in courtesy for each in phrase.split() if len(each) > LEAST_NEAR}
+    if strange:
         usual = [*content, *(word for word in sorted((words | polite) - {*content}) if len(word) > 1)]
-        return _refuse_words(near, usual, scene)
+        return _refuse_words(strange, usual, scene)
     if len(text) > MOST_LETTERS:
         return refuse(RequestProblemKind.SENTENCE, text[MOST_LETTERS:])
     try:
@@ -116,10 +116,13 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
 def _drop_phrases(text: str, words: Collection[str]) -> tuple[str, tuple[str, ...], bool]:
     """Without phrases of courtesy and manner; those of manner; whether left and right are those of the robot."""
     phrases = _read_phrases()
-    unsaid = tuple(re.findall(_alternatives(phrases["manner"]), text))
+    unread = [
+        phrase for kind in ("manner", "remark") for phrase in phrases[kind] if phrase not in words or " " in phrase
+    ]
+    unsaid = tuple(re.findall(_alternatives(unread), text))
     text, views = re.subn(_alternatives(phrases["robots_view"]), " ", text)
     idle = (phrase for phrase in phrases["courtesy"] if phrase not in words or " " in phrase)
-    text = " ".join(re.sub(_alternatives((*idle, *phrases["manner"])), " ", text).split())
+    text = " ".join(re.sub(_alternatives((*idle, *unread)), " ", text).split())
     text = re.sub(r"[,;](?:\s*[,;])+", lambda found: ";" if ";" in found[0] else ",", text)
     return text.strip(" ,;"), unsaid, views > 0
 
@@ -152,27 +155,22 @@ def _find_lost(written: str, read: str, scene: Set[str]) -> str:
     return " ".join(word for word in spoken if word.removesuffix("s") not in kept)
 
 
-def _refuse_words(near: Mapping[str, str], usual: Sequence[str], scene: Set[str]) -> Impossible:
-    """Each strange word with the nearest known one, and all of which it may be a slip."""
+def _refuse_words(strange: Iterable[str], usual: Sequence[str], scene: Set[str]) -> Impossible:
+    """Each strange word with all of which it may be a slip, and the nearest of these."""
+    meant = {word: _list_meant(word, usual, scene) for word in strange}
     kind = RequestProblemKind.WORD
     return Impossible(
         lacks=tuple(
-            RequestProblem(kind=kind, words=word, nearest=known, possible=_list_meant(word, usual, scene))
-            for word, known in near.items()
+            RequestProblem(kind=kind, words=word, nearest=find_nearest(word, near) or "", possible=near)
+            for word, near in meant.items()
         )
     )
-
-
-def _find_meant(word: str, known: Iterable[str]) -> str:
-    """The known word that a strange one looks like: it begins alike, and few letters differ; or empty."""
-    near = find_nearest(word, [each for each in known if each[:2] == word[:2] or is_slip(word, each)])
-    return near or ""
 
 
 def _list_meant(word: str, usual: Iterable[str], scene: Iterable[str]) -> tuple[str, ...]:
     """Known words that a strange one can be a slip of; of the scene's also those that are merely much alike."""
     alike = [each for each in sorted(scene) if each[:1] == word[:1] and min(len(each), len(word)) > LEAST_NEAR]
-    slips = (each for each in usual if is_slip(word, each))
+    slips = (each for each in usual if each != word and is_slip(word, each))
     return tuple(dict.fromkeys((*slips, *get_close_matches(word, alike, 2, _ALIKE))))
 
 

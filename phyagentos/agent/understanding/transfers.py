@@ -37,7 +37,6 @@ class Transfers(Destinations):
     constraints: list[str] = field(default_factory=list)
     _verb: str = ""
     _dest: Node | None = None
-    _said: list[str] = field(default_factory=list)
 
     def _read_put(self, clause: Node, placing: Node) -> Step:
         heaps = str(clause.children[0]).startswith(("stack", "pil"))
@@ -147,15 +146,32 @@ class Transfers(Destinations):
         beside = self._stand_beside(names[1], clause, names[0]) if len(names) == 2 else ""
         return [beside] if beside else self.lack(RequestProblemKind.CAPABILITY, clause)
 
-    def _read_row(self, clause: Node, nouns: Node) -> Step:
+    def _read_row(self, clause: Node, nouns: Node, *order: Node) -> Step:
         """The first stays, the others stand in a row beside it, on the freest side."""
         bodies = [self.get(name) for name in self.resolve(nouns, Slot.MOVED).names]
+        if order:
+            return self._read_row_across(clause, [each.name for each in bodies], order)
         others = [each for each in self.list_fitting(Slot.ANY) if each not in bodies and each.kind not in SURFACES]
         points = find_row(bodies, others) if len(bodies) > 1 else None
         if points is None:
             return () if self.questions or self.lacks else self.lack(RequestProblemKind.CAPABILITY, clause)
         self.reasons.append(f"{self.quote(clause)}: from {bodies[0].name} on to the freest side, as any row will do")
         return [self._stand_at(each.name, point_m) for each, point_m in zip(bodies, points, strict=True)]
+
+    def _read_row_across(self, clause: Node, names: Sequence[str], order: Sequence[Node]) -> Step:
+        """From one side to the other as listed; the one that leaves the others most room stays."""
+        listed = [name for noun in order for name in self.resolve_one(noun, Slot.MOVED).names]
+        if sorted(listed) != sorted(names):
+            return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
+        if (view := self.ask_view(clause)) is None:
+            return ()
+        bodies = [self.get(name) for name in listed]
+        others = [each for each in self.list_fitting(Slot.ANY) if each not in bodies and each.kind not in SURFACES]
+        view *= 1.0 if has_token(clause, "left_to_right") else -1.0
+        points = find_row(bodies, others, ("right",), view, range(len(bodies)))
+        if not points:
+            return self.lack(RequestProblemKind.FIT, clause)
+        return [self._stand_at(name, point_m) for name, point_m in zip(listed, points, strict=True)]
 
     def _read_heap(self, clause: Node, objects: Node, *more: Node) -> Step:
         """A tower in the order of sizes, or with some at its ends; a question where that leaves several orders."""
@@ -171,7 +187,8 @@ class Transfers(Destinations):
             end = self.resolve_one(list_children(level)[0], Slot.MOVED).names
             if not end or not {*end} <= {*names}:
                 return self.lack(RequestProblemKind.SENTENCE, level) if end and names else ()
-            orders = [order for order in orders if order[-1 if has_token(level, "side_top") else 0] == end[0]]
+            is_top = has_token(level, "side_top") or has_token(level, "last")
+            orders = [order for order in orders if order[-1 if is_top else 0] == end[0]]
         said = {f"from below: {', '.join(order)}": order for order in orders}
         chosen = [*said] if len(said) == 1 else self.ask(QuestionKind.ORDER, clause, said)
         return [self._relate(upper, lower) for each in chosen for lower, upper in pairwise([*on, *said[each]])]
@@ -190,7 +207,7 @@ class Transfers(Destinations):
     def _read_put_between(self, clause: Node, nouns: Node, *ends: Node) -> Step:
         """At the point half-way between two objects, where there is room for one more."""
         names = self.resolve(nouns, Slot.MOVED).names
-        owners = [self.get(name) for end in ends for name in self.resolve_one(end, Slot.PLACE).names]
+        owners = [self.find_stood(name, end) for end in ends for name in self.resolve_one(end, Slot.PLACE).names]
         if len(names) != 1 or len(owners) != 2:
             return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
         self.constraints += [
@@ -319,16 +336,13 @@ class Transfers(Destinations):
     def _read_take_out(self, clause: Node, nouns: Node) -> Step:
         """Out of the vessels that the objects are in."""
         names = self._put(self.resolve(nouns, Slot.MOVED))
-        said = (*self._list_past_texts(), *self._said)
+        said = (*self.list_past_texts(), *self._said)
         past = {get_object(text): find_entities(text)[-1] for text in said if says(text, Meaning.INSIDE)}
         owners = {name: self.get(name).stands or past.get(name, "") for name in names}
         if not names or not all(owner and self.get(owner).has_interior for owner in owners.values()):
             return () if self.questions else self.lack(RequestProblemKind.FIT, clause)
         self.left = tuple(dict.fromkeys(owners.values()))
         return [f"not inside({name}, {owner})" for name, owner in owners.items()]
-
-    def _list_past_texts(self) -> Step:
-        return self.vocabulary.past[-1].accept if self.vocabulary.past else ()
 
     def _read_remove(self, clause: Node, nouns: Node) -> Step:
         """From what the objects stand in or on, where that is no table; else a question where to."""

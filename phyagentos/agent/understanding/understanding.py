@@ -164,6 +164,8 @@ class InquiryKind(StrEnum):
     """What is on a side of an object, as each one sees it who may look."""
     CONTENTS = "contents"
     """How many nameless objects are in vessels."""
+    HEIGHT = "height"
+    """How high an object is, written."""
     DISTANCE = "distance"
     """How far two objects are apart."""
     COMPARED = "compared"

@@ -219,6 +219,25 @@ def test_it_is_asked_about_where_two_objects_could_be_meant(understand):
     assert [set(question.candidates) for question in found.questions] == [{"red_block", "pad"}]
 
 
+@pytest.mark.parametrize("word", ["mind", "dare", "begin", "forget"])
+def test_a_strange_word_is_offered_no_other_than_one_that_it_may_be_a_slip_of(understand, word):
+    (lack,) = understand(f"{word} put the red cube into the red tray").lacks
+
+    assert (lack.words, lack.nearest, lack.possible) == (word, "", ())
+
+
+def test_a_row_from_left_to_right_stands_as_it_is_listed(understand):
+    listed = ["red_cube", "yellow_cube", "green_cube", "blue_cube"]
+    objects = get_vocabulary().objects
+    placed = {name: replace(objects[name], at_m=(0.5, 0.1 * n, 0.02)) for n, name in enumerate(listed)}
+    vocabulary = replace(get_vocabulary(), objects={**objects, **placed})
+
+    found = understand("line the cubes up from left to right as you see it: red, yellow, green, blue", vocabulary).goal
+    sides_m = {text.split("(")[1].split(",")[0]: float(text.split(", ")[2]) for text in found.accept}
+
+    assert sorted(sides_m, key=lambda name: -sides_m[name]) == listed
+
+
 def test_a_choice_that_is_left_open_is_made_and_told(understand):
     found = understand("put two of the cubes into the red tray")
 
