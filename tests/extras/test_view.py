@@ -192,7 +192,8 @@ def squeeze(text):
     return " ".join(text.split())
 
 
-def test_frames_are_the_pictures_that_perception_has_used(page, replanned):
+def test_frames_are_the_pictures_that_perception_has_used(visits, shown, replanned):
+    page = visits.open(shown, PAGES["page"])  # its own: once the cursor moves, a page shows those of a moment alone
     looks = json.loads((replanned.evidence_of(CHILD) / "looks.json").read_text())
     pictures = get_panel(page, "frames").locator("img")
     pictures.first.scroll_into_view_if_needed()
