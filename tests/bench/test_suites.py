@@ -20,6 +20,7 @@ from phyagentos.bench.summary import compare, compute_figure
 from phyagentos.bench.sweep import begin_run, run_sweep
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
+from phyagentos.fork_server import ADDRESS
 from phyagentos.protocol.capabilities.environments import EnvironmentSpec
 from tests.bench.suite_of_counter import SUITE, make_project
 
@@ -216,12 +217,19 @@ esac
 """
 
 
-@pytest.mark.slow
-def test_an_episode_that_found_no_room_on_its_disk_is_no_result_and_is_carried_out_again(read, tmp_path, monkeypatch):
-    plan = read(seeds=[0, 2], wall_s=5.0)
+@pytest.fixture
+def moody(tmp_path, monkeypatch):
+    """Episodes run in `MOODY`: no server that another test has begun forks them."""
     (tmp_path / "moody").write_text(MOODY)
     (tmp_path / "moody").chmod(0o755)
     monkeypatch.setattr("phyagentos.bench.episode.sys.executable", str(tmp_path / "moody"))
+    monkeypatch.delenv(ADDRESS, raising=False)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("moody")
+def test_an_episode_that_found_no_room_on_its_disk_is_no_result_and_is_carried_out_again(read, tmp_path, monkeypatch):
+    plan = read(seeds=[0, 2], wall_s=5.0)
     monkeypatch.setattr("phyagentos.bench.episode.has_room", lambda folder: False)
     manifest = begin_run(tmp_path / "r", tmp_path / "suite.yaml", plan, SystemClock())
     with pytest.raises(ExecutionError, match=r"no room is left on its disk, .* paos bench resume"):
@@ -230,11 +238,9 @@ def test_an_episode_that_found_no_room_on_its_disk_is_no_result_and_is_carried_o
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("moody")
 def test_an_episode_that_dies_or_hangs_has_its_record_and_the_rest_goes_on(read, tmp_path, monkeypatch):
     plan = read(seeds=[0, 1, 2], wall_s=1.0)
-    (tmp_path / "moody").write_text(MOODY)
-    (tmp_path / "moody").chmod(0o755)
-    monkeypatch.setattr("phyagentos.bench.episode.sys.executable", str(tmp_path / "moody"))
     monkeypatch.setattr("phyagentos.bench.episode.START_S", 0.0)
     manifest = begin_run(tmp_path / "r", tmp_path / "suite.yaml", plan, SystemClock())
     records = list(run_sweep(tmp_path / "r", manifest, open_engine(EngineName.LOCAL, 1), {}, SystemClock()))
