@@ -17,12 +17,12 @@ from phyagentos.assembly.skill_checks import check_arguments, check_skill
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.operations.references import (
     Names,
+    iter_of_graph,
+    iter_of_settings,
+    iter_of_skill,
+    iter_of_target,
     iter_policy_misfits,
     iter_unknown,
-    list_of_graph,
-    list_of_settings,
-    list_of_skill,
-    list_of_target,
 )
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.registries import read_target, read_target_registry
@@ -108,7 +108,7 @@ def _check_settings(path: Path, library: Library) -> list[Problem]:
     """Of a workspace, against its own library."""
     is_of_workspace = (path.parent / MARKER).is_file()
     names = Names(Workspace.open(path.parent).library() if is_of_workspace else library, path.parent)
-    return [*iter_unknown(read_yaml(path), list_of_settings(check_settings(path), names))]
+    return [*iter_unknown(read_yaml(path), iter_of_settings(check_settings(path), names))]
 
 
 def _check_model(path: Path, profile: TargetProfile) -> list[Problem]:
@@ -269,7 +269,7 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
             if unsound := check_goal_graph(path, catalogue := Catalogue.read(library)):
                 return unsound
             graph, located = read_goal_graph(path, catalogue), read_yaml(path)
-            unknown = iter_unknown(located, list_of_graph(graph, Names(library, path.parent)))
+            unknown = iter_unknown(located, iter_of_graph(graph, Names(library, path.parent)))
             return [*check_arguments(graph, located, catalogue, library), *unknown]
         case FileKind.WANTED:
             from phyagentos.agent.planning.domain import read_wanted
@@ -280,7 +280,7 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
                 return wrong
             skill, located = read_skill(path)
             names = Names(library, path.parent)
-            unknown = iter_unknown(located, list_of_skill(skill, names))
+            unknown = iter_unknown(located, iter_of_skill(skill, names))
             return [*unknown, *iter_policy_misfits(skill, located, names)]
         case FileKind.TREE:
             from phyagentos.runtime.execution.leaf_registry import build_registry, read_registry
@@ -298,7 +298,7 @@ def _check(kind: FileKind, path: Path, library: Library, *, runs_python: bool) -
             names, own = Names(library, path.parent), read_target(path)
             known = {**names.catalogue.targets, own.target: own}
             unshared = (each for each in find_unshared([*known.values()]) if each.address.startswith(f"{own.target}/"))
-            return [*iter_unknown(read_yaml(path), list_of_target(own, names)), *unshared, *_check_model(path, own)]
+            return [*iter_unknown(read_yaml(path), iter_of_target(own, names)), *unshared, *_check_model(path, own)]
         case FileKind.FAULTS:
             return [*Names(library, path.parent).iter_misses(path)]
     return ()

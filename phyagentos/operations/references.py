@@ -36,6 +36,8 @@ FIXES = {
     "target": "Write one of these; robots/NAME/target.yaml makes a new one.",
 }
 
+OFFERED = {"observations": "observation", "actions": "action", "capabilities": "capability"}  # of a target
+
 Reference = tuple[str, Address, str, Collection[str]]  # kind of a name, its place, itself, what it may be
 
 
@@ -124,14 +126,14 @@ def iter_unknown(located: Located, references: Iterable[Reference]) -> Iterator[
             yield Problem.unknown(kind, located.address_of(path), name, known, fix=fix)
 
 
-def list_of_graph(graph: GoalGraph, names: Names) -> Iterator[Reference]:
+def iter_of_graph(graph: GoalGraph, names: Names) -> Iterator[Reference]:
     """The resources of its nodes."""
     for node in graph.nodes.values():
         for index, name in enumerate(node.spec.resources):
             yield "resource", (*node.path, "resources", index), name, names.resources
 
 
-def list_of_skill(skill: SkillRuntime, names: Names) -> Iterator[Reference]:
+def iter_of_skill(skill: SkillRuntime, names: Names) -> Iterator[Reference]:
     """Its resources, capabilities, and what its policy takes and moves."""
     for index, name in enumerate(skill.needs.resources):
         yield "resource", ("needs", "resources", index), name, names.resources
@@ -139,8 +141,9 @@ def list_of_skill(skill: SkillRuntime, names: Names) -> Iterator[Reference]:
         yield "capability", ("needs", "capabilities", index), name, names.find_offered("capabilities")
     moved = skill.action_space.joints if skill.action_space is not None else ()
     nearest = names.find_nearest(moved)
-    for index, name in enumerate(moved if nearest is not None else ()):
-        yield "joint", ("action_space", "joints", index), name, nearest.arm.joints if nearest is not None else ()
+    if nearest is not None:
+        for index, name in enumerate(moved):
+            yield "joint", ("action_space", "joints", index), name, nearest.arm.joints
 
 
 def iter_policy_misfits(skill: SkillRuntime, located: Located, names: Names) -> Iterator[Problem]:
@@ -154,7 +157,7 @@ def iter_policy_misfits(skill: SkillRuntime, located: Located, names: Names) -> 
         yield replace(each, address=located.address_of(at)) if root == "skill" else each
 
 
-def list_of_target(profile: TargetProfile, names: Names) -> Iterator[Reference]:
+def iter_of_target(profile: TargetProfile, names: Names) -> Iterator[Reference]:
     """What it offers: something that a skill needs, a sensor measures, or another target offers; and its driver.
 
     A driver may be of a package that is not installed, a capability one that no skill needs yet: both are looked up
@@ -163,19 +166,19 @@ def list_of_target(profile: TargetProfile, names: Names) -> Iterator[Reference]:
     drivers = DRIVERS.names()
     if profile.driver and format_hint(profile.driver, drivers):
         yield "driver", ("driver",), profile.driver, drivers
-    for key in ("observations", "actions", "capabilities"):
+    for key, kind in OFFERED.items():
         known = names.find_wanted(key) | names.find_offered(key, but=profile.target)
         known |= set(names.measured) if key == "observations" else set()
         for index, name in enumerate(getattr(profile, key)):
             if key != "capabilities" or format_hint(name, known):
-                yield {"capabilities": "capability"}.get(key, key[:-1]), (key, index), name, known
+                yield kind, (key, index), name, known
 
 
-def list_of_settings(settings: object, names: Names) -> Iterator[Reference]:
+def iter_of_settings(settings: object, names: Names) -> Iterator[Reference]:
     """Of one of the settings files."""
     match settings:
         case Sensors():
-            yield from _list_of_sensors(settings, names)
+            yield from _iter_of_sensors(settings, names)
         case Perception():
             known = {*PERCEIVED.values(), *names.measured}
             for name, pipeline in settings.pipelines.items():
@@ -194,7 +197,7 @@ def list_of_settings(settings: object, names: Names) -> Iterator[Reference]:
                 yield "target", ("targets", each), each, names.catalogue.targets
 
 
-def _list_of_sensors(sensors: Sensors, names: Names) -> Iterator[Reference]:
+def _iter_of_sensors(sensors: Sensors, names: Names) -> Iterator[Reference]:
     from phyagentos.runtime.models.robot import MOUNT  # as above
 
     words = {*MODALITIES, *names.find_wanted("observations"), *names.find_offered("observations")}

@@ -283,9 +283,8 @@ class GoalController:
         if session.purpose != CLEARS or session.parent is not None or not self.worklist.has_live():
             return ""
         movers = self._changes.find_movers(session.node, [*map(str, session.parameters.values())])
-        for name in (each for each in self.graph.order if each in movers and each not in self._held):
-            return f"{name} comes first: it moves {movers[name]}, as {', '.join(session.advised_by)} wants"
-        return ""
+        first = next((name for name in self.graph.order if name in movers and name not in self._held), "")
+        return first and f"{first} comes first: it moves {movers[first]}, as {', '.join(session.advised_by)} wants"
 
     def _keep_to_budget(self, entries: list[Entry]) -> list[Entry]:
         """The records without the sessions beyond the goal's budget; these block their nodes, or wait.

@@ -152,11 +152,9 @@ def read_robot(profile: TargetProfile, folder: Path, *, is_free: bool = False) -
     base = profile.base
     spec = read_base(profile, path)
     if profile.hand is not None:
-        at, model = (
-            profile.hand.at,
-            read_model(find_model(profile.hand.model, folder), profile.hand.arguments.as_texts()),
-        )
-        _attach(spec, model.spec, _get_body(spec, at, path).add_frame(pos=at.position_m, quat=at.quaternion_wxyz))
+        at = profile.hand.at
+        hand = read_model(find_model(profile.hand.model, folder), profile.hand.arguments.as_texts()).spec
+        _attach(spec, hand, _get_body(spec, at, path).add_frame(pos=at.position_m, quat=at.quaternion_wxyz))
     joints = [each.name for each in spec.joints]  # those that are parked too
     if base is None or profile.hand is not None:
         _park_others(spec, profile)
