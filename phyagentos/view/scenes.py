@@ -48,7 +48,7 @@ _POLICY = (
 )
 CONTROL_MAX = 1024  # bytes of what a frame sends
 _SHIM = """<style>
-[data-floating-window], [title="About Viser"], .mantine-Notifications-root { visibility: hidden; }
+[data-floating-window], [title="About Viser"], .mantine-Notifications-root, .mantine-Paper-root { visibility: hidden; }
 </style>
 <script>document.hasFocus = () => !document.hidden;  // it looks for its server only in the focus
 let wanted = {}, changed = false, busy = false, isFed = false, graphics = null;

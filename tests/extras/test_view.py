@@ -226,6 +226,15 @@ def test_a_replay_shows_any_moment_of_the_evidence(shown, visits):
     shoot(page, "replay_cameras", whole=False)
 
 
+def test_a_narrow_scene_shows_no_controls_of_its_own(browser, shown):
+    visits = Visits(browser)
+    page = visits.open(shown, PAGES["page"], with_scene=True, width=1024)
+    scene = get_scene(page)
+    assert scene.get_by_text("Connected").count() == 1, "its client has them"
+    assert not scene.get_by_text("Connected").is_visible()
+    visits.end()
+
+
 def test_one_cursor_moves_scene_plots_and_log_and_plays_by_itself(page, shown, visits):
     page.locator("#moment").press("Home")
     page.locator("#moment").press("PageUp")

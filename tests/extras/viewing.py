@@ -158,7 +158,7 @@ def get_scene(page, session=""):
     def find():
         page.wait_for_timeout(100)  # news of frames come while Playwright waits
         frames = [frame for frame in page.frames if f"/scene/{session}" in frame.url]
-        fed = "document.querySelector('[data-floating-window]')?.textContent.includes('Connected')"
+        fed = "document.body.textContent.includes('Connected')"
         return next((frame for frame in frames if frame.evaluate(fed)), None)
 
     wait_until(find, "a scene that is fed", PATIENCE_S)
