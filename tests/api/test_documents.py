@@ -44,6 +44,7 @@ def test_the_analysis_of_thirty_episodes_shows_what_its_cells_have_shown():
     assert (whole.count("/15 = "), whole.count("data:image/jpeg") >= 2) == (5, True)
 
 
+@pytest.mark.slow
 def test_the_examples_of_the_page_run(carried, beside_demo, asked):
     execute(DOCS / "library.md")
     assert [(order.graph.name, order.seed) for order in asked] == [("tidy_table", 7)]

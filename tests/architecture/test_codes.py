@@ -85,6 +85,7 @@ def found():
     return find_names()
 
 
+@pytest.mark.slow
 def test_every_code_stands_in_the_table(found):
     missing = {name for name in found[0] - set(CODES) if not any(code.startswith(name + "_") for code in CODES)}
     assert not missing, "add them to phyagentos/code_tables.py"

@@ -213,6 +213,7 @@ def test_child_processes_are_planes_planners_worlds_episodes_and_environments_of
     ]
 
 
+@pytest.mark.slow
 def test_files_are_utf_8_in_every_locale():
     calls = {name_of(path): [each for each in ast.walk(parse(path)) if isinstance(each, ast.Call)] for path in MODULES}
     of_text = re.compile(r"\.(read|write)_text\(")

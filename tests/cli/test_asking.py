@@ -286,6 +286,7 @@ def test_a_question_in_a_workspace_is_answered_from_what_was_observed_there(paos
     assert str(workspace.environment) in asked.out
 
 
+@pytest.mark.slow
 def test_a_refusal_ends_with_requests_that_are_understood(paos):
     examples = json.loads(paos("ask", "fold the laundry", *CUBES, "--json").out)["examples"]
     assert len(examples) == 2
@@ -298,6 +299,7 @@ def test_a_word_that_fits_several_objects_is_asked_back_and_the_likely_one_is_na
     assert "=green_cube'" in asked.err
 
 
+@pytest.mark.slow
 def test_a_preview_is_a_picture_of_the_goal_and_nothing_runs_or_asks(paos, runs):
     found = json.loads(paos("ask", SHORT, *CUBES, "--preview", "--json").out)
     clash = paos("ask", SHORT, *CUBES, "--preview", "--yes")

@@ -24,6 +24,7 @@ def own_predicates():
     forget_readings()
 
 
+@pytest.mark.slow
 def test_a_new_place_lints_clean_and_compiles(paos, tmp_path):
     place = tmp_path / "mine"
     assert paos("init", place).code == ExitCode.GOAL_MET
@@ -41,6 +42,7 @@ def test_init_never_overwrites(paos, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
+@pytest.mark.slow
 def test_the_next_command_that_init_prints_names_a_file_that_exists(paos, tmp_path):
     place = tmp_path / "mine"
     lines = paos("init", place).out.splitlines()
@@ -49,6 +51,7 @@ def test_the_next_command_that_init_prints_names_a_file_that_exists(paos, tmp_pa
     assert f"wrote {place / 'scenes' / 'desk.png'}" in lines, "what was begun is seen at once"
 
 
+@pytest.mark.slow
 def test_the_scaffold_uses_the_skill_of_the_first_example_unchanged(paos, tmp_path):
     paos("init", tmp_path / "mine")
     for name in ("skills/show_and_place/SKILL.md", "trees/show_and_place.yaml"):
@@ -76,6 +79,7 @@ def test_extensions_come_with_tests_that_pass_until_something_is_broken_and_file
     assert "FAILED tests/test_predicate.py::test_it_holds_beyond_the_reach" in broken.stdout
 
 
+@pytest.mark.slow
 def test_an_extension_is_added_to_a_project_once(paos, tmp_path):
     place = tmp_path / "mine"
     paos("init", place)

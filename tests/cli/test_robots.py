@@ -166,6 +166,7 @@ def test_a_home_is_drafted_above_the_floor(paos, model, monkeypatch):
     assert elbow_rad < 1.2, "its lower arm would be in the floor"
 
 
+@pytest.mark.slow
 def test_a_robot_without_a_hand_is_tried_and_sent_back_for_one(paos, model, monkeypatch):
     monkeypatch.setenv("PHYAGENTOS_MODELS", str(model.parents[1]))
     assert paos("robot", "new", model, "--name", "arm").code == ExitCode.GOAL_MET

@@ -25,6 +25,7 @@ def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_scene_is_drawn_by_its_name_and_an_unknown_camera_is_refused(paos):
     drawn = paos("scene", "render", CUBES, "-o", "it.png")
     refused = paos("scene", "render", CUBES, "--camera", "nowhere")
@@ -35,6 +36,7 @@ def test_a_scene_is_drawn_by_its_name_and_an_unknown_camera_is_refused(paos):
     assert "overview" in refused.err
 
 
+@pytest.mark.slow
 def test_a_scene_of_bodies_alone_has_a_light_and_a_camera_that_sees_them(paos):
     Path("scenes").mkdir()
     data = yaml.safe_load(open_library().get_scene(CUBES).read_text(encoding="utf-8"))

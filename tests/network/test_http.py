@@ -79,6 +79,7 @@ def test_a_connection_whose_time_is_over_before_tls_begins_is_closed():
     assert ours.fileno() == -1
 
 
+@pytest.mark.slow
 def test_answers_come_over_one_connection_and_over_a_new_one_when_that_is_gone(serve):
     server = serve("a gzip bomb", polite=lambda request: None if request == b"bomb" else request * 2)
     client = HttpClient(server.url, *CODES)

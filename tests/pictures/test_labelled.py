@@ -34,6 +34,7 @@ def test_labels_cover_neither_each_other_nor_the_edge():
         assert one[2] <= other[0] or other[2] <= one[0] or one[3] <= other[1] or other[3] <= one[1]
 
 
+@pytest.mark.slow
 def test_a_move_changes_the_picture_and_its_line_stands_below(tmp_path):
     plain = _draw(tmp_path, Drawing(names=("a", "b"), camera="top"))
     moved = _draw(

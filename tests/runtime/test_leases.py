@@ -120,6 +120,7 @@ def test_a_session_opens_its_bundle_and_takes_no_authority_before_its_first_leas
     assert leases == [LEASE_S]
 
 
+@pytest.mark.slow
 def test_a_worker_whose_lease_nobody_renews_brings_its_target_to_rest_and_says_why(employed):
     employed.start()
     employed.clock.advance(LEASE_S + 0.1)

@@ -105,6 +105,7 @@ def test_a_target_that_is_lost_again_and_again_ends_the_run_and_not_the_session_
     assert [type(order) for order in worker.orders] == [Check, Run, Reconcile, Reconcile]
 
 
+@pytest.mark.slow
 def test_a_target_that_each_session_loses_ends_the_run_though_it_can_be_observed_in_between(stand):  # noqa: F811
     observe = partial(lose_target, is_lost=False)
     stand.watch(ScriptedWorker(on_run=lose_target, on_reconcile=observe), rest_s=0.001)

@@ -468,6 +468,7 @@ def test_a_proposal_is_shown_by_its_own_bytes_and_no_other_hides_it(documents, t
     assert shown.count("CHANGED") + shown.count("UNREADABLE_FILE") == 2
 
 
+@pytest.mark.slow
 def test_many_large_proposals_and_files_that_are_none_hide_no_small_one(documents):
     for number in range(5):
         put_proposal(documents, graph={"goal": "tidy", "objective": f"{number}" + "y" * 250_000})

@@ -181,6 +181,7 @@ def test_a_name_in_an_address_leads_nowhere_else(ask, folder, run, reported):
     assert {path: code for path, code in answered.items() if code not in {401, 404}} == {}
 
 
+@pytest.mark.slow
 def test_hostile_names_goals_and_folders_of_episodes_stay_text(ask, folder, tmp_path):
     evil = Desk(folder / EVIL.replace("/", ""))
     evil.record(GOAL, "goal_submitted", graph="tidy", seed=7, objective=EVIL)
@@ -199,6 +200,7 @@ def test_hostile_names_goals_and_folders_of_episodes_stay_text(ask, folder, tmp_
     assert get("/e/crafted/met/").status_code == 404
 
 
+@pytest.mark.slow
 def test_nothing_of_any_workspace_is_answered_without_the_token(access, folder, run):
     client = TestClient(open_places([folder], Event(), allows_actions=True)(access), base_url=OWN)
     for path in (
@@ -232,6 +234,7 @@ def test_the_scene_of_one_workspace_is_not_opened_by_the_key_of_another(access, 
         pass
 
 
+@pytest.mark.slow
 def test_hundreds_of_workspaces_are_listed_in_pages(folder, ask, monkeypatch):
     for number in range(300):
         shutil.copytree(folder / "met" / "sessions", folder / f"w{number}" / "sessions")

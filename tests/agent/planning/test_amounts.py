@@ -135,6 +135,7 @@ def carry_out(planned, game, rng=None):
     return game
 
 
+@pytest.mark.slow
 def test_an_item_of_iron_and_gold_is_made_from_bare_hands_within_two_seconds():
     begin_s = time.process_time()
     planned = plan("holds(clock)")
@@ -148,6 +149,7 @@ def test_an_item_of_iron_and_gold_is_made_from_bare_hands_within_two_seconds():
     assert {"craft_iron_pickaxe", "smelt_gold_ingot", "set_up_furnace"} < set(names)
 
 
+@pytest.mark.slow
 def test_every_order_that_a_plan_allows_reaches_its_goal():
     planned = plan("holds(clock)", "holds(piston) >= 2")
     orders = [carry_out(planned, Game(), random.Random(seed)) for seed in range(30)]
@@ -164,6 +166,7 @@ ITEMS = st.sampled_from(("log", "planks", "stick", "cobblestone", "coal", "iron_
     st.dictionaries(ITEMS, st.integers(1, 9), max_size=4),
     st.dictionaries(ITEMS, st.integers(1, 20), min_size=1, max_size=3),
 )
+@pytest.mark.slow
 def test_a_plan_from_any_inventory_reaches_any_amounts(inventory, wanted):
     planned = plan(*(f"holds({item}) >= {count}" for item, count in wanted.items()), now=look(inventory))
     game = carry_out(planned, Game(inventory))

@@ -164,6 +164,7 @@ def draw_problem(chance):
     return PlanningProblem(operators=tuple(operators), initial=initial, stages=tuple(stages), capacities=capacities)
 
 
+@pytest.mark.slow
 def test_what_can_matter_is_enough_for_the_shortest_plan():
     problems = [draw_problem(random.Random(seed)) for seed in range(80)]
     plans = [(problem, solve(problem), solve(keep_relevant(problem))) for problem in problems]

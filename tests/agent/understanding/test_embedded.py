@@ -268,6 +268,7 @@ def test_swapped_objects_take_the_places_that_the_scene_gives_them(understand):
     assert isinstance(understand("swap the red and the blue cube"), Impossible)
 
 
+@pytest.mark.slow
 def test_an_order_that_is_not_said_is_asked_for(understand):
     (question,) = understand("build a tower of red, green and blue", "tabletop/stacking").questions
     answered = understand(

@@ -77,6 +77,7 @@ def draft(tmp_path, text, **given):
 
 
 @pytest.mark.parametrize(("kind", "up", "least_m"), [("prismatic", 0.03, 0.055), ("revolute", 0.5, 0.01)])
+@pytest.mark.slow
 def test_a_gripper_of_two_fingers_is_drafted_with_pads_that_close_on_each_other(tmp_path, kind, up, least_m):
     jaws = build_jaws(kind=kind, up=up)
     turned = jaws.replace('xyz="0 1 0"', 'xyz="-1 0 0"').replace('xyz="0 -1 0"', 'xyz="1 0 0"')
@@ -93,6 +94,7 @@ def test_a_gripper_of_two_fingers_is_drafted_with_pads_that_close_on_each_other(
 
 
 @pytest.mark.parametrize(("low", "high", "side"), [(-1.6, 0.0, 1), (0.0, 1.6, -1), (-3.14, 3.14, 1)])
+@pytest.mark.slow
 def test_a_jaw_that_turns_closes_on_what_stands_still(tmp_path, low, high, side):
     jaw = TURNING.format(i=INERTIAL, y=0.0, at=side * 0.02, low=low, high=high)
     finger = f'<origin xyz="0 {-side * 0.005} 0.06"/><geometry><box size="0.02 0.01 0.1"/></geometry>'
@@ -106,6 +108,7 @@ def test_a_jaw_that_turns_closes_on_what_stands_still(tmp_path, low, high, side)
     assert side * y[1] > 0.9
 
 
+@pytest.mark.slow
 def test_fingers_between_which_another_stands_are_no_pair(tmp_path):
     jaws = [JAW.format(p="", k=k, y=y, way=way, kind="prismatic", up=0.02, i=INERTIAL)
             for k, y, way in ((1, 0.03, 1), (2, 0.0, 1), (3, -0.03, -1))]  # fmt: skip
@@ -113,6 +116,7 @@ def test_fingers_between_which_another_stands_are_no_pair(tmp_path):
     assert "slide2" in profile.gripper.joints
 
 
+@pytest.mark.slow
 def test_a_tool_that_points_elsewhere_than_its_fingers_is_refused_with_what_to_write(tmp_path):
     profile, _, _ = draft(tmp_path, build_arm() + build_jaws())
     right = profile.tool.quaternion_wxyz
@@ -128,6 +132,7 @@ def test_a_tool_that_points_elsewhere_than_its_fingers_is_refused_with_what_to_w
         assert compute_rotation(written) == pytest.approx(compute_rotation(right), abs=1e-4)
 
 
+@pytest.mark.slow
 def test_an_arm_is_turned_so_that_it_reaches_what_is_in_front(tmp_path):
     first = '<joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><origin xyz="0 0.0 0.2"'
     aside = build_arm().replace(first, f'{first} rpy="0 0 -1.5708"').replace(LIMIT, LIMIT.replace("2.5", "0.5"), 1)
@@ -137,6 +142,7 @@ def test_an_arm_is_turned_so_that_it_reaches_what_is_in_front(tmp_path):
     assert "mount_position_m: [0, 0, 0]   # check" in settled.render()
 
 
+@pytest.mark.slow
 def test_what_carries_fingers_is_of_the_arm_whatever_its_name(tmp_path):
     profile, _, _ = draft(tmp_path, build_arm().replace("j6", "GripperYaw") + build_jaws())
     assert profile.arm.joints[-1] == "GripperYaw"
@@ -148,6 +154,7 @@ def test_a_turntable_is_an_arm_of_one_hinge(tmp_path):
     assert profile.arm.joints == ("j1",)
 
 
+@pytest.mark.slow
 def test_of_two_arms_one_is_drafted_the_other_named_and_standing_still(tmp_path):
     text = build_arm("left_", 0.3) + build_jaws("left_") + build_arm("right_", -0.3)
     profile, settled, _ = draft(tmp_path, text)
@@ -201,6 +208,7 @@ def build_fingers(*angles_deg):
 
 
 @pytest.mark.parametrize("angles_deg", [(0, 145, 215), (0, 120, 240)])
+@pytest.mark.slow
 def test_of_three_fingers_two_that_face_each_other_close_and_the_third_stands_away(tmp_path, angles_deg):
     profile, settled, _ = draft(tmp_path, build_arm() + build_fingers(*angles_deg))
     assert profile.gripper.joints == ("knuckle0", "knuckle1")
