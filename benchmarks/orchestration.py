@@ -57,8 +57,8 @@ class Result:
         return n / Spread.of(self.seconds[shape]).median
 
 
-def write_graph(path: Path, shape: str, n: int) -> None:
-    """A goal graph of this shape; the goal is met when the mark has risen by a step for each session."""
+def write_graph(path: Path, shape: str, n: int, *, least_m: float | None = None) -> None:
+    """A goal graph of this shape; the goal is met when the mark has risen to `least_m`, else by a step a session."""
     lines = [
         f"goal: {shape}",
         "objective: Nothing but steps.",
@@ -69,7 +69,8 @@ def write_graph(path: Path, shape: str, n: int) -> None:
     for index, before in enumerate(build_edges(shape, n)):
         after = ", ".join(f"n{each}" for each in before)
         lines.append(f"  n{index}: {{skill: advance, target: slide, after: [{after}]}}")
-    lines.append(f'accept: ["height(mark) >= {STEP_M * (n - 0.6):.4f}"]')
+    least_m = STEP_M * (n - 0.6) if least_m is None else least_m
+    lines.append(f'accept: ["height(mark) >= {least_m:.4f}"]')
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

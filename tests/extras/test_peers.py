@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.orchestration_recovery import PEERS as RECOVERED
+from benchmarks.orchestration_recovery import carry_on_peer
+
 PEERS = Path(__file__).resolve().parents[2] / "benchmarks" / "orchestration_peers"
 
 pytestmark = pytest.mark.extras
@@ -23,3 +26,12 @@ def test_a_peer_does_every_task_and_says_how_long_it_took(pytestconfig, tmp_path
     (told,) = [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{"seconds"')]
     assert told["seconds"] > 0.0
     assert told["version"]
+
+
+@pytest.mark.parametrize("peer", RECOVERED)
+def test_a_peer_that_was_killed_goes_on_and_loses_no_task(pytestconfig, tmp_path, peer):
+    carried = carry_on_peer(peer, pytestconfig.option.peers_python, tmp_path, 40)
+
+    assert carried.ended, (tmp_path / "printed").read_text()[-4000:]
+    assert carried.counts.keys() == set(range(40))
+    assert carried.count_repeated() <= 1
