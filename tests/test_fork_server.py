@@ -61,6 +61,43 @@ def test_a_child_has_the_arguments_folder_environment_files_and_code_that_are_re
     assert sorted((tmp_path / "log").read_text().split()) == ["printed", "wrong"]
 
 
+ENDINGS = {
+    "sys.exit()": (0, ""),
+    "sys.exit(5)": (5, ""),
+    "sys.exit('that is wrong')": (1, "that is wrong"),
+    "raise ValueError('not so')": (1, "ValueError: not so"),
+    "": (0, ""),
+}
+BEFORE = """
+import atexit, sys, threading, time
+atexit.register(print, "at the end")
+threading.Thread(target=lambda: (time.sleep(0.05), print("by a thread"))).start()
+"""
+
+
+@pytest.mark.parametrize("source", ENDINGS)
+def test_it_ends_with_its_code_once_threads_and_exit_handlers_are_done_and_all_is_printed(
+    tmp_path, environment, source
+):
+    code, printed = ENDINGS[source]
+    assert start(tmp_path, environment, BEFORE + source).wait(60) == code
+    log = (tmp_path / "log").read_text()
+    assert printed in log
+    assert "by a thread\nat the end\n" in log
+
+
+def test_a_fork_does_not_take_down_what_it_has_loaded(tmp_path, environment):
+    source = """
+import os
+class Kept:
+    def __del__(self, write=os.write):
+        write(1, b"taken down")
+kept = Kept()
+"""
+    assert start(tmp_path, environment, source).wait(60) == 0
+    assert ((tmp_path / "log").read_text() == "taken down") == (environment["SAID"] == "interpreter")
+
+
 @pytest.mark.parametrize("end", ["terminate", "kill"])
 def test_it_ends_when_told_and_its_code_is_the_signal(tmp_path, environment, end):
     child = start(tmp_path, environment, "import time; time.sleep(60)")
