@@ -1,6 +1,7 @@
 """What simulated cameras tell: true geometry, the noise that is declared, the past, and the lies of a fault file."""
 
 import math
+from copy import copy
 
 import mujoco
 import numpy as np
@@ -125,11 +126,30 @@ def test_graphics_that_failed_are_opened_anew_for_the_next_picture(physics, data
     before = render_png(physics.model, data, name, 64, 48)
     with monkeypatch.context() as broken:
         broken.setattr(mujoco.Renderer, "render", lambda _: 1 / 0)
-        assert "ZeroDivisionError" in render_png(physics.model, data, name, 64, 48).reason
+        assert "ZeroDivisionError" in render_png(physics.model, move(physics.model, data), name, 64, 48).reason
     opened = []
     monkeypatch.setattr(mujoco.Renderer, "__init__", count_calls(mujoco.Renderer.__init__, opened))
     assert [render_png(physics.model, data, name, 64, 48) for _ in range(2)] == [before, before]
     assert len(opened) == (1 if before.artefacts else 2)
+
+
+def move(model, data):
+    moved = copy(data)
+    moved.qpos[0] += 0.1
+    mujoco.mj_forward(model, moved)
+    return moved
+
+
+def test_the_same_world_is_drawn_once_and_another_anew(physics, data, monkeypatch):
+    name, drawn = physics.model.camera(0).name, []
+    first, again = (render_png(physics.model, data, name, 64, 48) for _ in range(2))
+    monkeypatch.setattr(mujoco.Renderer, "render", count_calls(mujoco.Renderer.render, drawn))
+    other = render_png(physics.model, move(physics.model, data), name, 64, 48)
+    back = render_png(physics.model, data, name, 64, 48)
+    assert first == again == back
+    if first.artefacts:
+        assert other != first
+        assert len(drawn) == 2
 
 
 def count_calls(function, calls):

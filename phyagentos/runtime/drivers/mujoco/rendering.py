@@ -31,9 +31,12 @@ def render_png(model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: i
     try:
         with _DRAWING:
             renderer = _reuse_renderer(model, min(width, _MAX_WIDTH), min(height, _MAX_HEIGHT))
-            mujoco.mj_camlight(model, data)
-            renderer.update_scene(data, camera, _make_options())
-            return ToolResult({"picture.png": Artefact("image/png", _encode(renderer.render()))})
+            shown = (camera, data.qpos.tobytes(), data.mocap_pos.tobytes(), data.mocap_quat.tobytes())
+            if _OPEN.drawn[0] != shown:  # a session begins with the world that the one before has left
+                mujoco.mj_camlight(model, data)
+                renderer.update_scene(data, camera, _make_options())
+                _OPEN.drawn = shown, _encode(renderer.render())
+            return ToolResult({"picture.png": Artefact("image/png", _OPEN.drawn[1])})
     except Exception as error:  # graphics drivers raise what they like
         _OPEN.renderer = None  # what failed once is not used again
         return ToolResult({}, f"{type(error).__name__}: {error}")
@@ -46,7 +49,7 @@ def _reuse_renderer(model: mujoco.MjModel, width: int, height: int) -> mujoco.Re
         return kept
     if kept:
         kept.close()
-    _OPEN.renderer = None
+    _OPEN.renderer, _OPEN.drawn = None, (None, b"")
     _OPEN.renderer = _open_renderer(model, width, height)
     return _OPEN.renderer
 
