@@ -33,7 +33,7 @@ _PATH = re.compile(r"[\w:./+@-]+")
 GUESSED_TORQUE_NM, GUESSED_SPEED_RAD_S, GUESSED_LOAD_KG, GUESSED_GRIP_N = 20.0, 1.0, 1.0, 20.0
 STIFFNESS_PER_TORQUE, DAMPING_SHARE = 40.0, 0.1  # of a servo that holds its arm within a few milliradians
 ARMATURE_S2 = 0.001  # least inertia of motors behind gears, of their torque; with less such a servo shakes light links
-ENDLESS_RAD = 8.0 * np.pi  # of a range of an arm's joint: as wide ones have no end, or are degrees
+ENDLESS_RAD = 8.0 * np.pi  # of a range of an arm's joint: as wide ones have no end
 UNMOVED = Pose((0.0, 0.0, 0.0))
 ARM, LEG = 4, 3  # hinges after which what branches is a hand; that make one of several arms
 
@@ -121,7 +121,7 @@ class ProfileDraft:
             *tool,
             *(_list_mount(self.mount) if self.mount != UNMOVED else ()),
             f"grasp_band_m: {_show(self.band_m)}   # check: paos robot try {self.name} measures it",
-            _map("ranges", endless, "the model lets them turn without end, or has degrees for radians"),
+            _map("ranges", endless, "the model lets them turn without end"),
             _map("parked_rad", parked, "joints of the model that this target does not move"),
             "arm:",
             f"  joints: [{', '.join(map(_quote, names))}]",
