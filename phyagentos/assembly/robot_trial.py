@@ -14,6 +14,7 @@ from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.motion.draft_settling import build_floor, find_level, measure_reach
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.requests import (
@@ -70,6 +71,7 @@ def run_trial(profile: TargetProfile, folder: Path) -> Trial:
     findings = []
     if half_m:
         share = sum(cells.values()) / len(cells)
+        least_m = float(measure_hand(profile, folder).widths_m[0])
         nowhere = f"nowhere in front ({show_reasons(refused)})"
         shown = f"{band_m[0]:.2f} to {band_m[1]:.2f} m in front" if band_m else nowhere
         findings += [
@@ -79,7 +81,12 @@ def run_trial(profile: TargetProfile, folder: Path) -> Trial:
                 band_m is not None,
                 f"{TOOL}, or another hand",
             ),
-            Finding("opening", f"0 to {profile.gripper.max_width_m * 1e3:.0f} mm, as its pads open in the model"),
+            Finding(
+                "opening",
+                f"{least_m * 1e3:.0f} to {profile.gripper.max_width_m * 1e3:.0f} mm, as its pads open in the model",
+                least_m < 2.0 * half_m,
+                "`gripper.force_n`, with which its drive closes; `travel`, `pad_boxes`",
+            ),
         ]
     middle_m = float(np.mean(band_m)) if band_m else FAR_M
     reached = [at for at, found in cells.items() if found]

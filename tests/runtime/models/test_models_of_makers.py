@@ -154,7 +154,7 @@ def test_the_absent_mesh_of_a_solid_is_never_left_out_of_a_mjcf(tmp_path, old):
         ('box size="0.1 0.1 0.1"', "cone", ("r.urdf:3", "<cone> in link 'arm'", "cylinder")),
         ('size="0.1 0.1 0.1"', 'size="0.1 0 0.1"', ("r.urdf:3", "<box> of link 'arm' without size", "above zero")),
         ('box size="0.1 0.1 0.1"', 'sphere radius="0"', ("r.urdf:3", "<sphere> of link 'arm' without size", "radius")),
-        ('"-1"', '"-170"', ("r.urdf:4", "joint 'turn'", "from -170 to 1 rad", "degrees? Then write -2.967 and 0.01745")),
+        ('"-1"', '"-170"', ("r.urdf:4", "from -170 to 1 rad", "degrees? Then write -2.967 and 0.01745")),
         ("robot", "sdf", ("r.urdf:1", "<sdf>", "<robot>")),
         ("</robot>", "", ("no whole XML: no element found",)),
     ],

@@ -13,6 +13,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.settings.safety import read_safety
 from phyagentos.runtime.models.drafting import draft_profile, find_carried
+from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.models.hand_drafting import find_flange
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.models.sources import find_model
@@ -90,6 +91,13 @@ def test_a_gripper_of_two_fingers_is_drafted_with_pads_that_close_on_each_other(
     assert "joint_velocity_max:\n" in limits  # the model says it
     assert "gripper_force_max:   # check: the maker's data sheet" in limits
     assert "payload_kg: 1   # check" in settled.render()
+
+
+def test_the_drive_of_a_hand_has_the_force_that_the_friction_of_its_joints_takes_besides_its_grip(tmp_path):
+    profile, _, _ = draft(tmp_path, build_arm() + build_jaws().replace("</joint>", '<dynamics friction="30"/></joint>'))
+    assert profile.gripper.force_n == pytest.approx(50.0)
+    assert profile.gripper.stiffness_n_m == pytest.approx(5000.0)
+    assert measure_hand(profile, tmp_path / "robots" / "mine").widths_m[0] < 0.02
 
 
 @pytest.mark.parametrize(("low", "high", "side"), [(-1.6, 0.0, 1), (0.0, 1.6, -1), (-3.14, 3.14, 1)])
