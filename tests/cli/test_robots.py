@@ -3,6 +3,7 @@
 import json
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -13,6 +14,7 @@ from phyagentos.cli.outcome import ExitCode
 from phyagentos.operations import robots
 from phyagentos.operations.robots import RobotTrial
 from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.runtime.motion.requests import Approaches
 from tests.command_line import assert_ended, assert_refused
 from tests.models_here import read_profile_here
 
@@ -175,6 +177,19 @@ def test_a_robot_without_a_hand_is_tried_and_sent_back_for_one(paos, model, monk
     assert f"it takes nothing; with one: rm -r robots/arm && {anew}" in drafted.err
     assert f"arm && {anew} --joint elbow" in tried.err
     assert_refused(paos("robot", "new", model, "--name", "arm"), "--name, or remove robots/arm to draft it anew")
+
+
+@pytest.mark.parametrize(("least_m", "says"), [(0.7, "one 0.75 m over its base"), (9.0, "or another hand")])
+def test_an_arm_that_takes_nothing_on_the_level_of_its_base_is_told_of_how_high_it_takes_it(monkeypatch, least_m, says):
+    profile = read_profile_here("panda")[0]
+    planner = SimpleNamespace(robot=SimpleNamespace(profile=profile))
+
+    def find_grasps(_, bodies):
+        return Approaches(approaches=(), timing=None) if bodies[0].pose.position_m[2] > least_m else None
+
+    monkeypatch.setattr(robot_trial, "measure_reach", lambda _: 0.8)
+    monkeypatch.setattr(robot_trial, "_find_grasps", find_grasps)
+    assert says in robot_trial._advise_height(planner, 0.02)
 
 
 @pytest.mark.parametrize(("takes_m", "says"), [(0.028, "at most 28 mm wide"), (0.05, "next: paos run tidy_table")])
