@@ -177,12 +177,12 @@ class ProfileDraft:
         model, top = self.compiled, int(self.compiled.jnt_bodyid[self.chain[-1]])
         forces = [self._find_force(name) / abs(share) for name, share in zip(hand.joints, hand.travel, strict=True)]
         moved = [
-            model.dof_frictionloss[model.jnt_dofadr[k]]
+            float(model.dof_frictionloss[model.jnt_dofadr[k]])
             for k in range(model.njnt)
             if k not in self.chain and is_below(model, int(model.jnt_bodyid[k]), top)
             and model.joint(k).name not in hand.still
         ]  # fmt: skip
-        return min([GUESSED_GRIP_N, *filter(None, forces)]) + sum(moved) / float(np.abs(hand.travel).sum())
+        return min([GUESSED_GRIP_N, *filter(None, forces)]) + sum(moved) / sum(map(abs, hand.travel))
 
 
 def _list_mount(mount: Pose) -> list[str]:
