@@ -14,6 +14,7 @@ from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.drivers.mujoco.physics import Physics
+from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.motion.draft_settling import build_floor, find_level, measure_reach
 from phyagentos.runtime.motion.planner import MotionPlanner
 from phyagentos.runtime.motion.requests import (
@@ -36,6 +37,7 @@ DRAWS = 5 * RETURNS  # of postures, of which some are not free
 LAG_MAX_RAD, RETURN_MAX_M, SLIP_MAX_M = 0.05, 0.001, 0.003
 TOOL = "`tool` (see paos robot render), `mount_position_m`, the height of its base"
 REASONS, WORDS = 3, {"ik": "out of reach", "line": "no straight line down"}  # shown, and what planning calls them
+HEIGHTS_M, AHEAD = (0.25, 0.5, 0.75, 1.0), (0.4, 0.6, 0.8)  # over its base, and in shares of its reach
 CUBE, SHARE, LARGEST_M = "cube", 0.6, 0.04  # what is grasped: this share of the opening, at most so wide
 MASS_KG = 0.1  # as of the cubes in shipped scenes
 FAR_M = 2.5  # where it stands for a robot that takes nothing
@@ -70,6 +72,7 @@ def run_trial(profile: TargetProfile, folder: Path) -> Trial:
     findings = []
     if half_m:
         share = sum(cells.values()) / len(cells)
+        least_m = float(measure_hand(profile, folder).widths_m[0])
         nowhere = f"nowhere in front ({show_reasons(refused)})"
         shown = f"{band_m[0]:.2f} to {band_m[1]:.2f} m in front" if band_m else nowhere
         findings += [
@@ -77,9 +80,14 @@ def run_trial(profile: TargetProfile, folder: Path) -> Trial:
                 "grasps of a cube on the level of the base",
                 f"{shown}, {share:.0%} of the map",
                 band_m is not None,
-                f"{TOOL}, or another hand",
+                "" if band_m else _advise_height(planner, half_m),
             ),
-            Finding("opening", f"0 to {profile.gripper.max_width_m * 1e3:.0f} mm, as its pads open in the model"),
+            Finding(
+                "opening",
+                f"{least_m * 1e3:.0f} to {profile.gripper.max_width_m * 1e3:.0f} mm, as its pads open in the model",
+                least_m < 2.0 * half_m,
+                "`gripper.force_n`, with which its drive closes; `travel`, `pad_boxes`",
+            ),
         ]
     middle_m = float(np.mean(band_m)) if band_m else FAR_M
     reached = [at for at, found in cells.items() if found]
@@ -106,6 +114,16 @@ def _map_grasps(planner: MotionPlanner, half_m: float) -> tuple[Cells, Counter[s
 
 def _find_grasps(planner: MotionPlanner, bodies: tuple[Entity, ...]) -> MotionAnswer:
     return planner.answer(FindGrasps(world=World(bodies), object=CUBE, q_rad=planner.robot.home_rad, seed=0, count=1))
+
+
+def _advise_height(planner: MotionPlanner, half_m: float) -> str:
+    """What to change where no cube on the level of the base is taken: how it stands, if it takes one that is higher."""
+    (x, y, _), reach_m = planner.robot.profile.mount_position_m, measure_reach(planner.robot)
+    for up_m in HEIGHTS_M:
+        places = [(x + share * reach_m, y, find_level(planner.robot) + up_m) for share in AHEAD]
+        if any(isinstance(_find_grasps(planner, _list_bodies(half_m, at)[1:]), Approaches) for at in places):
+            return f"`mount_position_m`: it takes one {up_m:g} m over its base, so it stands lower than what it takes"
+    return f"{TOOL}, or another hand"
 
 
 def show_reasons(refused: Mapping[str, int]) -> str:

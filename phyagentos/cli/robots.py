@@ -64,16 +64,21 @@ def try_(
     found = robots.try_robot(robot, to, is_written=written)
     rows = [(each.what, each.measured, "well" if each.well else "not well") for each in found.findings]
     notes = [f"wrote {to}", *(f"{each.what}: change {each.change}" for each in found.findings if each.change)]
-    if not found.takes:
-        notes.append("it has no hand that opens, so no grasp was tried: draft it anew with --hand, or write `gripper`")
+    if not found.takes_m:
+        notes.append(f"it has no hand that opens: no grasp was tried; write `gripper`, or: {found.with_hand}")
     entries = ", ".join(f"{key}: {value}" for key, value in found.entries.items())
     if entries and written:
         notes.append(f"wrote into its profile: {entries}")
     elif entries:
         notes.append(f"its profile has not yet: {entries}; write it by hand, or: paos robot try {robot} --write")
     is_well = all(each.well for each in found.findings)
-    if is_well and found.takes:
+    if is_well and found.takes_m >= robots.CUBE_M:
         notes.append(f"next: paos run tidy_table --set targets.arm={robot}")
+    elif is_well and found.takes_m:
+        notes.append(
+            f"it takes what is at most {1e3 * found.takes_m:.0f} mm wide, and the cubes of tidy_table are wider; "
+            f"next: smaller objects in a scene of yours (scenes/desk.yaml of `paos init`), or: {found.with_hand}"
+        )
     elif not is_well:
         notes.append(f"next: change {found.file}, then: paos robot try {robot}")
     code = ExitCode.GOAL_MET if is_well else ExitCode.GOAL_NOT_MET
@@ -145,8 +150,9 @@ def new(
     found = robots.draft_robot(model, folder, name, {key: value for key, _, value in pairs}, joint, hand)
     notes = [*found.remarks]
     notes += [f"its model is {found.model}: set PHYAGENTOS_MODELS to {found.models}"] if found.models else []
-    notes.append(
-        f"next: paos robot check {found.robot} && paos robot render {found.robot} && paos robot try {found.robot}"
-    )
+    if found.with_hand:
+        notes.append(f"it has no hand that opens, so that it takes nothing; with one: {found.with_hand}")
+    steps = ("check", "render", "try")
+    notes.append(f"next: {' && '.join(f'paos robot {step} {found.robot}' for step in steps)} --write")
     written = f"wrote {found.file} and {found.safety.name}; check {count(len(found.asks), 'line')}:"
     return Reply(found, "\n  ".join((written, *found.asks)), notes)

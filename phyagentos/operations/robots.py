@@ -1,5 +1,6 @@
 """Profiles of robots: which there are, what one's model says, what it lacks, how it looks, a draft of a new one."""
 
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,9 +17,10 @@ from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.settings.safety import Safety, read_safety
 from phyagentos.scratch import open_scratch
 
-ENOUGH_M = 0.85  # reach that needs no smaller scenes: they are laid out for an arm of 0.9
-FAR_M, LEAST = 1.0, 0.5  # reach of scenes as they are, with a margin; how small they become
-NEARER = 0.4  # of what it then lacks
+NEAR_M, FAR_M = 0.36, (0.66, 0.40)  # of what shipped scenes hold, the nearest, and the farthest along x and y
+LEAST, STEP, SPARE = 0.5, 0.05, 0.2  # how small scenes become, by which steps; of a band, what is left free before it
+CUBE_M = 0.04  # of shipped scenes
+HAND = "menagerie:robotiq_2f85/2f85.xml"
 
 
 class KnownRobot(msgspec.Struct, frozen=True, kw_only=True):
@@ -67,7 +69,8 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True):
 class RobotTrial(msgspec.Struct, frozen=True, kw_only=True):
     """What a robot did alone in simulation; `band_m` is where it can take objects in front, none where it cannot.
 
-    `takes` is whether it has a hand that opens; `entries` are what `file`, its profile, should say of this, as YAML.
+    `takes_m` is how wide what its hand takes may be, zero without one that opens; `with_hand` is the command that
+    drafts it with another; `entries` are what `file`, its profile, should say of this, as YAML.
     """
 
     robot: str
@@ -75,7 +78,8 @@ class RobotTrial(msgspec.Struct, frozen=True, kw_only=True):
     findings: tuple[Measured, ...]
     band_m: tuple[float, float] | None
     picture: Path
-    takes: bool = True
+    takes_m: float
+    with_hand: str
     entries: dict[str, str] = {}
 
 
@@ -87,6 +91,7 @@ class DraftedProfile(msgspec.Struct, frozen=True, kw_only=True):
         asks: Lines of both files that are guessed: file, line number and text.
         models: Folder that PHYAGENTOS_MODELS must name for this model; None where it is found without.
         remarks: What was left out of the model, or added to it.
+        with_hand: The command that drafts it with a hand, where it has none that opens.
     """
 
     robot: str
@@ -96,6 +101,7 @@ class DraftedProfile(msgspec.Struct, frozen=True, kw_only=True):
     model: str
     models: Path | None = None
     remarks: tuple[str, ...] = ()
+    with_hand: str = ""
 
 
 def list_robots() -> tuple[KnownRobot, ...]:
@@ -165,6 +171,7 @@ def try_robot(robot: str, to: Path, *, is_written: bool = False) -> RobotTrial:
     """
     from phyagentos.assembly.robot_trial import run_trial
     from phyagentos.runtime.models.robot import read_profile
+    from phyagentos.runtime.motion.grasps import LEAST_CLEARANCE_M
 
     if problems := (checked := check_robot(robot)).problems:
         raise DefinitionError(problems)
@@ -181,18 +188,32 @@ def try_robot(robot: str, to: Path, *, is_written: bool = False) -> RobotTrial:
     if entries and is_written:
         text = checked.file.read_text(encoding="utf-8")
         replace_durably(checked.file, write_entries(text, entries).encode())
-    takes = profile.end_effector == "opening"
     return RobotTrial(
-        robot=robot, file=checked.file, findings=findings, band_m=trial.band_m, picture=to, takes=takes, entries=entries
-    )
+        robot=robot, file=checked.file, findings=findings, band_m=trial.band_m, picture=to, entries=entries,
+        takes_m=max(profile.gripper.max_width_m - LEAST_CLEARANCE_M, 0.0),
+        with_hand=_name_with_hand(
+            checked.file.parent, profile.model, profile.arguments.as_texts(), profile.arm.joints[-1]
+        ),
+    )  # fmt: skip
+
+
+def _name_with_hand(folder: Path, model: str, arguments: Mapping[str, str], joint: str) -> str:
+    """The command that drafts a robot anew, with a hand that opens."""
+    given = [f"--arg {key}={value}" for key, value in arguments.items()] + ([f"--joint {joint}"] if joint else [])
+    return " ".join((f"rm -r {folder} && paos robot new {model} --name {folder.name} --hand {HAND}", *given))
 
 
 def _list_entries(near_m: float, far_m: float) -> dict[str, str]:
     """What a profile says of distances [m] between which objects can be taken: these, and how scenes come so near."""
-    entries = {"grasp_band_m": f"[{near_m:.2f}, {far_m:.2f}]"}
-    nearer = f", move_m: [{NEARER * (far_m - LEAST):.3f}, 0, 0]" if far_m < LEAST * FAR_M else ""
-    placing = {"placement": f"{{scale: {max(far_m / FAR_M, LEAST):.2f}{nearer}}}"} if far_m < ENOUGH_M else {}
-    return entries | placing
+    scale = 1.0
+    while True:  # trays become as small as what stands fixed, and hands do not: the largest scale that fits
+        x, y = scale * FAR_M[0], scale * FAR_M[1]
+        nearer_m = min(math.sqrt(max(far_m**2 - y**2, 0.0)) - x, 0.0)
+        if scale <= LEAST or nearer_m == 0.0 or scale * NEAR_M + nearer_m >= near_m + SPARE * (far_m - near_m):
+            break
+        scale -= STEP
+    placing = {"placement": f"{{scale: {scale:.2f}, move_m: [{nearer_m:.3f}, 0, 0]}}"}
+    return {"grasp_band_m": f"[{near_m:.2f}, {far_m:.2f}]"} | (placing if (scale, nearer_m) != (1.0, 0.0) else {})
 
 
 def draft_robot(
@@ -236,4 +257,5 @@ def draft_robot(
     return DraftedProfile(
         robot=target, file=place, safety=place.with_name("safety.yaml"), asks=tuple(asks), model=named, models=models,
         remarks=draft.remarks,
+        with_hand="" if draft.hand or draft.carried else _name_with_hand(place.parent, named, arguments, joint),
     )  # fmt: skip

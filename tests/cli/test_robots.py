@@ -3,6 +3,7 @@
 import json
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -10,7 +11,10 @@ import yaml
 from phyagentos.assembly import robot_trial
 from phyagentos.assembly.robot_trial import find_band
 from phyagentos.cli.outcome import ExitCode
+from phyagentos.operations import robots
+from phyagentos.operations.robots import RobotTrial
 from phyagentos.protocol.capabilities.library import find_shipped_root
+from phyagentos.runtime.motion.requests import Approaches
 from tests.command_line import assert_ended, assert_refused
 from tests.models_here import read_profile_here
 
@@ -145,7 +149,7 @@ def test_what_a_trial_measures_is_written_into_the_profile_of_a_project_on_reque
     assert paos("robot", "try", "arm", "--write").code == ExitCode.GOAL_MET
     text = Path("robots/arm/target.yaml").read_text()
     assert "grasp_band_m: [0.12, 0.40]\n" in text
-    assert "placement: {scale: 0.50, move_m: [-0.040, 0, 0]}\n" in text
+    assert "placement: {scale: 0.50, move_m: [0.000, 0, 0]}\n" in text
     assert paos("robot", "check", "arm").code == ExitCode.GOAL_MET
     read_profile_here("panda")
     assert_refused(paos("robot", "try", "panda", "--write"), "'panda', a robot of the package")
@@ -169,10 +173,42 @@ def test_a_home_is_drafted_above_the_floor(paos, model, monkeypatch):
 @pytest.mark.slow
 def test_a_robot_without_a_hand_is_tried_and_sent_back_for_one(paos, model, monkeypatch):
     monkeypatch.setenv("PHYAGENTOS_MODELS", str(model.parents[1]))
-    assert paos("robot", "new", model, "--name", "arm").code == ExitCode.GOAL_MET
-    tried = paos("robot", "try", "arm")
-    assert "draft it anew with --hand" in tried.out + tried.err
+    drafted, tried = paos("robot", "new", model, "--name", "arm"), paos("robot", "try", "arm")
+    anew = "paos robot new models:vendor/scara.xml --name arm --hand menagerie:robotiq_2f85/2f85.xml"
+    assert f"it takes nothing; with one: rm -r robots/arm && {anew}" in drafted.err
+    assert f"arm && {anew} --joint elbow" in tried.err
     assert_refused(paos("robot", "new", model, "--name", "arm"), "--name, or remove robots/arm to draft it anew")
+
+
+@pytest.mark.parametrize(("least_m", "says"), [(0.7, "one 0.75 m over its base"), (9.0, "or another hand")])
+def test_an_arm_that_takes_nothing_on_the_level_of_its_base_is_told_of_how_high_it_takes_it(monkeypatch, least_m, says):
+    profile = read_profile_here("panda")[0]
+    planner = SimpleNamespace(robot=SimpleNamespace(profile=profile))
+
+    def find_grasps(_, bodies):
+        return Approaches(approaches=(), timing=None) if bodies[0].pose.position_m[2] > least_m else None
+
+    monkeypatch.setattr(robot_trial, "measure_reach", lambda _: 0.8)
+    monkeypatch.setattr(robot_trial, "_find_grasps", find_grasps)
+    assert says in robot_trial._advise_height(planner, 0.02)
+
+
+@pytest.mark.parametrize(("takes_m", "says"), [(0.028, "at most 28 mm wide"), (0.05, "next: paos run tidy_table")])
+def test_a_hand_too_small_for_the_cubes_of_the_shipped_scenes_is_said_before_a_run(paos, monkeypatch, takes_m, says):
+    trial = RobotTrial(robot="a", file=Path("a"), findings=(), band_m=(0.1, 0.9), picture=Path("a.png"),
+                       takes_m=takes_m, with_hand="rm")  # fmt: skip
+    monkeypatch.setattr(robots, "try_robot", lambda *_, **__: trial)
+    assert says in (found := paos("robot", "try", "a").err)
+    assert found.count("next: ") == 1
+
+
+@pytest.mark.parametrize(
+    ("band_m", "placement"),
+    [((0.1, 0.8), None), ((0.3, 1.0), None), ((0.1, 0.56), "{scale: 0.80, move_m: [-0.068, 0, 0]}"),
+     ((0.11, 0.34), "{scale: 0.50, move_m: [-0.055, 0, 0]}")],
+)  # fmt: skip
+def test_scenes_come_nearer_before_they_become_smaller_than_hands(band_m, placement):
+    assert robots._list_entries(*band_m).get("placement") == placement
 
 
 @pytest.mark.parametrize(

@@ -83,6 +83,17 @@ def test_a_motion_is_planned_commanded_and_recorded(build_bench, build_session):
     assert was_halted(bench.target)
 
 
+def test_a_session_that_opens_slowly_shows_signs_of_life_between_the_steps_of_it(build_bench, build_session):
+    bench = build_bench()
+    calls, fetch = bench.beats, bench.runner._handle.fetch_files
+    bench.runner._handle.fetch_files = lambda *given: calls.append({"phase": "fetched"}) or fetch(*given)
+    bench.run(build_session(skill="home", parameters={}))
+    opening = [each["phase"] for each in calls][: [each["phase"] for each in calls].index("executing")]
+    around = opening.index("fetched")
+    assert opening[around - 1] == opening[around + 1] == "loading"
+    assert opening.count("loading") >= 5
+
+
 @pytest.fixture
 def make_rolling(doubles):
     """Targets whose red cube rolls until they have settled for so long [s]."""
@@ -514,7 +525,7 @@ def test_the_heartbeat_tells_phase_and_active_leaf(build_bench, build_session, d
     bench.run(build_session(skill="home", parameters={}))
 
     phases = [beat["phase"] for beat in bench.beats]
-    assert list(dict.fromkeys(phases)) == ["thinking", "executing", "halting", "observing"]
+    assert list(dict.fromkeys(phases)) == ["loading", "thinking", "executing", "halting", "observing"]
     assert {beat["leaf"] for beat in bench.beats if beat["phase"] == "thinking"} == {"home/move_home"}
 
 

@@ -61,6 +61,7 @@ class SkillContext:
         planner: Answers motion requests in its own process; simulated time stands while it plans.
         initial: The world before the first command.
         lag: Of the arm behind its set-points.
+        lowest_m: Height under which its tool centre point may not be, world frame [m].
         calls: Procedures of the target; None where there is no target to call.
         evidence: Folder of the session's bundle; None where none is kept.
         events: Events beside the tree so far.
@@ -73,6 +74,7 @@ class SkillContext:
     world: WorldModel
     initial: Environment
     lag: Lag
+    lowest_m: float
     cell: NeighbourAccess = NeighbourAccess()
     calls: CallPort | None = None
     evidence: Path | None = None
@@ -109,6 +111,12 @@ def compute_leaf_seed(session: Session, path: str, use: int = 0) -> int:
     return compute_seed(session.seed, "leaf", path, use)
 
 
+def find_lowest(profile: TargetProfile, limits: TargetLimits) -> float:
+    """Least height of the tool centre point [m]: of the target itself, or what the guard allows where it has none."""
+    box_m = profile.workspace_m if profile.workspace_m is not None else limits.workspace_box.value
+    return float(np.asarray(box_m)[0, 2])
+
+
 def open_context(
     session: Session,
     *,
@@ -143,6 +151,7 @@ def open_context(
         world=world,
         initial=initial,
         lag=Lag(float(np.asarray(limits.tracking_error_max.value))),
+        lowest_m=find_lowest(profile, limits),
         cell=cell,
         calls=calls,
         evidence=evidence,

@@ -1,11 +1,13 @@
 """What MuJoCo's compiler refuses of a model, as one problem at its file, with the link or joint and what to write."""
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
-from phyagentos.errors import DefinitionError, Problem
+from phyagentos.errors import DefinitionError, Problem, raise_any
 from phyagentos.protocol.capabilities.targets import HAND
 from phyagentos.runtime.models.sources import is_urdf
 
@@ -13,6 +15,8 @@ _ELEMENT = re.compile(r"Element name '([^']*)', id \d+(?:, line (\d+))?")
 _TAG = re.compile(r"Element '([^']*)', line (\d+)")
 _FLAT, _SHELL = re.compile(r"mesh volume is too small: (\S+)"), mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
 _HEAD = re.compile(r"^(XML )?(parse )?error( \d+)?:\s*", re.IGNORECASE)
+TURNS_RAD, CIRCLE_DEG = 4.0 * np.pi, 360.0  # further no joint of a robot turns; but without end
+SMALL_RAD, HINGES = 0.22, 3  # joints, so many, that turn less are no arm
 # What it says; then what was found, and what to write: {0} is the element, {1} what the pattern's group holds.
 _REFUSALS = (
     (r"mass and inertia of moving bodies", "link {0}, which a joint moves, without mass or without inertia",
@@ -52,13 +56,40 @@ def compile_model(spec: mujoco.MjSpec, *paths: Path) -> mujoco.MjModel:
     """
     while True:
         try:
-            return spec.compile()
+            model = spec.compile()
         except (ValueError, mujoco.FatalError) as error:
             flat = _FLAT.search(str(error))
             mesh = spec.mesh(flat[1]) if flat else None
             if mesh is None or mesh.inertia == _SHELL:
                 raise DefinitionError(explain(str(error), *paths)) from error
             mesh.inertia = _SHELL
+        else:
+            raise_any(_iter_odd_units(model, *paths))
+            return model
+
+
+def _iter_odd_units(model: mujoco.MjModel, *paths: Path) -> Iterator[Problem]:
+    """Joints whose ranges are in degrees where radians are meant, and all those of a MJCF that are the other way round.
+
+    What is beyond a circle in degrees too turns without end.
+    """
+    hinges = np.flatnonzero((model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited > 0)).tolist()
+    for joint in hinges:
+        span, name = model.jnt_range[joint], model.joint(joint).name
+        if TURNS_RAD < np.abs(span).max() <= CIRCLE_DEG:
+            low, high = np.radians(span)
+            yield Problem(
+                "MODEL_INVALID",
+                _locate(paths[-1] if HAND in name else paths[0], name.rpartition(HAND)[2]),
+                f"joint {name!r} that turns from {span[0]:g} to {span[1]:g} rad",
+                f"at most {TURNS_RAD:.4g} rad to either side",
+                f"Are these degrees? Then write {low:.4g} and {high:.4g}.",
+            )
+    spans = np.ptp(model.jnt_range[hinges], axis=1) if hinges else np.zeros(0)
+    if len(hinges) >= HINGES and not is_urdf(paths[0]) and spans.max() < SMALL_RAD:
+        found = f"joints of which none turns by more than {np.degrees(spans.max()):.3g} degrees"
+        hint = 'Are their ranges in radians? Then write <compiler angle="radian"/>.'
+        yield Problem("MODEL_INVALID", str(paths[0]), found, "joints of an arm", hint)
 
 
 def explain(text: str, *paths: Path) -> Problem:

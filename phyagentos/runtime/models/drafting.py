@@ -33,7 +33,8 @@ _PATH = re.compile(r"[\w:./+@-]+")
 GUESSED_TORQUE_NM, GUESSED_SPEED_RAD_S, GUESSED_LOAD_KG, GUESSED_GRIP_N = 20.0, 1.0, 1.0, 20.0
 STIFFNESS_PER_TORQUE, DAMPING_SHARE = 40.0, 0.1  # of a servo that holds its arm within a few milliradians
 ARMATURE_S2 = 0.001  # least inertia of motors behind gears, of their torque; with less such a servo shakes light links
-ENDLESS_RAD = 8.0 * np.pi  # of a range of an arm's joint: as wide ones have no end, or are degrees
+ENDLESS_RAD = 8.0 * np.pi  # of a range of an arm's joint: as wide ones have no end
+SQUEEZE_M, GRIP_DAMPING_S = 0.01, 0.03  # of a drive of a gripper: at which it has its full force; of its stiffness
 UNMOVED = Pose((0.0, 0.0, 0.0))
 ARM, LEG = 4, 3  # hinges after which what branches is a hand; that make one of several arms
 
@@ -121,7 +122,7 @@ class ProfileDraft:
             *tool,
             *(_list_mount(self.mount) if self.mount != UNMOVED else ()),
             f"grasp_band_m: {_show(self.band_m)}   # check: paos robot try {self.name} measures it",
-            _map("ranges", endless, "the model lets them turn without end, or has degrees for radians"),
+            _map("ranges", endless, "the model lets them turn without end"),
             _map("parked_rad", parked, "joints of the model that this target does not move"),
             "arm:",
             f"  joints: [{', '.join(map(_quote, names))}]",
@@ -172,9 +173,16 @@ class ProfileDraft:
         return force or self.forces.get(joint, 0.0)
 
     def _find_grip(self, hand: HandDraft) -> float:
-        """Of the drive [N]: a guess, and no more than any of its joints has."""
+        """Of the drive [N]: a guess, no more than any of its joints has; and what the dry friction of all takes."""
+        model, top = self.compiled, int(self.compiled.jnt_bodyid[self.chain[-1]])
         forces = [self._find_force(name) / abs(share) for name, share in zip(hand.joints, hand.travel, strict=True)]
-        return min([GUESSED_GRIP_N, *filter(None, forces)])
+        moved = [
+            float(model.dof_frictionloss[model.jnt_dofadr[k]])
+            for k in range(model.njnt)
+            if k not in self.chain and is_below(model, int(model.jnt_bodyid[k]), top)
+            and model.joint(k).name not in hand.still
+        ]  # fmt: skip
+        return min([GUESSED_GRIP_N, *filter(None, forces)]) + sum(moved) / sum(map(abs, hand.travel))
 
 
 def _list_mount(mount: Pose) -> list[str]:
@@ -187,6 +195,7 @@ def _list_mount(mount: Pose) -> list[str]:
 
 
 def _list_gripper(hand: HandDraft, width_m: float, depth_m: float, force_n: float) -> list[str]:
+    stiffness_n_m = max(GUESSED_GRIP_N, force_n) / SQUEEZE_M
     pads = [
         f"    - {{name: pad_{index}, body: {_quote(body)}, {_place(pose)}, half_m: {_show(PAD_M)}}}"
         for index, (body, pose) in enumerate(hand.pads)
@@ -200,8 +209,8 @@ def _list_gripper(hand: HandDraft, width_m: float, depth_m: float, force_n: floa
         *pads,
         "  pad_surface: rubber",
         f"  max_width_m: {width_m:.4g}   # as the pads open in the model",
-        "  stiffness_n_m: 2000.0",
-        "  damping_ns_m: 60.0",
+        f"  stiffness_n_m: {stiffness_n_m:.4g}",
+        f"  damping_ns_m: {GRIP_DAMPING_S * stiffness_n_m:.4g}",
         f"  force_n: {force_n:.3g}   # check: its data sheet",
         f"  palm_depth_m: {depth_m:.3g}   # beyond it something else than the pads would touch",
         f"  palm_height_m: {max(hand.palm_m + hand.tip_m, 0.01):.3g}",

@@ -220,6 +220,9 @@ class _Document:
                         self._problem(shape, f"<{shape.tag}> in link {name!r}", f"{', '.join(_SIZES)}, mesh")
                     )
                 if shape is None or (shape.tag in _SIZES and self._is_flat(shape)):
+                    if shape is not None and shown.tag == "collision":
+                        sizes = f"{' and '.join(_SIZES[shape.tag])} above zero [m]"
+                        problems.append(self._problem(shape, f"a <{shape.tag}> of link {name!r} without size", sizes))
                     empty.append(f"a {shown.tag} of link {name!r} without size")
                     link.remove(shown)
                 elif shape.tag == "mesh":

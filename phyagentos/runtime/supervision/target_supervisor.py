@@ -197,8 +197,10 @@ class TargetSupervisor:
             self._free()
         elif not is_ours:
             self._free()  # it was cancelled, or another watchdog claimed it; once released it is in the queue again
-        elif any(problem.code == TARGET_LOST for problem in answer.problems) and self._lost_targets < STARTS:
-            self._put_back(session)
+        elif (
+            lost := next((each for each in answer.problems if each.code == TARGET_LOST), None)
+        ) and self._lost_targets < STARTS:
+            self._put_back(session, lost.found)
         elif answer.plan is None:
             refused = make_rejection(id, *answer.problems, epoch=epoch)
             self._journal.record(*self._journal.open_check(id, epoch), refused)
@@ -251,13 +253,13 @@ class TargetSupervisor:
         waits = bool(execution.open_criteria) or execution.ended in INTERRUPTED
         self._unsure = (session.id, self._clock.now_s()) if waits else None
 
-    def _put_back(self, session: Session) -> None:
+    def _put_back(self, session: Session, why: str) -> None:
         """The target was lost while a session was checked: the session waits for another."""
         self._lost_targets += 1
         self.worker.kill(with_world=True)
         if self._journal.get_state(session.id) is not SessionState.PENDING:
             self._journal.record(
-                make_entry(session.id, "release", self.epoch, reason=f"{TARGET_LOST}: while it was checked")
+                make_entry(session.id, "release", self.epoch, reason=f"{TARGET_LOST}: while it was checked: {why}")
             )
         self._queues.put(self._journal.ledger.sessions[session.id])
         self._let_go()

@@ -185,17 +185,21 @@ class SessionRunner:
             beat(phase=phase, tick=ticks, sim_time_s=time_s, leaf=result.active, **posture)
             recorder.follow_trace(loop.skill.trace)
 
-        handle = self._handle
+        handle, rest = self._handle, partial(beat, phase="loading")
         observation = handle.begin(session.id, epoch)
         self._world.enter(session.scene)
+        rest()  # of a large model each of these steps may take seconds
         first = self._world.observe(WORLD)
         initial = self._look_on(first, recorder, lambda now: is_start_marginal(session, now))
         if initial is not first:
             observation = handle.observe(snapshot=True)
         handle.guard_against(initial)
-        self._provide_model(session, recorder)
+        rest()
+        self._provide_model(session, recorder, rest)
         self._write_world(recorder, LookRole.START, observation, initial)
+        rest()
         self._take_picture(recorder, files.PICTURE_BEFORE)
+        rest()
         context = self._skills.open_context(session, self._target, initial, recorder.folder)
         skill = self._skills.open(session, plan, context)
         loop = SessionLoop(
@@ -329,12 +333,13 @@ class SessionRunner:
         )
         recorder.write_file(RECORDING, loop.cameras.encode() if loop.cameras is not None else b"")
 
-    def _provide_model(self, session: Session, recorder: Recorder) -> None:
+    def _provide_model(self, session: Session, recorder: Recorder, rest: Callable[[], None]) -> None:
         """The scene model, where the target has one: written once an episode, shared by its later sessions."""
         episode = session.scene.episode
         if self._model_of is not None and self._model_of[0] == episode and recorder.link_model(self._model_of[1]):
             return
         for name, data in self._handle.fetch_files(wire.SCENE_MODEL).items():
+            rest()
             recorder.write_file(name, data)
             self._model_of = (episode, recorder.folder)
 

@@ -26,6 +26,7 @@ MJCF = """<mujoco><compiler meshdir="assets"/><asset>
 <mesh name="part" file="part.stl"/></asset><worldbody><body name="base"><geom size="0.1"/>
 <body name="arm"><joint name="turn" axis="0 0 1" range="-1 1"/><geom name="link" type="mesh" mesh="part"/>
 <geom size="0.01" pos="0.2 0 0"/></body></body></worldbody></mujoco>"""
+NARROW = "<body><joint axis='0 0 1' range='-2.5 2.5' limited='true'/><geom size='0.1'/>" * 3 + "</body>" * 3
 PROFILE = """target: mine
 description: An arm.
 model: mine.xml
@@ -151,6 +152,9 @@ def test_the_absent_mesh_of_a_solid_is_never_left_out_of_a_mjcf(tmp_path, old):
         ('velocity="2"', 'velocity="-2"', ("r.urdf:5", '<limit velocity="-2">', "below zero")),
         ('box size="0.1', 'box size="-0.1', ("r.urdf:3", "<box size=", "below zero")),
         ('box size="0.1 0.1 0.1"', "cone", ("r.urdf:3", "<cone> in link 'arm'", "cylinder")),
+        ('size="0.1 0.1 0.1"', 'size="0.1 0 0.1"', ("r.urdf:3", "<box> of link 'arm' without size", "above zero")),
+        ('box size="0.1 0.1 0.1"', 'sphere radius="0"', ("r.urdf:3", "<sphere> of link 'arm' without size", "radius")),
+        ('"-1"', '"-170"', ("r.urdf:4", "from -170 to 1 rad", "degrees? Then write -2.967 and 0.01745")),
         ("robot", "sdf", ("r.urdf:1", "<sdf>", "<robot>")),
         ("</robot>", "", ("no whole XML: no element found",)),
     ],
@@ -166,7 +170,6 @@ def test_what_no_robot_can_be_made_of_is_named_with_its_line_and_what_to_write(t
     [
         (INERTIAL + BOX, "", "weighs a gram"),
         (INERTIAL + BOX, "<visual/>", "without size"),
-        ('size="0.1 0.1 0.1"', 'size="0 0 0"', "a collision of link 'arm' without size"),
         ("0.1 0.1", "0.1\t0.1", ""),
         ('lower="-1" upper="1"', 'lower="0" upper="0"', "joint 'turn' has no range"),
         ("revolute", "continuous", ""),
@@ -201,6 +204,7 @@ def test_a_mesh_that_encloses_nothing_counts_as_a_shell(tmp_path):
             "<mujoco><asset><hfield name='f' file='f.png' size='1 1 1 1'/></asset></mujoco>",
             ("UNREADABLE_FILE", "f.png"),
         ),
+        (f"<mujoco><worldbody>{NARROW}</worldbody></mujoco>", ("none turns by more than 5 degrees", "radian")),
         ("<mujoco><include file='gone.xml'/></mujoco>", ("UNREADABLE_FILE", "gone.xml")),
         ("<mujoco><worldbody><geom type='blob'/></worldbody></mujoco>", ("m.xml:1", "'blob'", "<geom>")),
         ("<mujoco>\n<extension><plugin plugin='a.b'/></extension></mujoco>", ("m.xml:2", "plugin a.b")),

@@ -13,6 +13,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.settings.safety import read_safety
 from phyagentos.runtime.models.drafting import draft_profile, find_carried
+from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.models.hand_drafting import find_flange
 from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.models.sources import find_model
@@ -91,6 +92,13 @@ def test_a_gripper_of_two_fingers_is_drafted_with_pads_that_close_on_each_other(
     assert "joint_velocity_max:\n" in limits  # the model says it
     assert "gripper_force_max:   # check: the maker's data sheet" in limits
     assert "payload_kg: 1   # check" in settled.render()
+
+
+def test_the_drive_of_a_hand_has_the_force_that_the_friction_of_its_joints_takes_besides_its_grip(tmp_path):
+    profile, _, _ = draft(tmp_path, build_arm() + build_jaws().replace("</joint>", '<dynamics friction="30"/></joint>'))
+    assert profile.gripper.force_n == pytest.approx(50.0)
+    assert profile.gripper.stiffness_n_m == pytest.approx(5000.0)
+    assert measure_hand(profile, tmp_path / "robots" / "mine").widths_m[0] < 0.02
 
 
 @pytest.mark.parametrize(("low", "high", "side"), [(-1.6, 0.0, 1), (0.0, 1.6, -1), (-3.14, 3.14, 1)])
@@ -174,12 +182,11 @@ def test_names_with_blanks_and_prefixes_are_written_so_that_they_are_read_back(t
     assert profile.arm.joints[5] == f"{prefix}j6"
 
 
-@pytest.mark.parametrize("is_degrees", [False, True], ids=["continuous", "degrees"])
-def test_joints_without_an_end_get_a_range_that_is_asked_for(tmp_path, is_degrees):
+@pytest.mark.parametrize("limit", ["", LIMIT.replace("2.5", "1e16")], ids=["continuous", "far"])
+def test_joints_without_an_end_get_a_range_that_is_asked_for(tmp_path, limit):
     rest, _, last = build_arm().rpartition(LIMIT)
     endless = build_arm().replace('name="j6" type="revolute"', 'name="j6" type="continuous"')
-    degrees = f"{rest}{LIMIT.replace('2.5', '175')}{last}"
-    profile, settled, _ = draft(tmp_path, degrees if is_degrees else endless)
+    profile, settled, _ = draft(tmp_path, f"{rest}{limit}{last}" if limit else endless)
     assert dict(profile.ranges) == {"j6": (-3.14, 3.14)}
     assert "ranges: {j6: [-3.14, 3.14]}   # check" in settled.render()
 

@@ -24,6 +24,15 @@ def test_only_where_no_object_has_a_grasp_with_a_posture_is_a_run_refused(x_m, o
     assert all(f"no posture for any grasp of {', '.join(sorted(objects))}" in each.found for each in problems)
 
 
+def test_a_run_is_refused_where_all_objects_are_wider_than_the_hand_opens():
+    profile = read_profile(file := Library.open().get_target("panda"))[0]
+    narrow = profile.model_copy(update={"gripper": profile.gripper.model_copy(update={"max_width_m": 0.03})})
+    scene = read_scene(Library.open().get_scene("tabletop/cubes_and_trays"))
+    (problem,) = find_out_of_reach(narrow, file, scene, {"red_cube"}, 1)
+    assert problem.code == "NOT_GRASPABLE"
+    assert "red_cube is wider than the gripper opens (0.03 m)" in problem.found
+
+
 @pytest.mark.parametrize(
     ("tree", "grasps"),
     [("pick", True), ("pick_and_place", True), ("stack", True), ("push", False), ("inspect", False), ("take_it", True)],

@@ -1,7 +1,5 @@
 """Find what an earlier session has left in the hand, and where to set it down."""
 
-import math
-
 from phyagentos.protocol.world.entity_geometry import compute_lowest
 from phyagentos.protocol.world.free_spot import find_free_spot, find_support
 from phyagentos.runtime.execution.leaf import Leaf, PortInformation, Role, Status
@@ -32,8 +30,7 @@ class FindHeld(Leaf):
         held = [each for each in holding if each in now.entities and not now.entities[each].part_of][:1]
         self.write("things", Names(held))
         for name in held:
-            lowest_m = profile.workspace_m[0][2] if profile.workspace_m is not None else -math.inf
-            drop_m = compute_lowest(now.entities[name]) - lowest_m
+            drop_m = compute_lowest(now.entities[name]) - self.context.lowest_m
             if (support := find_support(now, name, drop_m)) is None:
                 return self.fail(
                     "NO_FREE_SITE",
