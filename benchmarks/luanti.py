@@ -41,9 +41,9 @@ NO_COMPARISON = "no comparison: those agents are given pixels and lose most by k
 
 def write_goal(items: Sequence[str], to: Path, library: Library) -> Path:
     """The goal of carrying items, planned from bare hands; raises ValueError where there is no plan."""
-    name = "_and_".join(items)
+    name = items[0] + (f"_and_{len(items) - 1}_more" if len(items) > 1 else "")
     wanted = {
-        "goal": f"carry_{name}", "objective": f"Carry {name}, from bare hands.", "scene": "land",
+        "goal": f"carry_{name}", "objective": f"Carry {', '.join(items)}, from bare hands.", "scene": "land",
         "targets": {"agent": "player"}, "accept": [f"holds({item}) >= 1" for item in items],
     }  # fmt: skip
     file = to / "goal.yaml"
