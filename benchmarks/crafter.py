@@ -21,7 +21,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from matplotlib import pyplot
 from scipy.stats import binomtest
 
 from phyagentos.assembly.agent_plane import Agent, MemoryUse
@@ -116,6 +115,8 @@ def compute_sign_test(better: int, worse: int) -> float:
 
 def plot(file: Path, to: Path) -> None:
     """Days survived in one life after the other, memory kept and erased."""
+    from matplotlib import pyplot  # slow to load, and of no use to other runs
+
     figure, axes = pyplot.subplots(figsize=(7.0, 3.5), layout="constrained")
     lines = [*map(json.loads, file.read_text(encoding="utf-8").splitlines())]
     for arm, marker in (("kept", "o"), ("erased", "x")):

@@ -81,10 +81,15 @@ def learn(sessions: int, seed: int, folder: Path, clock: Clock) -> set[str]:
     book, known, held, lived = HiddenBook.read(LIBRARY), set[str](), set[str](), 0
     while sessions > 0 and (wanted := book.choose_trials(known, held)):
         lived += 1
-        library = write_known(LIBRARY, known.union(wanted), folder / f"library_{lived}")
+        while True:  # a life has no more sessions than are left
+            library = write_known(LIBRARY, known.union(wanted), folder / f"library_{lived}_{len(wanted)}")
+            goal = write_goal(wanted, folder, library)
+            if len(yaml.safe_load(goal.read_text(encoding="utf-8"))["sessions"]) <= sessions or len(wanted) == 1:
+                break
+            wanted = wanted[:-1]
         workspace = Workspace.create(folder / f"life_{lived}", library)
         with open_bench(workspace, clock, memory=folder, memory_use=MemoryUse.LEARN) as agent:
-            report = agent.mission.run(write_goal(wanted, folder, library), seed=seed, goal=f"life_{lived}")
+            report = agent.mission.run(goal, seed=seed, goal=f"life_{lived}")
         sessions -= len(report.sessions)
         held |= {*iter_verified(workspace.knowledge)}
         known = held & book.recipes.keys()

@@ -6,7 +6,6 @@ What it reports of itself is what the benchmark's picture shows: items, vitals, 
 achievements are the benchmark's score: they stay in this process, and go to the file `OUTCOMES` when a session ends.
 """
 
-import contextlib
 import json
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -43,6 +42,7 @@ NIGHT = 0.35  # daylight below which it is dark
 DAY, WELL = 0.5, 6  # daylight, and health, at which a rest ends
 AWAY = 12.0  # steps that another frontier may be farther if it is of the wanted ground
 NEAR = 3  # cells from a plant that grows
+WEARY = 1  # energy at which it sleeps anywhere
 ROOM = 2  # cells of a shelter
 LOSSES = {"zombie": "zombie", "skeleton": "arrow", "arrow": "arrow", "no food": "hunger", "no drink": "thirst"}
 MARGINS = {"zombie": ("health", "light"), "arrow": ("health",), "hunger": ("food",), "thirst": ("drink",)}
@@ -256,8 +256,11 @@ class CrafterBody(ToolBody[str]):
 
     def sleep(self) -> Steps[str]:
         """Tool: wall itself in where stone is, and sleep until it is day, and it is awake and well."""
-        with contextlib.suppress(ToolFailed):  # without stone it sleeps in the open
+        try:
             yield from self._wall_in()
+        except ToolFailed:  # without stone it sleeps in the open, unless an earlier life was lost so
+            if "zombie" in self._feared and self._items["energy"] > WEARY:
+                raise
         yield "sleep"
         while self._env._player.sleeping or (self._needs_rest() and self._items["food"] and self._items["drink"]):
             yield "sleep"
