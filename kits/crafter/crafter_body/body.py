@@ -231,14 +231,19 @@ class CrafterBody(ToolBody[str]):
         return "has eaten"
 
     def defend(self) -> Steps[str]:
-        """Tool: strike what is beside it, close the line of an arrow with a stone or leave it, and await a zombie."""
+        """Tool: strike what is beside it, close the line of an arrow with a stone or leave it, and await a zombie.
+
+        One that is hurt, and wary of zombies, leaves them.
+        """
         while dangers := self._map.list_dangers(self._map.at):
             self._check_alive()
             at, kinds = self._map.at, self._map.creatures
             beside = [cell for cell in dangers if measure(cell, at) == 1 and kinds[cell] in FOES]
             arrows = [cell for cell in dangers if kinds[cell] == "arrow"]
-            safe = [name for name, cell in self._list_steps().items() if not self._map.list_dangers(cell)]
-            if beside:
+            safe = [name for name, cell in self._map.list_steps().items() if not self._map.list_dangers(cell)]
+            if (away := self._map.find_flight(dangers)) and "zombie" in self._feared and self._items["health"] < WELL:
+                yield f"move_{away}"
+            elif beside:
                 yield "do" if self._map.facing in beside else self._turn(beside[0])
             elif self._items["stone"] and self._is_open(self._map.facing) and self._is_towards(dangers[0]):
                 yield "place_stone"
@@ -303,12 +308,6 @@ class CrafterBody(ToolBody[str]):
         for _ in range(steps):
             yield "noop"
         return f"waited {steps} steps"
-
-    def _list_steps(self) -> dict[str, Cell]:
-        """The cells that it can step on now, by direction."""
-        (x, y), seen = self._map.at, self._map
-        beside = {name: (x + u, y + v) for (u, v), name in DIRECTIONS.items()}
-        return {name: cell for name, cell in beside.items() if seen.is_free(cell)}
 
     def _find_cause(self, creatures: Mapping[Cell, str]) -> str:
         """Why health was just lost, by what is felt, and was seen now and a step before."""

@@ -98,6 +98,22 @@ class LocalMap:
         flight = [(cell[0] + n * u, cell[1] + n * v) for n in range(1, steps + 1)]
         return flight[-1] == at and all(self.cells.get(each) in OPEN for each in flight)
 
+    def list_steps(self) -> dict[str, Cell]:
+        """The cells that it can step on now, by direction."""
+        x, y = self.at
+        beside = {name: (x + u, y + v) for (u, v), name in DIRECTIONS.items()}
+        return {name: cell for name, cell in beside.items() if self.is_free(cell)}
+
+    def find_flight(self, dangers: Collection[Cell]) -> str:
+        """The step that leads farthest from all dangers; empty where none leads away."""
+
+        def measure_room(cell: Cell) -> int:
+            return min(measure(cell, danger) for danger in dangers)
+
+        steps = self.list_steps()
+        best = max(steps, key=lambda name: measure_room(steps[name]), default="")
+        return best if best and measure_room(steps[best]) > measure_room(self.at) else ""
+
     def measure_routes(
         self, items: Collection[str], feared: Collection[str] = ()
     ) -> tuple[dict[Cell, float], dict[Cell, Cell]]:
