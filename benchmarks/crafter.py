@@ -13,15 +13,23 @@ import argparse
 import json
 import math
 import os
+import re
 import tempfile
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from scipy.stats import binomtest
+
+from phyagentos.assembly.agent_plane import Agent, MemoryUse
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.documents.document import read_document
+from phyagentos.protocol.sessions.lessons import LESSONS
+from phyagentos.protocol.sessions.memory_entries import EntryState
 from phyagentos.protocol.workspace.workspace import Workspace
 
 LIBRARY = Path(__file__).parent / "crafter_parts" / "library"
@@ -58,6 +66,69 @@ def live(seeds: Sequence[int], outcomes: Path) -> None:
                 agent.mission.run(LIBRARY / "goal_graphs" / "live.yaml", seed=seed, goal=f"life-{seed}")
 
 
+def live_in_pairs(seeds: Sequence[int], outcomes: Path) -> None:
+    """One life after the other in each of two workspaces: one keeps its memory, the other one's is always empty."""
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        lives, arms = Path(folder) / "lives.jsonl", dict[str, tuple[Workspace, Agent]]()
+        os.environ[OUTCOMES] = str(lives)
+        for arm, use in (("kept", MemoryUse.LEARN), ("erased", MemoryUse.NONE)):
+            workspace = Workspace.create(Path(folder) / arm, Library.open(LIBRARY))
+            arms[arm] = workspace, stack.enter_context(open_bench(workspace, SystemClock(), memory_use=use))
+        for seed in seeds:
+            warned = list_warnings(arms["kept"][0].lessons)
+            for arm, (_, agent) in arms.items():
+                agent.mission.run(LIBRARY / "goal_graphs" / "live.yaml", seed=seed, goal=f"life-{seed}")
+                with outcomes.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps({**read_lives(lives)[seed], "arm": arm, "warned": warned}) + "\n")
+
+
+def list_warnings(lessons: Path) -> list[str]:
+    """What LESSONS.md warns of: causes of earlier deaths."""
+    if not lessons.exists():
+        return []
+    entries = read_document(lessons.read_text(encoding="utf-8"), LESSONS, str(lessons)).blocks.values()
+    active = [each.condition for each in entries if each.state is EntryState.ACTIVE]
+    return sorted({found[1] for text in active if (found := re.search(r"lost_to_(\w+)", text))})
+
+
+def compare(file: Path) -> dict[str, float]:
+    """Of each seed the life with memory kept beside that with memory erased, and the sign test of their differences."""
+    lines = [*map(json.loads, file.read_text(encoding="utf-8").splitlines())]
+    arms = [{line["seed"]: line for line in lines if line["arm"] == arm} for arm in ("kept", "erased")]
+    pairs = [(arms[0][seed], arms[1][seed]) for seed in arms[0] if seed in arms[1]]
+    died = [[each["lost_to"] in kept["warned"] for each in (kept, erased)] for kept, erased in pairs]
+    longer = [kept["steps"] - erased["steps"] for kept, erased in pairs]
+    figures: dict[str, float] = {"pairs": len(pairs)}
+    for index, arm in enumerate(("kept", "erased")):
+        figures[f"{arm}_days_mean"] = round(sum(pair[index]["steps"] for pair in pairs) / len(pairs) / DAY_STEPS, 2)
+        figures[f"{arm}_deaths_warned_of"] = sum(each[index] for each in died)
+        figures[f"{arm}_score"] = round(compute_score([pair[index]["achievements"] for pair in pairs]), 1)
+    figures["deaths_p"] = compute_sign_test(died.count([False, True]), died.count([True, False]))
+    figures["days_p"] = compute_sign_test(sum(each > 0 for each in longer), sum(each < 0 for each in longer))
+    return figures
+
+
+def compute_sign_test(better: int, worse: int) -> float:
+    """The chance of so many out of all that differ, or more, if neither were likelier (McNemar 1947, exact)."""
+    return round(float(binomtest(better, better + worse, alternative="greater").pvalue), 4) if better + worse else 1.0
+
+
+def plot(file: Path, to: Path) -> None:
+    """Days survived in one life after the other, memory kept and erased."""
+    from matplotlib import pyplot  # slow to load, and of no use to other runs
+
+    figure, axes = pyplot.subplots(figsize=(7.0, 3.5), layout="constrained")
+    lines = [*map(json.loads, file.read_text(encoding="utf-8").splitlines())]
+    for arm, marker in (("kept", "o"), ("erased", "x")):
+        days = [line["steps"] / DAY_STEPS for line in lines if line["arm"] == arm]
+        means = [sum(days[: n + 1]) / (n + 1) for n in range(len(days))]
+        (line,) = axes.plot(range(1, len(days) + 1), means, label=f"memory {arm}: mean so far")
+        axes.plot(range(1, len(days) + 1), days, marker, alpha=0.5, color=line.get_color())
+    axes.set(xlabel="life", ylabel="days survived")
+    axes.legend()
+    figure.savefig(to)
+
+
 def sum_up(lives: Mapping[int, Mapping[str, Any]]) -> dict[str, float]:
     """The figures of these lives; shares are of lives."""
     unlocked = Counter(name for life in lives.values() for name in life["achievements"])
@@ -77,7 +148,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else "")
     parser.add_argument("--seeds", type=int, nargs="*", default=list(range(1, 11)))
     parser.add_argument("--outcomes", type=Path, required=True, help="JSON lines, appended to; all lives in it count")
+    parser.add_argument("--paired", action="store_true", help="each seed twice: memory kept, and erased")
+    parser.add_argument("--plot", type=Path, help="days survived per life, of paired lives")
     given = parser.parse_args()
+    if given.paired:
+        live_in_pairs(given.seeds, given.outcomes)
+        if given.plot:
+            plot(given.outcomes, given.plot)
+        print(json.dumps({"figures": compare(given.outcomes)}))
+        return
     if given.seeds:
         live(given.seeds, given.outcomes)
     print(json.dumps({"figures": sum_up(read_lives(given.outcomes))}))

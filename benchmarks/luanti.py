@@ -19,8 +19,10 @@ from typing import Any
 
 import yaml
 
+from benchmarks.luanti_parts.hidden import HiddenBook, iter_verified, write_known
 from benchmarks.luanti_parts.tasks import GROUPS
 from benchmarks.runner import show
+from phyagentos.assembly.agent_plane import MemoryUse
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import PhyAgentOSError
@@ -37,36 +39,62 @@ PUBLISHED = {  # success by Optimus-3 and by PhyAgentOS, with keyboard and mouse
 NO_COMPARISON = "no comparison: those agents are given pixels and lose most by keyboard and mouse, which none has here"
 
 
-def write_goal(item: str, to: Path) -> Path:
-    """The goal of carrying an item, planned from bare hands; raises DefinitionError where there is no plan."""
+def write_goal(items: Sequence[str], to: Path, library: Library) -> Path:
+    """The goal of carrying items, planned from bare hands; raises ValueError where there is no plan."""
+    name = items[0] + (f"_and_{len(items) - 1}_more" if len(items) > 1 else "")
     wanted = {
-        "goal": f"carry_{item}", "objective": f"Carry {item}, from bare hands.", "scene": "land",
-        "targets": {"agent": "player"}, "accept": [f"holds({item}) >= 1"],
+        "goal": f"carry_{name}", "objective": f"Carry {', '.join(items)}, from bare hands.", "scene": "land",
+        "targets": {"agent": "player"}, "accept": [f"holds({item}) >= 1" for item in items],
     }  # fmt: skip
-    file = to / f"{item}.yaml"
+    file = to / "goal.yaml"
     file.write_text(yaml.safe_dump(wanted), encoding="utf-8")
-    planned = plan(file, library=Library.open(LIBRARY))
+    planned = plan(file, library=library)
     if not isinstance(planned, PlannedGraph):
-        raise ValueError(f"no plan for {item}: {planned}")
+        raise ValueError(f"no plan for {name}: {planned}")
     file.write_text(yaml.safe_dump(yaml.safe_load(planned.graph) | {"defaults": LIMITS}), encoding="utf-8")
     return file
 
 
-def try_tasks(tasks: Sequence[tuple[str, str, int]], clock: Clock) -> Iterator[dict[str, Any]]:
+def try_tasks(
+    tasks: Sequence[tuple[str, str, int]], clock: Clock, library: Library | None = None
+) -> Iterator[dict[str, Any]]:
     """Each task of a group in the world of a seed, one after the other in one workspace: what came of it."""
+    library = library or Library.open(LIBRARY)
     with tempfile.TemporaryDirectory() as folder:
-        workspace = Workspace.create(Path(folder) / "w", Library.open(LIBRARY))
+        workspace = Workspace.create(Path(folder) / "w", library)
         with open_bench(workspace, clock) as agent:
             for group, item, seed in tasks:
                 line: dict[str, Any] = {"group": group, "item": item, "seed": seed}
                 try:
-                    report = agent.mission.run(write_goal(item, Path(folder)), seed=seed, goal=f"carry_{item}-{seed}")
+                    goal = write_goal([item], Path(folder), library)
+                    report = agent.mission.run(goal, seed=seed, goal=f"carry_{item}-{seed}")
                 except (PhyAgentOSError, ValueError) as error:
                     yield line | {"is_met": False, "why": str(error)}
                     continue
                 line |= {"is_met": report.verdict == "success", "why": report.reason}
                 line |= {"sessions": len(report.sessions), "wall_s": round(report.wall_s, 1)}
                 yield line | {"sim_s": round(sum(each.sim_time_s for each in report.sessions), 1)}
+
+
+def learn(sessions: int, seed: int, folder: Path, clock: Clock) -> set[str]:
+    """Recipes that were verified in so many sessions of memory, the book hidden; one life after the other."""
+    book, known, held, lived = HiddenBook.read(LIBRARY), set[str](), set[str](), 0
+    while sessions > 0 and (wanted := book.choose_trials(known, held)):
+        lived += 1
+        while True:  # a life has no more sessions than are left
+            library = write_known(LIBRARY, known.union(wanted), folder / f"library_{lived}_{len(wanted)}")
+            goal = write_goal(wanted, folder, library)
+            if len(yaml.safe_load(goal.read_text(encoding="utf-8"))["sessions"]) <= sessions or len(wanted) == 1:
+                break
+            wanted = wanted[:-1]
+        workspace = Workspace.create(folder / f"life_{lived}", library)
+        with open_bench(workspace, clock, memory=folder, memory_use=MemoryUse.LEARN) as agent:
+            report = agent.mission.run(goal, seed=seed, goal=f"life_{lived}")
+        sessions -= len(report.sessions)
+        held |= {*iter_verified(workspace.knowledge)}
+        known = held & book.recipes.keys()
+        print(f"life {lived}: {len(report.sessions)} sessions, {len(known)} recipes known", flush=True)
+    return known
 
 
 def read_outcomes(file: Path) -> dict[tuple[str, str, int], Mapping[str, Any]]:
@@ -92,12 +120,17 @@ def main() -> None:
     parser.add_argument("--groups", nargs="*", choices=[*GROUPS], default=[*GROUPS])
     parser.add_argument("--seeds", type=int, nargs="*", default=list(range(1, 6)))
     parser.add_argument("--outcomes", type=Path, required=True, help="JSON lines, appended to; all tasks in it count")
+    parser.add_argument("--hidden", type=int, default=0, help="hide the book, and try recipes in so many sessions")
     given = parser.parse_args()
     known = read_outcomes(given.outcomes)
     turns = [(index, group) for group in given.groups for index in range(len(GROUPS[group]))]
     tasks = [(group, GROUPS[group][index], seed) for seed in given.seeds for index, group in sorted(turns)]
-    if left := [each for each in tasks if each not in known]:
-        for line in try_tasks(left, SystemClock()):
+    with tempfile.TemporaryDirectory() as folder:
+        library = Library.open(LIBRARY)
+        if given.hidden:
+            learned = learn(given.hidden, given.seeds[0], Path(folder), SystemClock())
+            library = write_known(LIBRARY, learned, Path(folder) / "learned")
+        for line in try_tasks([each for each in tasks if each not in known], SystemClock(), library):
             with given.outcomes.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
     figures = sum_up(read_outcomes(given.outcomes).values())

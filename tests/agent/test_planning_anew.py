@@ -1,11 +1,13 @@
 """The rest of a goal is planned anew where no alternative is left: nodes and edges in records, graph and TASK.md."""
 
+import msgspec
 import pytest
+import yaml
 
 from phyagentos.protocol.sessions.session import Ended
 from phyagentos.protocol.sessions.tasks import TASK, Relation, iter_edges
 
-from .conftest import Play, check_report, make_world, put
+from .conftest import Play, add_skills, check_report, get_order, make_world, put
 
 ROW = """
     goal: row
@@ -102,3 +104,46 @@ def test_what_a_node_that_fans_out_would_bring_about_is_no_part_of_the_rest(make
     report = make_stage({"red": no_way, "red.r1": no_way}).pursue(write_graph(text + each))
 
     assert (report.verdict, report.nodes["red"]) == ("success", "rescued")
+
+
+MAKE = """
+    description: Has so many of an item.
+    tree: make
+    parameters: {object: {type: string}, count: {type: integer}}
+    guarantees: ["holds(${object}) >= ${count}"]
+    needs: {actions: [joint_position], capabilities: [manipulation]}
+    """
+FLOOR = """
+    goal: floor
+    objective: Two planks.
+    scene: table
+    targets: {arm: panda}
+    sessions:
+      planks: {skill: make, target: arm, with: {object: plank, count: 2}}
+    accept: ["holds(plank) >= 2"]
+    """
+
+
+def test_a_tool_that_broke_in_use_is_made_again_before_the_session_is_tried_again(make_stage, library, write_graph):
+    add_skills(library, {"make": MAKE})
+    book = [{"item": "plank", "needs": ["axe"]}, {"item": "axe", "lasts": 2}]
+    (library.roots[0] / "skills" / "make" / "recipes.yaml").write_text(yaml.safe_dump({"recipes": book}))
+
+    def carry(world, **items):
+        arm = world.targets["panda"]
+        return msgspec.structs.replace(
+            world, targets={"panda": msgspec.structs.replace(arm, inventory={**(arm.inventory or {}), **items})}
+        )
+
+    def make(world, session):
+        return Play(world=carry(world, **{session.parameters["object"]: session.parameters["count"]}))
+
+    def wear(world, session):
+        return Play(world=carry(world, axe=0, plank=1), ended=Ended.SKILL_FAILED, code="CALL_FAILED", leaf="make")
+
+    names = ("planks", "anew1_make_axe", "anew1_make_plank")
+    stage = make_stage(dict.fromkeys(names, make) | {"planks": wear}, world=carry(make_world(), axe=1))
+    report = stage.pursue(write_graph(FLOOR))
+
+    assert get_order(stage) == [*names]
+    assert report.verdict == "success"

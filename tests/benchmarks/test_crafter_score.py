@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from benchmarks.crafter import ACHIEVEMENTS, compute_score, read_lives, sum_up
+from benchmarks.crafter import ACHIEVEMENTS, compare, compute_score, compute_sign_test, read_lives, sum_up
 
 
 def test_the_score_is_a_geometric_mean_that_rare_achievements_raise_most():
@@ -26,3 +26,18 @@ def test_a_life_counts_as_it_stood_at_its_end(tmp_path):
     assert (figures["lives"], figures["achievements_mean"], figures["days_mean"]) == (2, 1.0, 1.5)
     assert figures["died_of_zombie"] == 1
     assert figures["share_collect_wood"] == 1.0
+
+
+def test_pairs_are_compared_by_what_memory_warned_of_and_by_days(tmp_path):
+    def live(seed, arm, lost_to, steps, warned=("zombie",)):
+        return {"seed": seed, "arm": arm, "lost_to": lost_to, "steps": steps, "warned": warned, "achievements": []}
+
+    lines = [live(1, "kept", "zombie", 300, ()), live(1, "erased", "zombie", 300, ())]
+    for seed in range(2, 7):
+        lines += [live(seed, "kept", "hunger", 900), live(seed, "erased", "zombie", 300)]
+    file = tmp_path / "pairs.jsonl"
+    file.write_text("".join(json.dumps(each) + "\n" for each in [*lines, live(9, "kept", "zombie", 1)]))
+    figures = compare(file)
+    assert (figures["pairs"], figures["kept_deaths_warned_of"], figures["erased_deaths_warned_of"]) == (6, 0, 5)
+    assert figures["deaths_p"] == figures["days_p"] == pytest.approx(0.5**5, abs=1e-4)
+    assert compute_sign_test(0, 0) == 1.0

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from benchmarks.luanti import GROUPS, read_outcomes, sum_up, write_goal
+from benchmarks.luanti import GROUPS, LIBRARY, read_outcomes, sum_up, write_goal
+from phyagentos.protocol.capabilities.library import Library
 
 KITS = Path(__file__).resolve().parents[2] / "kits"
 STONE = {"is_solid": True, "is_liquid": False, "hurts": False, "falls": False}
@@ -85,7 +86,7 @@ def test_there_are_as_many_tasks_as_in_the_groups_of_the_benchmark():
 @pytest.mark.slow
 @pytest.mark.parametrize("item", ["group_wood", "default_stone", "mesecons_walllever_wall_lever_off", "default_mese"])
 def test_a_task_is_planned_from_bare_hands_by_the_book(item, tmp_path):
-    graph = yaml.safe_load(write_goal(item, tmp_path).read_text())
+    graph = yaml.safe_load(write_goal([item], tmp_path, Library.open(LIBRARY)).read_text())
     assert graph["accept"] == [f"holds({item}) >= 1"]
     first = [name for name, node in graph["sessions"].items() if not node.get("after")]
     assert {graph["sessions"][name]["with"]["what"] for name in first} == {"group_tree"}
@@ -93,7 +94,7 @@ def test_a_task_is_planned_from_bare_hands_by_the_book(item, tmp_path):
 
 def test_what_no_recipe_makes_has_no_plan(tmp_path):
     with pytest.raises(ValueError, match="no plan for default_nyan"):
-        write_goal("default_nyan", tmp_path)
+        write_goal(["default_nyan"], tmp_path, Library.open(LIBRARY))
 
 
 def test_a_task_counts_by_its_last_outcome_and_a_group_by_its_tasks(tmp_path):
@@ -105,3 +106,28 @@ def test_a_task_counts_by_its_last_outcome_and_a_group_by_its_tasks(tmp_path):
     file = tmp_path / "outcomes.jsonl"
     file.write_text("".join(json.dumps(each) + "\n" for each in lines))
     assert sum_up(read_outcomes(file).values()) == {"wood_tried": 2, "wood_met": 0.5}
+
+
+def test_what_fell_onto_the_player_is_dug_before_anything_else(terrain_of):
+    from luanti_body.agent import Agent
+
+    class FakeLink:
+        def __init__(self):
+            self.nodes, self.dug = {(0, 2, 0): 1, (0, 1, 0): 0, (1, 1, 0): 1}, []
+
+        def call(self, name, **given):
+            if name == "book":
+                nodes = {each: kind | {"tools": {"": 1.0}} for each, kind in NODES.items()}
+                return {"recipes": {}, "nodes": nodes, "groups": {}, "ground": {}}
+            if name == "dig":
+                self.dug.append(given["at"])
+                self.nodes[given["at"]] = 0
+            nodes = [number for cell, kind in self.nodes.items() for number in (*cell, kind)]
+            about = {"at": (0, 1, 0), "hp": 20, "breath": 10, "day": 0.5, "light": 14, "items": {}, "creatures": []}
+            return about | {"names": ["air", "stone"], "nodes": nodes, "times": {"stone": 1.0}}
+
+    link = FakeLink()
+    agent = Agent(link, heading=0)
+    for action in agent.dig((1, 1, 0)):
+        agent.act(action, 0.1)
+    assert link.dug == [(0, 2, 0), (1, 1, 0)]

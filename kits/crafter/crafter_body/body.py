@@ -6,7 +6,6 @@ What it reports of itself is what the benchmark's picture shows: items, vitals, 
 achievements are the benchmark's score: they stay in this process, and go to the file `OUTCOMES` when a session ends.
 """
 
-import contextlib
 import json
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -38,11 +37,16 @@ VITALS = ("health", "food", "drink", "energy")
 SOURCES = {item: kind for kind, info in constants.collect.items() for item in info["receive"]}
 GAME = {"zombie", "skeleton", "cow"}
 ORES = {"stone", "coal", "iron", "diamond"}
+IN_THE_DARK = " in the dark"
 NIGHT = 0.35  # daylight below which it is dark
 DAY, WELL = 0.5, 6  # daylight, and health, at which a rest ends
 AWAY = 12.0  # steps that another frontier may be farther if it is of the wanted ground
 NEAR = 3  # cells from a plant that grows
+WEARY = 1  # energy at which it sleeps anywhere
 ROOM = 2  # cells of a shelter
+LOSSES = {"zombie": "zombie", "skeleton": "arrow", "arrow": "arrow", "no food": "hunger", "no drink": "thirst"}
+MARGINS = {"zombie": ("health", "light"), "arrow": ("health",), "hunger": ("food",), "thirst": ("drink",)}
+MARGIN = {"health": 2.0, "food": 2.0, "drink": 2.0, "light": 0.1}  # kept beside what is needed, once warned
 STRIKE = 2  # cells from which a foe that was seen may have struck
 TRIES = 400  # of collecting one found
 
@@ -67,6 +71,7 @@ class CrafterBody(ToolBody[str]):
             "sleep": Tool(self.sleep),
             "tend": Tool(self.tend),
             "wait": Tool(self.wait, {"steps": "integer"}),
+            "beware": Tool(self.beware, {"of": "string"}),
         }
         self._seed, self._cause, self._history = 0, "", list[str]()
         self._begin(0)
@@ -74,7 +79,7 @@ class CrafterBody(ToolBody[str]):
     def _begin(self, seed: int) -> None:
         self._seed, self._cause, self._history = seed, "", []
         self._env = make_env(seed)
-        self._map, self._is_over = LocalMap(self._env), False
+        self._map, self._is_over, self._feared = LocalMap(self._env), False, set[str]()
         self._steps = 0
 
     @property
@@ -109,13 +114,24 @@ class CrafterBody(ToolBody[str]):
         light = float(self._env._world.daylight)
         vitals = {name: float(self._items[name]) for name in VITALS}
         vitals |= {"calm": float(not self._map.list_dangers((x, y))), "awake": float(not player.sleeping)}
+        vitals |= {f"lost_to_{each}": float(each == self._loss) for each in MARGINS}
+        vitals["light"] = light
+        vitals |= {f"spare_{name}": vitals[name] - self._find_margin(name) for name in MARGIN}
         return State(
             base=(float(x), float(y), 0.0),
             inventory={name: n for name, n in self._items.items() if n and name not in VITALS},
-            vitals=vitals | {"light": light},
+            vitals=vitals,
             nearby=tuple(name for name in ("table", "furnace", "water") if name in near),
             daylight=light,
         )
+
+    @property
+    def _loss(self) -> str:
+        """What this life ended by; empty while it goes on, and where that is not known."""
+        return LOSSES.get(self._cause.removesuffix(IN_THE_DARK), "") if self._items["health"] <= 0 else ""
+
+    def _find_margin(self, vital: str) -> float:
+        return MARGIN[vital] if any(vital in MARGINS[each] for each in self._feared) else 0.0
 
     def list_entities(self) -> Sequence[Entity]:
         """Creatures in view, and the nearest of each kind of place that was seen."""
@@ -147,7 +163,8 @@ class CrafterBody(ToolBody[str]):
             is_dead = self._items["health"] <= 0
             line = {
                 "seed": self._seed, "session": session, "steps": self._steps, "achievements": unlocked,
-                "is_dead": is_dead, "cause": self._cause if is_dead else "", "daylight": self._env._world.daylight,
+                "is_dead": is_dead, "cause": self._cause if is_dead else "", "lost_to": self._loss,
+                "daylight": self._env._world.daylight,
             }  # fmt: skip
             with Path(path).open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
@@ -214,14 +231,19 @@ class CrafterBody(ToolBody[str]):
         return "has eaten"
 
     def defend(self) -> Steps[str]:
-        """Tool: strike what is beside it, close the line of an arrow with a stone or leave it, and await a zombie."""
+        """Tool: strike what is beside it, close the line of an arrow with a stone or leave it, and await a zombie.
+
+        One that is hurt, and wary of zombies, leaves them.
+        """
         while dangers := self._map.list_dangers(self._map.at):
             self._check_alive()
             at, kinds = self._map.at, self._map.creatures
             beside = [cell for cell in dangers if measure(cell, at) == 1 and kinds[cell] in FOES]
             arrows = [cell for cell in dangers if kinds[cell] == "arrow"]
-            safe = [name for name, cell in self._list_steps().items() if not self._map.list_dangers(cell)]
-            if beside:
+            safe = [name for name, cell in self._map.list_steps().items() if not self._map.list_dangers(cell)]
+            if (away := self._map.find_flight(dangers)) and "zombie" in self._feared and self._items["health"] < WELL:
+                yield f"move_{away}"
+            elif beside:
                 yield "do" if self._map.facing in beside else self._turn(beside[0])
             elif self._items["stone"] and self._is_open(self._map.facing) and self._is_towards(dangers[0]):
                 yield "place_stone"
@@ -239,15 +261,19 @@ class CrafterBody(ToolBody[str]):
 
     def sleep(self) -> Steps[str]:
         """Tool: wall itself in where stone is, and sleep until it is day, and it is awake and well."""
-        with contextlib.suppress(ToolFailed):  # without stone it sleeps in the open
+        try:
             yield from self._wall_in()
+        except ToolFailed:  # without stone it sleeps in the open, unless an earlier life was lost so
+            if "zombie" in self._feared and self._items["energy"] > WEARY:
+                raise
         yield "sleep"
         while self._env._player.sleeping or (self._needs_rest() and self._items["food"] and self._items["drink"]):
             yield "sleep"
         return "has slept"
 
     def _needs_rest(self) -> bool:
-        return self._env._world.daylight < DAY or self._items["health"] < WELL
+        is_day = self._env._world.daylight >= DAY + self._find_margin("light")
+        return not is_day or self._items["health"] < WELL + self._find_margin("health")
 
     def tend(self) -> Steps[str]:
         """Tool: wall a plant in, stay near while it grows, and eat it when it is ripe."""
@@ -271,22 +297,22 @@ class CrafterBody(ToolBody[str]):
         yield "do"
         return f"has eaten, food is {self._items['food']} after {before}"
 
+    def beware(self, of: str) -> Steps[str]:
+        """Tool: keep a margin to what earlier lives were lost to, by the conditions that were violated then."""
+        self._feared = {each for each in MARGINS if f"lost_to_{each}" in of}
+        yield from ()
+        return f"is wary of {', '.join(sorted(self._feared)) or 'nothing'}"
+
     def wait(self, steps: int) -> Steps[str]:
         """Tool: do nothing."""
         for _ in range(steps):
             yield "noop"
         return f"waited {steps} steps"
 
-    def _list_steps(self) -> dict[str, Cell]:
-        """The cells that it can step on now, by direction."""
-        (x, y), seen = self._map.at, self._map
-        beside = {name: (x + u, y + v) for (u, v), name in DIRECTIONS.items()}
-        return {name: cell for name, cell in beside.items() if seen.is_free(cell)}
-
     def _find_cause(self, creatures: Mapping[Cell, str]) -> str:
         """Why health was just lost, by what is felt, and was seen now and a step before."""
         near = {kind for cell, kind in creatures.items() if measure(cell, self._map.at) <= STRIKE}
-        dark = " in the dark" if self._env._world.daylight < NIGHT else ""
+        dark = IN_THE_DARK if self._env._world.daylight < NIGHT else ""
         if self._map.cells.get(self._map.at) == "lava":
             return "lava"
         if found := sorted(near & {"zombie", "arrow", "skeleton"}):
@@ -316,7 +342,8 @@ class CrafterBody(ToolBody[str]):
                 yield self._explore(kinds, costs, before)
 
     def _measure_routes(self) -> tuple[dict[Cell, float], dict[Cell, Cell]]:
-        return self._map.measure_routes([name for name, n in self._items.items() if n])
+        feared = {"zombie"} & self._feared | ({"skeleton"} if "arrow" in self._feared else set())
+        return self._map.measure_routes([name for name, n in self._items.items() if n], feared)
 
     def _face_spot(self, spots: Collection[Cell], stations: Collection[str] = ()) -> Iterator[str]:
         """Have one of these free cells before it, with all stations in reach; a cell is faced by walking towards it."""

@@ -17,6 +17,7 @@ DIGGABLE = {"stone": "wood_pickaxe", "coal": "wood_pickaxe", "iron": "stone_pick
 DIG_COST = 2.5  # steps: turn, dig, walk
 EDGE = "edge"  # beyond it there is no world
 BRIDGE_COST = 4.0  # and before that: put a stone into the water
+FEAR_COST = 4.0
 FOES, RANGE = {"zombie", "skeleton"}, 4
 PLANT, RIPE = "plant", "ripe plant"
 
@@ -97,8 +98,30 @@ class LocalMap:
         flight = [(cell[0] + n * u, cell[1] + n * v) for n in range(1, steps + 1)]
         return flight[-1] == at and all(self.cells.get(each) in OPEN for each in flight)
 
-    def measure_routes(self, items: Collection[str]) -> tuple[dict[Cell, float], dict[Cell, Cell]]:
-        """Steps to each cell in reach by walking and, by these items, digging and bridging; the cell before each."""
+    def list_steps(self) -> dict[str, Cell]:
+        """The cells that it can step on now, by direction."""
+        x, y = self.at
+        beside = {name: (x + u, y + v) for (u, v), name in DIRECTIONS.items()}
+        return {name: cell for name, cell in beside.items() if self.is_free(cell)}
+
+    def find_flight(self, dangers: Collection[Cell]) -> str:
+        """The step that leads farthest from all dangers; empty where none leads away."""
+
+        def measure_room(cell: Cell) -> int:
+            return min(measure(cell, danger) for danger in dangers)
+
+        steps = self.list_steps()
+        best = max(steps, key=lambda name: measure_room(steps[name]), default="")
+        return best if best and measure_room(steps[best]) > measure_room(self.at) else ""
+
+    def measure_routes(
+        self, items: Collection[str], feared: Collection[str] = ()
+    ) -> tuple[dict[Cell, float], dict[Cell, Cell]]:
+        """Steps to each cell in reach by walking and, by these items, digging and bridging; the cell before each.
+
+        Cells near creatures that are feared count for more.
+        """
+        near_foes = [cell for cell, kind in self.creatures.items() if kind in feared]
         costs, before, queue = {self.at: 0.0}, dict[Cell, Cell](), [(0.0, self.at)]
         while queue:
             cost, cell = heapq.heappop(queue)
@@ -114,6 +137,7 @@ class LocalMap:
                     step = BRIDGE_COST
                 else:
                     continue
+                step += FEAR_COST * any(measure(near, foe) <= RANGE for foe in near_foes)
                 if cost + step < costs.get(near, 1e9):
                     costs[near], before[near] = cost + step, cell
                     heapq.heappush(queue, (cost + step, near))

@@ -44,6 +44,7 @@ class Agent:
         self.terrain = Terrain(read_kinds(self.book.nodes))
         self.refusal, self.answer = "", dict[str, Any]()
         self._names: list[str] = []
+        self._searched = set[Cell]()
         self._debt_s = 0.0
         self.look()
         self._start = self.at
@@ -110,8 +111,11 @@ class Agent:
             raise ToolFailed(self.refusal)
 
     def dig(self, cell: Cell) -> Iterator[Action]:
-        """Dig a node in reach; one that falls down into its place is dug, too."""
+        """Dig a node in reach; what falls down into its place is dug, too, and before it what fell onto the player."""
+        wanted = cell
         for _ in range(TRIES):
+            x, y, z = self.at
+            cell = next((each for each in ((x, y + 1, z), self.at) if self.terrain.is_solid(each)), wanted)
             if self.terrain.is_open(cell):
                 return
             name = self.terrain.cells.get(cell, "")
@@ -180,10 +184,14 @@ class Agent:
                 return
 
     def search(self, sources: Sequence[str]) -> Iterator[Action]:
-        """Go a stretch on to where nodes of these kinds may be: on the surface, or through stone."""
+        """Go a stretch on to where nodes of these kinds may be: on the surface, into caves, or through stone."""
         (u, w), (x, y, z) = SIDES[self.heading % len(SIDES)], self.at
         if all(SOFT.isdisjoint(self.book.nodes[name]["tools"] or ()) for name in sources):
             level = self._start[1] - UNDERGROUND - FLOOR * ((self.heading - self._first_heading) // len(SIDES))
+            if y <= level + FLOOR and (caves := self._list_caves(level)):
+                self._searched.add(caves[0])
+                yield from self.travel({caves[0]})
+                return
             ahead = (x + u * ADVANCE, level, z + w * ADVANCE) if y <= level else (x, max(level, y - ADVANCE), z)
             if ahead in self.terrain.cells and y <= level:
                 raise ToolFailed("it was there before")
@@ -194,6 +202,16 @@ class Agent:
         if best[0] < 2:
             raise ToolFailed("there is no ground ahead")
         yield from self.travel({best[1]})
+
+    def _list_caves(self, level: int) -> list[Cell]:
+        """Ground at the edge of what was seen of caves near, not searched yet; the nearest first."""
+        edges = self.terrain.list_edges(self.at, ADVANCE)
+        open_ones = {
+            cell
+            for cell in edges
+            if cell[1] <= level + FLOOR and self.terrain.has_unseen(cell) and cell not in self._searched
+        }
+        return self.list_nearest(open_ones)
 
 
 def _read_cell(numbers: Sequence[float]) -> Cell:

@@ -15,7 +15,8 @@ FUEL, FUEL_S = "default:coal_lump", 40.0
 FURNACE = "default:furnace"
 GROUP, HIDDEN = "group:", "not_in_creative_inventory"
 PICKS = ("default:pick_wood", "default:pick_stone", "default:pick_steel")
-LASTS = {PICKS[0]: 12, PICKS[1]: 12, PICKS[2]: 3}  # finds that a pick survives, searching included: our estimate
+LASTS = dict(zip(PICKS, (4, 8, 20), strict=True))  # finds that each survives, the path to them included: our estimate
+SEARCH_S = 65.0  # of searching through stone, after which a pick of stone is worn out
 ON_GROUND_S, CRAFT_S = 5.0, 0.5
 
 
@@ -86,10 +87,11 @@ class Book:
         sources = self.list_sources(kind)
         for tool in ("", *PICKS):
             dug = [(self.ground.get(name, 0.0), self.nodes[name]["tools"]) for name in sources]
-            times = [search + tools[tool] for search, tools in dug if tool in tools]
-            if times:
+            if times := [(search + tools[tool], search) for search, tools in dug if tool in tools]:
+                time_s, search_s = min(times)
+                worn = Counter({self.name_kind(PICKS[1]): round(search_s / SEARCH_S)}) if tool else Counter[str]()
                 needs = (self.name_kind(tool),) if tool else ()
-                yield Recipe("gather", 1, Counter(), ON_GROUND_S + min(times), needs)
+                yield Recipe("gather", 1, +worn, ON_GROUND_S + time_s, needs)
                 if not tool:
                     break
         for each in (recipe for item in self.kinds[kind] for recipe in self.recipes.get(item, ())):

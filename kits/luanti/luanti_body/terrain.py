@@ -202,6 +202,11 @@ class Terrain:
         own = {at, (at[0], at[1] + 1, at[2]), goal}
         return any(all(cell in own or self.is_open(cell) for cell in _list_between(eye, each, goal)) for each in points)
 
+    def has_unseen(self, cell: Cell) -> bool:
+        """Whether a cell beside it, or above that, was never seen."""
+        x, y, z = cell
+        return any((x + u, y + v, z + w) not in self.cells for u, w in SIDES for v in (0, 1))
+
     def list_edges(self, at: Cell, radius: int) -> list[Cell]:
         """Cells on which one could stand, seen to be so, no farther than that in x and z."""
         x, y, z = at

@@ -105,7 +105,7 @@ def diagnose(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
     is_recorded = bool(bundle.trace) or bundle.execution.ended not in _OF_MACHINE
     never = CODES[found.cause].retry in {Retry.NEVER, Retry.EDITED} or bundle.after is None
     if found.cause is Cause.CONSTRAINT_VIOLATED:
-        broken = (each.text for each in _find_violated(criteria))
+        broken = (each.text for each in find_violated(criteria))
         never = never or any(evaluate_criterion(text, "hold", bundle).truth is not Truth.TRUE for text in broken)
     return replace(
         found,
@@ -155,7 +155,7 @@ def _find_cause(bundle: Bundle, criteria: Sequence[Criterion], timeline: Manipul
         return Diagnosis(Cause(execution.ended.upper()), _describe_end(bundle))
     if timeline.name and timeline.now is None and timeline.stage < Stage.GRASPED:
         return Diagnosis(Cause.OBJECT_GONE, f"{timeline.name} is not in the world after the session")
-    if (violated := next(iter(_find_violated(criteria)), None)) is not None:
+    if (violated := next(iter(find_violated(criteria)), None)) is not None:
         when = f" at {violated.at_s:.2f} s" if violated.at_s is not None else ""
         return Diagnosis(
             Cause.CONSTRAINT_VIOLATED, f"{violated.text} was false{when}: {violated.because}", violated.text
@@ -181,7 +181,8 @@ def _look_up(table: Mapping[Cause, set[str]], code: str) -> Cause | None:
     return next((cause for cause, codes in table.items() if get_present_name(code) in codes), None)
 
 
-def _find_violated(criteria: Sequence[Criterion]) -> list[Criterion]:
+def find_violated(criteria: Sequence[Criterion]) -> list[Criterion]:
+    """Conditions that were to hold all through, and were seen not to."""
     return [each for each in criteria if each.kind in {"hold", "constraint"} and each.truth is Truth.FALSE]
 
 

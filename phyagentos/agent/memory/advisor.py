@@ -6,7 +6,7 @@ the same form.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -17,7 +17,9 @@ from phyagentos.agent.memory.episodes import Features, Surroundings
 from phyagentos.agent.memory.memory import Found, Memory, Retrieval
 from phyagentos.agent.memory.methodological import join_ways
 from phyagentos.agent.memory.semantic import Pattern
+from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, find_parameter
 from phyagentos.protocol.documents.markdown import publish
+from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.means import DEFAULT_MEANS, Means
 from phyagentos.protocol.sessions.memory_entries import MemoryEntry, Risk, Scope
 from phyagentos.protocol.sessions.session import Session
@@ -30,6 +32,7 @@ class Advice:
 
     Attributes:
         threshold: Of the child's look-ahead; None for that of its node.
+        parameters: Of a skill that takes what memory warns of.
         means: Other means, where they can be had in the present world.
         otherwise: The advice where they cannot.
     """
@@ -40,6 +43,7 @@ class Advice:
     reasons: tuple[str, ...] = ()
     sources: tuple[str, ...] = ()
     threshold: float | None = None
+    parameters: Fields = field(default_factory=dict)
 
 
 class Advisor(Protocol):
@@ -72,10 +76,13 @@ NOTHING = Advice()
 
 def apply_advice(session: Session, advice: Advice) -> Session:
     """The contract with the advice in it; what a repair has chosen for this session wins over what is remembered."""
-    if not (advice.strategy or advice.reasons):
+    if not (advice.strategy or advice.reasons or advice.parameters):
         return session
     strategy = session.strategy.join(advice.strategy)
-    return msgspec.structs.replace(session, strategy=strategy, advice=advice.reasons, advised_by=advice.sources)
+    parameters = {**session.parameters, **advice.parameters}
+    return msgspec.structs.replace(
+        session, strategy=strategy, parameters=parameters, advice=advice.reasons, advised_by=advice.sources
+    )
 
 
 class MemoryAdvisor:
@@ -100,7 +107,12 @@ class MemoryAdvisor:
         if not (experience.corrections or experience.patterns or experience.cautions):
             return NOTHING
         features = self._surroundings.describe(session)
-        advice, entries = self._find(make_scope(session, features, self._surroundings, self._graph))
+        scope = make_scope(session, features, self._surroundings, self._graph)
+        advice, entries = self._find(scope)
+        skill = self._surroundings.skills.get(session.skill)
+        if skill is not None and (key := find_parameter(skill, ParameterRole.BROKEN)):
+            conditions = self._known.list_violated(scope)
+            advice = replace(advice, parameters={key: "; ".join(conditions)} if conditions else {})
         if entries and self._copies is not None:
             self._copies.mkdir(exist_ok=True)
             kept = msgspec.json.format(msgspec.json.encode({"snapshot": self._snapshot, "entries": entries}))

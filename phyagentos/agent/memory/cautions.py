@@ -6,6 +6,7 @@ contract as a sentence. What helps against it is learned as any other correction
 
 import msgspec
 
+from phyagentos.agent.judging.causes import Cause
 from phyagentos.agent.memory.entries import Entry, name_objects
 from phyagentos.agent.memory.episodes import Episode
 from phyagentos.agent.memory.scopes import compute_id, compute_scope
@@ -22,15 +23,17 @@ class Caution(Entry, frozen=True, kw_only=True, omit_defaults=True):
 
     Attributes:
         code: What happened (`ESTOPPED`, `CONSTRAINT_VIOLATED`, a broken limit).
+        condition: That did not hold; empty where none was violated.
     """
 
     code: str
+    condition: str = ""
     objective: str = ""
     sessions: tuple[str, ...] = ()
 
     def add(self, episode: Episode, seq: int) -> "Caution":
         """The caution after one more session in its scope."""
-        if self.code not in map(get_present_name, episode.safety):
+        if self.code not in map(get_present_name, episode.safety) or self.condition not in {"", *episode.violated}:
             return msgspec.structs.replace(self, count=self.count.add(success=False))
         return msgspec.structs.replace(
             self,
@@ -51,10 +54,11 @@ class Caution(Entry, frozen=True, kw_only=True, omit_defaults=True):
         where = self.where
         what = f"{where.skill} of {name_objects(where)} by {where.target}"
         return Lesson(
-            statement=f"{what}: {self.code} in {self.count} sessions.",
+            statement=f"{what}: {self.code}{self.condition and f' ({self.condition})'} in {self.count} sessions.",
             **self.describe_common(seq),
             objective=self.objective,
             cause=self.code,
+            condition=self.condition,
             risk=Risk.HIGH,
             verified_by=self.sessions[-1] if self.sessions else "",
         )
@@ -64,6 +68,13 @@ def begin(episode: Episode) -> list[Caution]:
     """The cautions of an episode's safety events, without any count."""
     scope = msgspec.structs.replace(compute_scope(episode), risk=None)  # it holds whatever else is at stake
     return [
-        Caution(id=compute_id("caution", scope, code, {}), scope=scope, code=code, objective=episode.objective)
+        Caution(
+            id=compute_id("caution", scope, code, {"condition": each} if each else {}),
+            scope=scope,
+            code=code,
+            condition=each,
+            objective=episode.objective,
+        )
         for code in dict.fromkeys(map(get_present_name, episode.safety))
+        for each in (episode.violated if code == Cause.CONSTRAINT_VIOLATED else ()) or ("",)
     ]

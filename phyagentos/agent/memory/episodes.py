@@ -11,6 +11,7 @@ import msgspec
 
 from phyagentos.agent.goals.selector import begins_with_holding
 from phyagentos.agent.judging.causes import Cause, CauseClass, find_refusal
+from phyagentos.agent.judging.diagnosis import find_violated
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.placed_scenes import name_plain
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime, find_roles
@@ -56,9 +57,10 @@ class Surroundings:
         skill = self.skills.get(session.skill)
         item, place = (str(session.parameters.get(key, "")) for key in (find_roles(skill) if skill else ("", "")))
         body = scene.bodies.get(item) if scene else None
+        made = item if skill is not None and skill.recipes else ""  # what is carried is named by its kind
         return Features(
             object=item,
-            object_kind=body.kind if body else "",
+            object_kind=body.kind if body else made,
             object_color=body.color if body else "",
             object_size=_compute_size(body) if body else "",
             destination=place,
@@ -112,6 +114,7 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         begun: Wall time at which its goal was submitted, UTC: sessions of one run have the same.
         prepared: Whether sessions before it prepared it, and none was an attempt.
         risk: What was at stake; None in records of before.
+        violated: Conditions that were to hold all through and did not.
     """
 
     session: str
@@ -140,6 +143,7 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     resumes: bool = False
     risk: Risk | None = None
     safety: tuple[str, ...] = ()
+    violated: tuple[str, ...] = ()
 
     @property
     def key(self) -> str:
@@ -211,6 +215,7 @@ def find_episode(
         resumes=skill is not None and begins_with_holding(skill),
         risk=Risk.GUARDED if contract.hold else Risk.NORMAL,
         safety=_find_safety(cause, execution),
+        violated=tuple(each.text for each in find_violated(decision.criteria)) if decision is not None else (),
     )
 
 

@@ -73,6 +73,16 @@ class Retrieval:
         ]
         return tuple(sorted(found, key=lambda each: (-each.last_seq, each.id))[:FOUND_MAX])
 
+    def list_violated(self, scope: Scope) -> tuple[str, ...]:
+        """Conditions that were violated in sessions of any skill where the scope holds otherwise."""
+        active = (each for each in self.experience.cautions.values() if each.is_active(self.experience.seq))
+        alike = (
+            each
+            for each in active
+            if not find_mismatch(msgspec.structs.replace(each.where, skill=""), scope, DEFAULT_STRATEGY)
+        )
+        return tuple(sorted({each.condition for each in alike} - {""}))
+
     def find_promoted(self, scope: Scope) -> Pattern | None:
         """The way that has become the default in a scope, None when that is the skill's own or nothing is proved."""
         promoted = [

@@ -142,13 +142,17 @@ class Changes:
     def find_unmet(self, session: Session, world: Environment) -> tuple[str, ...]:
         """What a session needs of the world and lacks now, so that no other way of carrying it out can help."""
         from phyagentos.agent.planning.domain import build_domain
+        from phyagentos.agent.planning.recipe_domain import build_recipe_domain, is_of_amounts
 
         accept = tuple(text for text in session.accept if parse_predicate(text).is_lasting)
+        if not accept:
+            return ()
+        wanted, catalogue = self._want(accept), self.drafter.compiler.catalogue
         try:
-            domain = build_domain(self._want(accept), self.drafter.compiler.catalogue, world) if accept else None
+            domain = (build_recipe_domain if is_of_amounts(wanted) else build_domain)(wanted, catalogue, world)
         except DefinitionError:  # of a form that no plan is made for
-            domain = None
-        return domain.find_unmet((session.skill, session.target, session.parameters)) if domain is not None else ()
+            return ()
+        return domain.find_unmet((session.skill, session.target, session.parameters))
 
     def find_movers(self, node: str, objects: Collection[str]) -> dict[str, str]:
         """Nodes that go on or are to come, none of them after this one, and move one of these objects anyway."""

@@ -178,7 +178,8 @@ class Recovery:
 
         `only_unmet` asks for one where the session lacks something of the world.
         """
-        if not self.restores or miss.cause not in _OF_WORLD or miss.world is None or not self.facts.has_replans(node):
+        causes = _OF_WORLD | {Cause.UNKNOWN} if only_unmet else _OF_WORLD  # what it lacks explains the unknown one
+        if not self.restores or miss.cause not in causes or miss.world is None or not self.facts.has_replans(node):
             return []
         latest = self.evidence.find_latest(miss.session.scene.episode) or miss.world  # later where others went on
         world = max(miss.world, latest, key=lambda each: each.time_s)

@@ -51,6 +51,15 @@ class RecipeDomain:
     roles: Mapping[str, str]
     texts: tuple[Mapping[str, Mapping[Resource, Bounds]], ...]
 
+    def find_unmet(self, tried: Tried) -> tuple[str, ...]:
+        """What a session needs and lacks to make more of its item, by the recipe that lacks least."""
+        have, units = self.problem.initial, self.problem.units
+        alike = (each for each in self.problem.activities if is_same(each, *tried))
+        asked = ({**each.needs, **each.uses} for each in alike)
+        lacks = ([(name, n) for name, n in each.items() if have.get(name, 0.0) < n] for each in asked)
+        least = min(lacks, key=len, default=[])
+        return tuple(f"{name} >= {math.ceil(n / units.get(name, 1))}" for name, n in least)
+
 
 def build_recipe_domain(
     wanted: WantedGoal, catalogue: Catalogue, world: Environment, without: Collection[Tried] = ()

@@ -86,6 +86,8 @@ class ParameterRole(StrEnum):
     """What the skill acts on."""
     SUPPORT = "support"
     """What the object stands on afterwards; found from the world where no one says it."""
+    BROKEN = "broken"
+    """Conditions that were once violated where the session is to run, from memory; empty without."""
 
 
 class Parameter(Authored):

@@ -23,6 +23,7 @@ class Lesson(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
         verified_by: The latest session in which a verdict showed that it helps; empty for a hypothesis.
         baseline: How often the same succeeds without it.
         risk: Of a session in its scope: `high` for a safety event.
+        condition: That was to hold all through and did not, of such an event.
     """
 
     objective: str = ""
@@ -32,6 +33,7 @@ class Lesson(MemoryEntry, frozen=True, kw_only=True, omit_defaults=True):
     verified_by: str = ""
     baseline: str = ""
     risk: Risk = Risk.NORMAL
+    condition: str = ""
 
 
 LESSONS = DocumentFormat(

@@ -53,6 +53,16 @@ def test_events_that_an_earlier_release_recorded_count_under_their_present_code(
     assert (lesson.cause, lesson.supported) == ("CONSTRAINT_VIOLATED", 3)
 
 
+def test_a_condition_that_was_violated_is_known_to_every_skill_that_wants_to_know(memory):
+    broken = {"ok": False, "cause": "CONSTRAINT_VIOLATED", "safety": ("CONSTRAINT_VIOLATED",)}
+    memory.record([make_episode(**broken, violated=(text,)) for text in ("upright(cup)", "upright(jug)")])
+    lessons = memory.experience.list_lessons()
+    assert {(each.condition, each.supported) for each in lessons} == {("upright(cup)", 1), ("upright(jug)", 1)}
+    other = make_episode(skill="push")
+    assert memory.list_violated(ask(other)) == ("upright(cup)", "upright(jug)")
+    assert memory.list_violated(ask(other, scene="elsewhere")) == ()
+
+
 def test_a_caution_lapses_once_many_sessions_passed_without_another_event(memory):
     memory.record([make_episode(**STOPPED)])
     memory.record([make_episode() for _ in range(20)])

@@ -17,6 +17,7 @@ from phyagentos.agent.goals.spec import Budget, WantedGoal
 from phyagentos.agent.planning import integer_program
 from phyagentos.agent.planning.answers import Missing, PlannedGoal, UnreachableReason, Unsolvable
 from phyagentos.agent.planning.planned import plan_goal, write_graph
+from phyagentos.agent.planning.recipe_domain import build_recipe_domain
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.recipes import Recipe, read_recipes
@@ -309,3 +310,13 @@ def test_a_book_says_what_is_wrong_at_its_place(tmp_path):
     with pytest.raises(DefinitionError) as caught:
         read_recipes(book)
     assert [each.address.rpartition("recipes.yaml:")[2] for each in caught.value.problems] == ["2:5", "3:15", "4:6"]
+
+
+def test_what_a_session_lacks_is_found_by_the_recipe_that_lacks_least():
+    wanted = WantedGoal(
+        goal="g", objective="o", scene="s", targets={"player": "panda"}, accept=("holds(iron_ore) >= 2",)
+    )
+    tried = ("collect", "panda", {"item": "iron_ore", "count": 2})
+    worn = build_recipe_domain(wanted, CATALOGUE, look({"wooden_pickaxe": 1}))
+    whole = build_recipe_domain(wanted, CATALOGUE, look({"stone_pickaxe": 1}))
+    assert [domain.find_unmet(tried) for domain in (worn, whole)] == [("holds(stone_pickaxe) >= 1",), ()]

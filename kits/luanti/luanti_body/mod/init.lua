@@ -5,7 +5,7 @@
 
 local NAME, RANGE, REACH, EYE = "agent", 16, 4.5, 1.12 -- nodes; the eye above the centre of the feet's node
 local FALL_FREE, GRAVITY, FALL_SPEED = 3, 9.81, 14 -- a fall hurts by the speed above 14 nodes/s, as in the client
-local SEARCHED = 20 -- nodes a second that come into view where one digs, about
+local SEARCHED = 8 -- nodes a second that come into view where one digs, about
 local DAY_S = 86400 / 72 -- of one day at the game's own `time_speed`
 local FACES = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}}
 local calls = {}
@@ -144,13 +144,28 @@ end
 -- What is carried
 local function main() return agent():get_inventory() end
 
-local function find_tool(groups) -- least time of digging, and the slot of the tool; 0 is the hand
+local breadths = {} -- of tools: how many kinds of nodes they dig
+local function measure_breadth(tool)
+	if not breadths[tool] then
+		local count, capabilities = 0, minetest.registered_items[tool].tool_capabilities
+		for _, def in pairs(minetest.registered_nodes) do
+			if minetest.get_dig_params(def.groups or {}, capabilities).diggable then count = count + 1 end
+		end
+		breadths[tool] = count
+	end
+	return breadths[tool]
+end
+
+local function find_tool(groups) -- time of digging, and the slot of the tool, 0 for the hand: the one that digs least
 	local params = minetest.get_dig_params(groups, minetest.registered_items[""].tool_capabilities)
-	local best, slot = params.diggable and params.time or nil, 0
+	if params.diggable then return params.time, 0 end -- it does not wear
+	local best, slot, least = nil, 0, math.huge
 	for i, stack in ipairs(main():get_list("main")) do
 		params = minetest.registered_tools[stack:get_name()] and
 			minetest.get_dig_params(groups, stack:get_tool_capabilities()) or {}
-		if params.diggable and (not best or params.time < best) then best, slot = params.time, i end
+		if params.diggable and measure_breadth(stack:get_name()) < least then
+			best, slot, least = params.time, i, measure_breadth(stack:get_name())
+		end
 	end
 	return best, slot
 end
