@@ -6,13 +6,14 @@ find no room, or a wall is beside the fingers, sites are packed (`pack-060+045`)
 along the walls of the destination first, so that the room that is left stays in one piece.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
+from msgspec.structs import replace as change
 
-from phyagentos.geometry import compute_matrix, make_matrix, turn
+from phyagentos.geometry import as_pose, compute_matrix, make_matrix, turn
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.world.entity_geometry import compute_centroid, compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity
@@ -36,6 +37,7 @@ HOLLOW_STEP_M = 0.004  # between points at which the side of a hollow is looked 
 WALL_BAND_M = 0.02  # a wall is this near to the side of an interior
 ROUND = 0.7  # of half the side of a square: how far it is at most from the wall of a vessel that is round about it
 LEVEL_BAND_M = 0.005  # solids of one floor end at heights that differ by no more
+FOOT_SHARE = 0.8  # of the half sides of a foot, up to which it counts
 TIPPED_M = 0.005  # what stands with its middle this near to an edge may tip over it
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
 WAYS = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES), np.zeros(16)))
@@ -197,14 +199,33 @@ def _list_level(entity: Entity, height_m: float) -> tuple[Box, ...]:
     return tuple(box for box in compute_shape_boxes(entity) if abs(box.top_m - height_m) <= LEVEL_BAND_M)
 
 
-def is_borne(placing: "Placing", site: FreePlacement) -> bool:
-    """Whether what stands at a site has a solid of the floor under its middle, or some on all sides of that."""
-    floor, reach_m = placing.space.floor, placing.footprint.inner_m
-    if not floor or any(all(_is_beside(box, site.point_m + off, 0.0) for off in TIPPED_M * WAYS[::4]) for box in floor):
+def is_borne(placing: "Placing", site: FreePlacement, R: Array) -> bool:
+    """Whether what stands at a site, turned by `R` (3, 3) in the space, has a solid of the floor under its middle.
+
+    Or some on all sides of that: under its own feet, where none of these is under its middle.
+    """
+    floor, reach_m, feet = placing.space.floor, placing.footprint.inner_m, placing.list_feet(R)
+    near = TIPPED_M * WAYS[::4]
+    if not floor or (
+        not len(feet) and any(all(_is_beside(box, site.point_m + off, 0.0) for off in near) for box in floor)
+    ):
         return True
-    around = np.concatenate([share * reach_m * WAYS for share in (0.3, 0.55, 0.8)])
+    around = feet if len(feet) else np.concatenate([share * reach_m * WAYS for share in (0.3, 0.55, 0.8)])
     borne = [off for off in around if any(_is_beside(box, site.point_m + off, 0.0) for box in floor)]
     return bool(borne) and bool(np.all((WAYS @ np.array(borne).T).max(axis=1) > TIPPED_M))
+
+
+def keep_borne(
+    placing: "Placing", sites: Iterable[FreePlacement], attitudes: Mapping[int, Array]
+) -> Iterator[FreePlacement]:
+    """The sites with the yaws at which what stands there is borne."""
+    for site in sites:
+        tried = {degrees: R for degrees, R in attitudes.items() if site.yaws is None or degrees in site.yaws}
+        if not placing.is_hollow:
+            tried = dict(list(tried.items())[:1])  # one is as good as another
+        yaws = tuple(degrees for degrees, R in tried.items() if is_borne(placing, site, R))
+        if yaws:
+            yield replace(site, yaws=yaws) if placing.is_hollow else site
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,6 +242,23 @@ class Placing:
     def middle_m(self) -> Array:
         """(3,) point of the held object that comes over a site: its box's centre, or its centroid on an open top."""
         return compute_bounds(self.held.shapes)[0] if self.space.walled else np.array(compute_centroid(self.held))
+
+    @property
+    def is_hollow(self) -> bool:
+        """Whether it stands on feet beside its middle."""
+        return bool(len(self.list_feet(np.eye(3))))
+
+    def list_feet(self, R: Array) -> Array:
+        """(n, 3) points under the feet of what is turned by `R` (3, 3), from its middle, in the world; none where a foot
+        is under its middle.
+        """
+        turned = self.space.rotation @ R
+        boxes = compute_shape_boxes(change(self.held, pose=as_pose(turned, -turned @ self.middle_m)))
+        feet = [box for box in boxes if box.bottom_m <= min(each.bottom_m for each in boxes) + LEVEL_BAND_M]
+        if any(_is_beside(box, np.zeros(3), 0.0) for box in feet):
+            return np.zeros((0, 3))
+        corners = FOOT_SHARE * np.array([*product((-1.0, 1.0), repeat=3)])
+        return np.concatenate([corners * box.half_m @ box.pose[:3, :3].T + box.pose[:3, 3] for box in feet])
 
     @property
     def near(self) -> tuple[Array, float]:
@@ -276,14 +314,14 @@ def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> li
                     break
         if sites:
             break
-    sites = [site for site in sites if is_borne(placing, site)]
+    sites = list(keep_borne(placing, sites, attitudes))
     if not space.walled:
         return [Sites(iter(sites))]
     packed = Sites(
         site
         for degrees, R in attitudes.items()
         for site in pack(space, measure_rectangle(placing.held, R), degrees, placing.near, neighbours)
-        if is_borne(placing, site)
+        if is_borne(placing, site, R)
     )
     is_single = np.all(space.half_m < 2.0 * footprint.outer_m + 0.5 * TILE_GAP_M + GAP_M) and np.isinf(farthest_m)
     is_wide = float(np.prod(space.half_m)) > ROOM_SHARE * float(np.prod(footprint.half_m + GAP_M))

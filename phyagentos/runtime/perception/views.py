@@ -22,7 +22,10 @@ from phyagentos.runtime.targets.wire import Frame
 
 MAP_M = THIN_M  # this near to the map and of its colour: part of it
 MAP_LIKE_M = 0.007  # this near to the map and of a colour like its own: part of it
-RAISED_M, RAISED_STDS = 0.0025, 2.0  # mean height over the map of three by three pixels that are not of it, and in noise
+RAISED_M, RAISED_STDS = (
+    0.0025,
+    2.0,
+)  # mean height over the map of three by three pixels that are not of it, and in noise
 RAISED_MIN = 5  # so many of these pixels have a depth
 STEEP = 6.0  # tangent of the greatest slope on which neighbouring pixels surely share a surface
 SHARED = 2  # so many of a pixel's eight neighbours do
@@ -162,9 +165,7 @@ def _find_map(points: Array, colors: NDArray[np.uint8], inventory: Inventory) ->
     return found
 
 
-def _find_raised(
-    frame: Frame, view: CameraView, labels: NDArray[np.uint8], inventory: Inventory
-) -> NDArray[np.bool_]:
+def _find_raised(frame: Frame, view: CameraView, labels: NDArray[np.uint8], inventory: Inventory) -> NDArray[np.bool_]:
     """(h, w) which pixels in a thin object's colour, like the map's, are of a plateau: noise averages out, a board not.
 
     Heights over the map count from the plane that this camera, calibrated somewhat wrong, sees the map in.
