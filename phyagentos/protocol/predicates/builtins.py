@@ -139,7 +139,7 @@ def measure_centred(view: View, a: Entity, b: Entity, tol_m: float) -> Reading:
 
 
 def measure_on(view: View, a: Entity, b: str) -> Reading:
-    """Let go of; middle over b's top, on its surface, nothing between them or that may bear it too, no datum below b's."""
+    """Let go of; middle over b's top, in contact, nothing between, nothing else may bear it, no datum below b's."""
     if (held := _find_hold(view, a)) is not None:
         return held
     of = view.now.entities.get(b)

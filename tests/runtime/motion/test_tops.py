@@ -98,5 +98,5 @@ def test_a_stand_whose_middle_is_over_the_floor_is_borne_by_its_feet_alone(x_m, 
     stand = Entity(name="stand", kind="stand", pose=Pose(), shapes=(box((0.025, 0.024, 0.005), (0, 0, 0.024)), *FEET))
     space, R = find_top(box((0.05, 0.05, 0.02), (0.0, 0.0, 0.02))), turn(np.array([0.0, 0.0, np.radians(degrees)]))
     placing = Placing(None, space, stand, measure_footprint(stand, R), np.zeros(3))
-    sites = [FreePlacement("at", space.center_m + (x_m, 0.0, 0.0))]
+    sites = [FreePlacement("at", space.center_m + np.array([x_m, 0.0, 0.0]))]
     assert [site.yaws for site in keep_borne(placing, sites, {degrees: R})] == [(degrees,)] * expected
