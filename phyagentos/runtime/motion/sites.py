@@ -249,7 +249,7 @@ class Placing:
         return bool(len(self.list_feet(np.eye(3))))
 
     def list_feet(self, R: Array) -> Array:
-        """(n, 3) points under its feet, turned by `R` (3, 3), from its middle, in the world; none if a foot is there."""
+        """(n, 3) points of its feet, turned by `R` (3, 3), from its middle, in the world; none if a foot is there."""
         turned = self.space.rotation @ R
         boxes = compute_shape_boxes(change(self.held, pose=as_pose(turned, -turned @ self.middle_m)))
         feet = [box for box in boxes if box.bottom_m <= min(each.bottom_m for each in boxes) + LEVEL_BAND_M]
