@@ -225,8 +225,8 @@ def _find_shades(objects: Mapping[str, ObjectModel], palette: Array) -> dict[str
     return found
 
 
-def iter_like_map(spec: SceneSpec) -> Iterator[tuple[Entity, bool]]:
-    """Movable objects of which every colour is the map's own (True) or resembles it: near to it they are the map."""
+def iter_like_map(spec: SceneSpec) -> Iterator[Entity]:
+    """Movable objects of which every colour is the map's own or resembles it: near to it they are the map."""
     surfaces = _Surfaces(spec, Prior.FULL)
     listed = {name: body for name, body in spec.bodies.items() if body.listed}
     colors = {name: {surfaces.register(solid, body) for solid in body.shapes} for name, body in listed.items()}
@@ -234,7 +234,7 @@ def iter_like_map(spec: SceneSpec) -> Iterator[tuple[Entity, bool]]:
     like = _find_lookalikes(np.array(list(surfaces.colors), dtype=np.float64).reshape(-1, 3), own)
     for name, body in listed.items():
         if not body.fixed and body.joint is None and colors[name] <= own | like:
-            yield _make_template(name, body, source=""), colors[name] <= own
+            yield _make_template(name, body, source="")
 
 
 def measure_turning_width(body: Body) -> float:
