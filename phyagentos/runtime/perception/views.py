@@ -182,8 +182,9 @@ def _find_raised(frame: Frame, view: CameraView, labels: NDArray[np.uint8], inve
     height_m, count = np.zeros((2, *labels.shape), np.float32)
     height_m[rows, columns], count[rows, columns] = np.clip(away_m, -MAP_LIKE_M, MAP_LIKE_M), 1.0
     height_m, count = (cv2.boxFilter(each, -1, (3, 3), normalize=False) for each in (height_m, count))
-    raised: NDArray[np.bool_] = (count >= RAISED_MIN) & (height_m > np.maximum(count, 1) * RAISED_M)
-    return raised & (height_m > RAISED_STDS * noise_m * np.sqrt(count)) & is_among(labels, inventory.thin)
+    least_m = np.maximum(count * RAISED_M, RAISED_STDS * noise_m * np.sqrt(count))
+    raised: NDArray[np.bool_] = (count >= RAISED_MIN) & (height_m > least_m) & is_among(labels, inventory.thin)
+    return raised
 
 
 @dataclass(frozen=True, slots=True)
