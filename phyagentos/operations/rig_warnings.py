@@ -23,7 +23,7 @@ from phyagentos.protocol.world.entity_geometry import compute_sides
 from phyagentos.protocol.world.scenes import SceneSpec
 from phyagentos.runtime.perception.inventory import iter_like_map, measure_turning_width
 from phyagentos.runtime.perception.pose_uncertainty import BIAS_M, BIAS_PER_M, BIAS_TURN, RESIDUAL_M
-from phyagentos.runtime.perception.views import MAP_LIKE_M, MAP_M
+from phyagentos.runtime.perception.views import RAISED_M, RAISED_STDS
 from phyagentos.wording import compare_angles, compare_lengths, format_length
 
 LENGTHS = frozenset({"tol_m", "distance_m"})  # names of arguments of predicates that say how near is near
@@ -52,11 +52,15 @@ class Rig:
 
     def estimate_std(self, name: str) -> float:
         """Standard deviation of its measured place at best [m]; 0 of what the scene file places, or none sees."""
-        body, away_m, noise = self.scene.bodies[name], self.measure(name), self._noise
-        if math.isinf(away_m) or (body.fixed and not any(body.place.jitter_m)):
+        body, depth_m = self.scene.bodies[name], self.estimate_depth_std(name)
+        if math.isinf(depth_m) or (body.fixed and not any(body.place.jitter_m)):
             return 0.0
-        depth_m = noise.depth_constant_m + noise.depth_quadratic_per_m * (away_m - noise.depth_offset_m) ** 2
         return BIAS_M + BIAS_PER_M * max(depth_m, RESIDUAL_M) ** 2
+
+    def estimate_depth_std(self, name: str) -> float:
+        """Standard deviation of a depth in the picture of the nearest camera [m]; infinite of what none sees."""
+        away_m, noise = self.measure(name), self._noise
+        return noise.depth_constant_m + noise.depth_quadratic_per_m * (away_m - noise.depth_offset_m) ** 2
 
     def estimate_turn_std(self, name: str) -> float:
         """Standard deviation of how it is measured to lean at best [rad]: its place, as off at its two ends."""
@@ -92,10 +96,10 @@ def iter_rig_warnings(graph: GoalGraph, located: Located, rig: Rig) -> Iterator[
     named = {name: path for path, text in reversed(texts.items()) for name in find_entities(text)}
     for name in reversed([each for each in named if each in rig.scene.bodies and rig.cameras]):
         yield from _iter_of_body(name, located, named[name], rig)
-    for body, is_own in iter_like_map(rig.scene) if rig.cameras else ():
-        thick_m, margin_m = compute_sides(body)[0], MAP_M if is_own else MAP_LIKE_M
-        if thick_m < margin_m:
-            thick, least = compare_lengths(thick_m, margin_m)
+    for body in iter_like_map(rig.scene) if rig.cameras else ():
+        thick_m, least_m = compute_sides(body)[0], max(RAISED_M, RAISED_STDS * rig.estimate_depth_std(body.name))
+        if thick_m < least_m < math.inf:
+            thick, least = compare_lengths(thick_m, least_m)
             found = f"{body.name!r}, {thick} thin and of a hue like what it may lie on: no camera tells them apart"
             hint = "Give it another colour. Until a look has shown it, on() is unknown of what may stand on it."
             expected = f"another hue, or more than {least}"

@@ -265,7 +265,7 @@ def test_what_the_cameras_of_a_rig_cannot_tell_is_warned_of_with_numbers(paos, w
     tin = red.replace("red_cube", "tin").replace("[0.02,", "[0.0223,", 1)
     far = re.sub(r"place: {[^}]*}", "place: {position_m: [-0.4, 1.9, 0.5]}", red.replace("red_cube", "far"))
     board = (
-        red.replace("red_cube", "board").replace("[0.02, 0.02, 0.02]", "[0.05, 0.04, 0.0025]").replace(": red", ": ply")
+        red.replace("red_cube", "board").replace("[0.02, 0.02, 0.02]", "[0.05, 0.04, 0.0015]").replace(": red", ": ply")
     )
     desk = desk.replace("  floor: {", "  ply: {rgba: [0.8, 0.62, 0.42, 1]}\n  floor: {", 1)
     write("scenes/rig.yaml", desk.replace("  green_cube:", f"{tin}{far}{board}  green_cube:"))
@@ -280,7 +280,7 @@ def test_what_the_cameras_of_a_rig_cannot_tell_is_warned_of_with_numbers(paos, w
     assert (result.code, "1 file checked, no problem") == (ExitCode.GOAL_MET, result.out.strip())
     expected = (
         "NOT_OBSERVED: found 'far', which no standing camera sees; expected a place in view of one of left",
-        "NOT_OBSERVED: found 'board', 5 mm thin and of a hue like what it may lie on: no camera tells them apart",
+        "NOT_OBSERVED: found 'board', 3 mm thin and of a hue like what it may lie on: no camera tells them apart",
         "AMBIGUOUS: found 'tin', which has the colours of far, red_cube and sides that differ by less than 2 mm",
         "UNDECIDABLE: found 1 mm in 'at(green_cube, red_tray, 0.001)'; expected more than ±3 mm",
         "UNDECIDABLE: found < 0.6° in 'tilt(green_cube) < 0.01'; expected more than ±2°",

@@ -375,6 +375,23 @@ def test_what_leans_on_something_else_may_not_be_on_what_its_edge_touches(rad, o
     assert truth("on(a, tray)", world(leaning, *others, tray(), sensing=sensing)) is expected
 
 
+@pytest.mark.parametrize("sensing", ["truth", "perceived"])
+@pytest.mark.parametrize(
+    ("can_m", "on_can", "on_tray"),
+    [
+        (0.06, Truth.TRUE, Truth.FALSE),  # its plate is on it, its feet hang beside it
+        (0.0425, Truth.UNKNOWN, Truth.UNKNOWN),  # the can may bear it, and so may its feet
+        (0.03, Truth.FALSE, Truth.TRUE),  # it stands over the can
+    ],
+)
+def test_a_stand_over_a_can_is_on_what_its_solids_touch(can_m, on_can, on_tray, sensing):
+    can = cube("can", 0.5, z=0.01 + can_m / 2, shapes=(Shape(ShapeKind.CYLINDER, (0.012, can_m / 2)),))
+    stand = cube("a", 0.5, z=0.01 + max(0.024, can_m - 0.019), shapes=STAND)
+    now = world(stand, can, tray(), sensing=sensing)
+    assert (truth("on(a, can)", now), truth("on(a, tray)", now)) == (on_can, on_tray)
+    assert (truth("above(a, can)", now) is Truth.FALSE) == (on_can is Truth.FALSE)
+
+
 @pytest.mark.parametrize(("at_m", "expected"), [((0.5, 0.0, 0.03), Truth.UNKNOWN), ((0.5, 0.0, 0.1), Truth.TRUE)])
 def test_what_may_hang_on_the_closed_fingers_within_it_is_nowhere_yet(at_m, expected):
     hand = TargetState(q_rad=(), qd_rad_s=(), gripper_width_m=0.0006, tcp=Pose(at_m, (0.0, 1.0, 0.0, 0.0)))

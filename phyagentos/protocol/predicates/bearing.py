@@ -7,6 +7,7 @@ from msgspec.structs import replace
 from phyagentos.geometry import UP, to_parent
 from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.entity_geometry import (
+    Top,
     compute_center,
     compute_centroid,
     compute_lowest,
@@ -14,6 +15,7 @@ from phyagentos.protocol.world.entity_geometry import (
     compute_sides,
     find_tops_below,
     is_around,
+    measure_gaps,
     measure_radius,
 )
 from phyagentos.protocol.world.environment import Entity, Status
@@ -48,6 +50,31 @@ def find_covered(view: View, a: Entity, b: str, most_m: float) -> str | None:
         is_hidden = all(side_m <= most + CONTACT_M for side_m, most in zip(wide_m, own_m, strict=True))
         if name not in {a.name, b} and least_m <= most_m and is_hidden:
             return name
+    return None
+
+
+def measure_gap(a: Entity, of: Entity | None, top: Top, sure_m: float, near_m: float) -> float:
+    """How far the lowest point of a is above a top of another object [m], or the solid of a that touches it.
+
+    A stand on a can hangs beside it: no solid of it is surely over the can, by `sure_m`, and deeper than `near_m`.
+    """
+    gap_m = top.measure_gap(a)
+    if of is None or gap_m >= -near_m or min(measure_gaps(a, of, -sure_m)) < -near_m:
+        return gap_m
+    touching_m = min(measure_gaps(a, of, 0.0), key=abs)
+    return touching_m if abs(touching_m) <= near_m else gap_m
+
+
+def find_other_bearer(view: View, a: Entity, of: Entity, near_m: float) -> Entity | None:
+    """An object on which other solids of a may stand than on `of`, as a stand does over a can."""
+    gaps_m = zip(a.shapes, measure_gaps(a, of, 0.0), strict=True)
+    free = replace(a, shapes=tuple(shape for shape, gap_m in gaps_m if abs(gap_m) > near_m))
+    for other in view.now.entities.values() if free.shapes else ():
+        is_part = other.part_of == of.name or of.part_of == other.name
+        if other.name in {a.name, of.name} or is_part or other.held_by or other.status is Status.GONE:
+            continue
+        if any(abs(gap_m) <= near_m for gap_m in measure_gaps(free, other, 0.0)):
+            return other
     return None
 
 

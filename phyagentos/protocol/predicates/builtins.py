@@ -14,8 +14,10 @@ from phyagentos.protocol.predicates.bearing import (
     CONTACT_M,
     find_between,
     find_covered,
+    find_other_bearer,
     find_prop,
     measure_below,
+    measure_gap,
     measure_sunk,
 )
 from phyagentos.protocol.predicates.library import (
@@ -137,7 +139,7 @@ def measure_centred(view: View, a: Entity, b: Entity, tol_m: float) -> Reading:
 
 
 def measure_on(view: View, a: Entity, b: str) -> Reading:
-    """Let go of; middle over b's top, lowest point on its surface, nothing between them, and no datum below b's."""
+    """Let go of; middle over b's top, in contact, nothing between, nothing else may bear it, no datum below b's."""
     if (held := _find_hold(view, a)) is not None:
         return held
     of = view.now.entities.get(b)
@@ -146,7 +148,7 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
     top = _find_sure_top(view, a, b, uncertainty_m, allowed_m + uncertainty_m)
     if top is None:
         return Reading(-1.0, {"over": False}, f"{a.name} is not above {b}")
-    gap_m = top.measure_gap(a)
+    gap_m = measure_gap(a, of, top, uncertainty_m, allowed_m)
     measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
     if (below_m := measure_below(a, of)) > 0.0:  # b fell over, or a leans on it from beside
         because = f"the datum of {a.name} is {format_length(below_m)} below that of {b}"
@@ -159,6 +161,8 @@ def measure_on(view: View, a: Entity, b: str) -> Reading:
         return Reading(-1.0, measured | {"between": between.name}, f"{between.name} is between {a.name} and {b}")
     if is_near and (covered := find_covered(view, a, b, gap_m + allowed_m)) is not None:
         raise FactUnknown(f"no look has surely shown {covered}, and it may be between {a.name} and {b}")
+    if is_near and of is not None and (other := find_other_bearer(view, a, of, allowed_m)) is not None:
+        raise FactUnknown(f"{other.name} may bear {a.name} as well as {b}")
     own_rad = UNCERTAINTY_STDS * math.hypot(a.turn_std_rad, *a.lean_rad)  # whatever other pose fits as well
     leans = is_near and not is_level_on(a, top, LEAN_RAD + max(own_rad, _find_turn_uncertainty(view, a)))
     if leans and (prop := find_prop(view, a, b, top.point_m[2])) is not None:
@@ -177,12 +181,13 @@ def measure_above(view: View, a: Entity, b: str) -> Reading:
     """Let go of; middle over b's top and lowest point not below it: on b, or on what stands on b."""
     if (held := _find_hold(view, a)) is not None:
         return held
-    uncertainty_m = _find_position_uncertainty(view, a, view.now.entities.get(b))
+    of = view.now.entities.get(b)
+    uncertainty_m = _find_position_uncertainty(view, a, of)
     allowed_m = CONTACT_M + uncertainty_m
     top = _find_sure_top(view, a, b, uncertainty_m, math.inf)
     if top is None:
         return Reading(-1.0, {"over": False}, f"{a.name} is not above {b}")
-    gap_m = top.measure_gap(a)
+    gap_m = measure_gap(a, of, top, uncertainty_m, allowed_m)
     because = f"the lowest point of {a.name} is {format_length(gap_m)} {_name_side(gap_m)} the top of {b}"
     measured: dict[str, float | str | bool] = {"over": True, "gap_m": round(gap_m, 5)}
     return Reading(

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from phyagentos.geometry import UP, Pose, Vector, compute_turn, invert_rotation, multiply, rotate, to_child, to_parent
 from phyagentos.protocol.world.environment import Entity, Shape, ShapeKind
 
@@ -41,8 +43,11 @@ def compute_extent(entity: Entity, direction: Vector) -> tuple[float, float]:
 
 def compute_reach(entity: Entity, world_direction: Vector) -> float:
     """How far the entity's solids reach from its origin along a unit direction of the world [m]; not negative."""
-    own = rotate(invert_rotation(entity.pose.quaternion_wxyz), world_direction)
-    return max(0.0, compute_extent(entity, own)[1])
+    return max(0.0, _compute_end(entity, world_direction))
+
+
+def _compute_end(entity: Entity, world_direction: Vector) -> float:
+    return compute_extent(entity, rotate(invert_rotation(entity.pose.quaternion_wxyz), world_direction))[1]
 
 
 def compute_center(entity: Entity) -> Vector:
@@ -230,6 +235,36 @@ def find_bridged_top(entity: Entity | None, load: Entity, sure_m: float) -> Top 
         return None
     nearest = min((top for _, top in borne), key=lambda top: math.dist(top.point_m[:2], middle[:2]))
     return Top((middle[0], middle[1], nearest.point_m[2]), nearest.normal)
+
+
+def measure_gaps(load: Entity, support: Entity, slack_m: float) -> list[float]:
+    """Of each solid of a load, how far it is from the nearest top of a support under it [m]; infinite where none is.
+
+    Seen from above, they are over each other where less than `slack_m` is between them; where that is negative, where
+    they overlap by more.
+    """
+    gaps_m = [math.inf] * len(load.shapes)
+    if _measure_aside(load, support) > slack_m:
+        return gaps_m
+    for index, part in enumerate(_split(load)):
+        x_m, y_m, _ = to_parent(load.pose, part.shapes[0].pose.position_m)
+        under = (solid for solid in _split(support) if _measure_aside(part, solid) <= slack_m)
+        tops = [top.measure_gap(part) for solid in under for top in find_tops_below(solid, x_m, y_m, math.inf)]
+        gaps_m[index] = min(tops, key=abs, default=math.inf)
+    return gaps_m
+
+
+def _split(entity: Entity) -> list[Entity]:
+    return [replace(entity, shapes=(shape,)) for shape in entity.shapes]
+
+
+def _measure_aside(one: Entity, other: Entity) -> float:
+    """Level distance between two solids along the best of sixteen ways [m]; negative where they overlap from above."""
+    apart = [b - a for a, b in zip(one.pose.position_m, other.pose.position_m, strict=True)]
+    return max(
+        dot(apart, way) - sum(_compute_end(each, (s * way[0], s * way[1], 0.0)) for each, s in ((one, 1), (other, -1)))
+        for way in _WAYS
+    )
 
 
 def is_level_on(load: Entity, top: Top, lean_rad: float) -> bool:

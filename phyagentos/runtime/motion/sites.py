@@ -6,7 +6,7 @@ find no room, or a wall is beside the fingers, sites are packed (`pack-060+045`)
 along the walls of the destination first, so that the room that is left stays in one piece.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -16,6 +16,7 @@ from phyagentos.geometry import compute_matrix, make_matrix, turn
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.world.entity_geometry import compute_centroid, compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity
+from phyagentos.runtime.motion.feet import LEVEL_BAND_M, TIPPED_M, bears, is_beside, list_feet, stand_among
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.poses import move_pose
 from phyagentos.runtime.motion.requests import Array, FindPlacements
@@ -35,10 +36,6 @@ ROOM_SHARE = 3.0  # of the area of a payload with its gaps, from which on a cont
 HOLLOW_STEP_M = 0.004  # between points at which the side of a hollow is looked for
 WALL_BAND_M = 0.02  # a wall is this near to the side of an interior
 ROUND = 0.7  # of half the side of a square: how far it is at most from the wall of a vessel that is round about it
-LEVEL_BAND_M = 0.005  # solids of one floor end at heights that differ by no more
-TIPPED_M = 0.005  # what stands with its middle this near to an edge may tip over it
-_ANGLES = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
-WAYS = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES), np.zeros(16)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +182,7 @@ def _rank_top(box: Box) -> tuple[float, float]:
 
 def _is_walled(box: Box, boxes: Sequence[Box], reach_m: float) -> bool:
     """Whether one of these solids rises above the top of a box, within a reach of its middle."""
-    return any(each.top_m > box.top_m + LEVEL_BAND_M and _is_beside(each, box.pose[:3, 3], reach_m) for each in boxes)
+    return any(each.top_m > box.top_m + LEVEL_BAND_M and is_beside(each, box.pose[:3, 3], reach_m) for each in boxes)
 
 
 def _is_wide(box: Box) -> bool:
@@ -197,14 +194,22 @@ def _list_level(entity: Entity, height_m: float) -> tuple[Box, ...]:
     return tuple(box for box in compute_shape_boxes(entity) if abs(box.top_m - height_m) <= LEVEL_BAND_M)
 
 
-def is_borne(placing: "Placing", site: FreePlacement) -> bool:
-    """Whether what stands at a site has a solid of the floor under its middle, or some on all sides of that."""
-    floor, reach_m = placing.space.floor, placing.footprint.inner_m
-    if not floor or any(all(_is_beside(box, site.point_m + off, 0.0) for off in TIPPED_M * WAYS[::4]) for box in floor):
-        return True
-    around = np.concatenate([share * reach_m * WAYS for share in (0.3, 0.55, 0.8)])
-    borne = [off for off in around if any(_is_beside(box, site.point_m + off, 0.0) for box in floor)]
-    return bool(borne) and bool(np.all((WAYS @ np.array(borne).T).max(axis=1) > TIPPED_M))
+def is_borne(placing: "Placing", site: FreePlacement, R: Array) -> bool:
+    """Whether what stands at a site, turned by `R` (3, 3) in the space, is borne by its floor."""
+    return bears(placing.space.floor, site.point_m, placing.list_feet(R), placing.footprint.inner_m)
+
+
+def keep_borne(
+    placing: "Placing", sites: Iterable[FreePlacement], attitudes: Mapping[int, Array]
+) -> Iterator[FreePlacement]:
+    """The sites with the yaws at which what stands there is borne."""
+    for site in sites:
+        tried = {degrees: R for degrees, R in attitudes.items() if site.yaws is None or degrees in site.yaws}
+        if not placing.is_hollow:
+            tried = dict(list(tried.items())[:1])  # one is as good as another
+        yaws = tuple(degrees for degrees, R in tried.items() if is_borne(placing, site, R))
+        if yaws:
+            yield replace(site, yaws=yaws) if placing.is_hollow else site
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,6 +226,15 @@ class Placing:
     def middle_m(self) -> Array:
         """(3,) point of the held object that comes over a site: its box's centre, or its centroid on an open top."""
         return compute_bounds(self.held.shapes)[0] if self.space.walled else np.array(compute_centroid(self.held))
+
+    @property
+    def is_hollow(self) -> bool:
+        """Whether it stands on feet beside its middle."""
+        return bool(len(self.list_feet(np.eye(3))))
+
+    def list_feet(self, R: Array) -> Array:
+        """(n, 3) points of its feet, turned by `R` (3, 3), from its middle, in the world; none if a foot is there."""
+        return list_feet(self.held, self.space.rotation @ R, self.middle_m)
 
     @property
     def near(self) -> tuple[Array, float]:
@@ -263,7 +277,7 @@ def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> li
     """
     space, footprint, neighbours = placing.space, placing.footprint, list_neighbours(placing)
     interest, farthest_m = placing.near
-    sites, is_near = list[FreePlacement](), _stand_among(neighbours)
+    sites, is_near = list[FreePlacement](), stand_among(neighbours)
     for prefix, radius_m in (("", footprint.outer_m), ("tight_", footprint.inner_m)):
         for name, site in _iter_sites(space, radius_m, interest):
             if np.linalg.norm((site - interest)[:2]) > farthest_m:
@@ -276,31 +290,19 @@ def find_sites(placing: Placing, attitudes: Mapping[int, Array], job: Job) -> li
                     break
         if sites:
             break
-    sites = [site for site in sites if is_borne(placing, site)]
+    sites = list(keep_borne(placing, sites, attitudes))
     if not space.walled:
         return [Sites(iter(sites))]
     packed = Sites(
         site
         for degrees, R in attitudes.items()
         for site in pack(space, measure_rectangle(placing.held, R), degrees, placing.near, neighbours)
-        if is_borne(placing, site)
+        if is_borne(placing, site, R)
     )
     is_single = np.all(space.half_m < 2.0 * footprint.outer_m + 0.5 * TILE_GAP_M + GAP_M) and np.isinf(farthest_m)
     is_wide = float(np.prod(space.half_m)) > ROOM_SHARE * float(np.prod(footprint.half_m + GAP_M))
     comes_first = is_single and (is_wide or placing.request.coming)
     return [packed, Sites(iter(sites))] if comes_first else [Sites(iter(sites)), packed]
-
-
-def _stand_among(boxes: Sequence[Box]) -> Callable[[Array, float], bool]:
-    """Whether a point (2,) is nearer than a distance [m] to any box, as far up as its middle is."""
-    poses = np.array([box.pose for box in boxes]).reshape(-1, 4, 4)
-    half_m = np.array([box.half_m for box in boxes]).reshape(-1, 3)
-
-    def is_near(point_m: Array, distance_m: float) -> bool:
-        local = np.einsum("br,bri->bi", point_m - poses[:, :2, 3], poses[:, :2, :3])
-        return bool(((np.maximum(np.abs(local) - half_m, 0.0) ** 2).sum(axis=1) < distance_m**2).any())
-
-    return is_near
 
 
 def list_neighbours(placing: Placing, *, without: Collection[str] = ()) -> list[Box]:
@@ -413,7 +415,7 @@ def _measure_hollow(space: Space, entity: Entity) -> float:
     for way in (sign * space.rotation[:, axis] for axis in (0, 1) for sign in (-1.0, 1.0)):
         reach_m = compute_reach(entity, tuple(way.tolist()))
         points = [space.center_m + away_m * way for away_m in np.arange(0.0, reach_m, HOLLOW_STEP_M)]
-        depths_m.append(_climb(space, [box for box in boxes if any(_is_beside(box, each, 0.0) for each in points)]))
+        depths_m.append(_climb(space, [box for box in boxes if any(is_beside(box, each, 0.0) for each in points)]))
     return min(depths_m)
 
 
@@ -428,16 +430,9 @@ def _measure_depth(space: Space, box: Box, entities: Sequence[Entity], beyond: f
         way, half_m = sign * space.rotation[:, axis], space.half_m[axis]
         sides = [space.center_m + away_m * way for away_m in np.arange(half_m, half_m * (1.0 + beyond), HOLLOW_STEP_M)]
         at_m = space.center_m + half_m * way
-        walls = [
-            w for w in solids if _is_beside(w, at_m, WALL_BAND_M) or any(_is_beside(w, each, 0.0) for each in sides)
-        ]
+        walls = [w for w in solids if is_beside(w, at_m, WALL_BAND_M) or any(is_beside(w, each, 0.0) for each in sides)]
         lowest = min(lowest, _climb(space, walls))
     return lowest
-
-
-def _is_beside(box: Box, point_m: Array, band_m: float) -> bool:
-    """Whether a vertical line through a point (3,) passes a box as near as that."""
-    return box.compute_distance(np.array((point_m[0], point_m[1], box.pose[2, 3]))) <= band_m
 
 
 def _climb(space: Space, walls: Sequence[Box]) -> float:

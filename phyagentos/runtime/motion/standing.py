@@ -63,7 +63,7 @@ def find_standing_sites(placing: Placing, attitudes: Mapping[int, Array], job: J
                     point_m=space.center_m + space.rotation @ (x, y, 0.0),
                     yaws=(degrees,),
                 )
-                if is_borne(placing, site):
+                if is_borne(placing, site, R):
                     sites.append((rank, site))
         if sites:
             return Sites(iter([site for _, site in sorted(sites, key=lambda each: each[0])]))
@@ -81,7 +81,8 @@ def fit_tight(placing: Placing, attitudes: Mapping[int, Array], sites: Sites, jo
                 continue
             room = room or StandingRoom(placing, GAPS_M[-1])
             away_m = site.point_m - placing.space.center_m
-            yaws = tuple(degrees for degrees, R in attitudes.items() if room.is_free(room.turn(R) + away_m))
+            tried = (degrees for degrees in attitudes if site.yaws is None or degrees in site.yaws)
+            yaws = tuple(each for each in tried if room.is_free(room.turn(attitudes[each]) + away_m))
             job.rejected["occupied"] += not yaws
             if yaws:
                 yield replace(site, yaws=yaws)

@@ -24,6 +24,7 @@ from phyagentos.runtime.perception.articulated import Articulated, Path, find_ar
 from phyagentos.runtime.perception.solids import Array, Solids
 
 ALIKE = 0.15  # of hues, as `colors` measures them: they are taken for each other in bad light
+THIN_M = 0.012  # objects that are no higher may be lost in what is taken for the map
 FILLING_M = 0.03  # smaller objects in a vessel are its filling
 MEASURED = ("rgb", "form", "described", "size_std_m")  # of what is in no inventory
 _NOTHING: Mapping[str, Entity] = {}
@@ -112,6 +113,7 @@ class Inventory:
         articulated: Located by their handles, by name.
         known: Bodies of the map; `map_parts` tell what they look like, `map` has all their solids in the world.
         map_colors: Palette indices of the map; `like_map` are others that resemble these.
+        thin: Those of both that thin movable objects have.
         palette: (k, 3) colours of all surfaces, 0..1.
         is_of_object: (256,) whether an object to be found, or a ball, has the colour of this index.
         balls: Radius [m] and number of small balls by palette index; empty where another object has such a colour.
@@ -126,6 +128,7 @@ class Inventory:
     map: Solids
     map_colors: frozenset[int]
     like_map: frozenset[int]
+    thin: frozenset[int]
     palette: Array
     is_of_object: NDArray[np.bool_]
     balls: dict[int, tuple[float, int]]
@@ -190,6 +193,9 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
         balls[color] = max(radius_m, ball.shapes[0].size_m[0]), count + 1  # of larger ones fewer are seen
     of_objects = {color for item in objects.values() for color in item.colors}
     palette = np.array(list(surfaces.colors), dtype=np.float64).reshape(-1, 3)
+    like_map = _find_lookalikes(palette, map_colors) if listed else frozenset(range(len(palette)))
+    loose = [item for item in objects.values() if item.template.movable]
+    thin = {color for item in loose if compute_sides(item.template)[0] <= THIN_M for color in item.colors}
     return Inventory(
         scene=spec.scene,
         prior=prior,
@@ -199,7 +205,8 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
         map_parts=parts,
         map=join_map(known, parts),
         map_colors=frozenset(map_colors),
-        like_map=_find_lookalikes(palette, map_colors) if listed else frozenset(range(len(palette))),
+        like_map=like_map,
+        thin=(like_map | map_colors) & thin,
         palette=palette,
         is_of_object=np.isin(np.arange(256), [*of_objects, *balls]),
         balls={} if balls.keys() & (of_objects | map_colors) else balls,
@@ -218,8 +225,8 @@ def _find_shades(objects: Mapping[str, ObjectModel], palette: Array) -> dict[str
     return found
 
 
-def iter_like_map(spec: SceneSpec) -> Iterator[tuple[Entity, bool]]:
-    """Movable objects of which every colour is the map's own (True) or resembles it: near to it they are the map."""
+def iter_like_map(spec: SceneSpec) -> Iterator[Entity]:
+    """Movable objects of which every colour is the map's own or resembles it: near to it they are the map."""
     surfaces = _Surfaces(spec, Prior.FULL)
     listed = {name: body for name, body in spec.bodies.items() if body.listed}
     colors = {name: {surfaces.register(solid, body) for solid in body.shapes} for name, body in listed.items()}
@@ -227,7 +234,7 @@ def iter_like_map(spec: SceneSpec) -> Iterator[tuple[Entity, bool]]:
     like = _find_lookalikes(np.array(list(surfaces.colors), dtype=np.float64).reshape(-1, 3), own)
     for name, body in listed.items():
         if not body.fixed and body.joint is None and colors[name] <= own | like:
-            yield _make_template(name, body, source=""), colors[name] <= own
+            yield _make_template(name, body, source="")
 
 
 def measure_turning_width(body: Body) -> float:

@@ -13,14 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyagentos.geometry import compute_rotation
-from phyagentos.runtime.perception.inventory import Inventory, ObjectModel
+from phyagentos.runtime.perception.inventory import THIN_M, Inventory, ObjectModel
+from phyagentos.runtime.perception.pose_uncertainty import SIGMA
 from phyagentos.runtime.perception.segmentation import is_among
 from phyagentos.runtime.perception.solid_distance import project
 from phyagentos.runtime.perception.solids import Array, Solids, measure_lengths
 from phyagentos.runtime.targets.wire import Frame
 
-MAP_M = 0.012  # this near to the map and of its colour: part of it
+MAP_M = THIN_M  # this near to the map and of its colour: part of it
 MAP_LIKE_M = 0.007  # this near to the map and of a colour like its own: part of it
+RAISED_M, RAISED_STDS = (
+    0.0025,
+    2.0,
+)  # mean height over the map of three by three pixels that are not of it, and in noise
+RAISED_MIN = 5  # so many of these pixels have a depth
 STEEP = 6.0  # tangent of the greatest slope on which neighbouring pixels surely share a surface
 SHARED = 2  # so many of a pixel's eight neighbours do
 _UNKNOWN = np.float32(np.inf)
@@ -124,7 +130,7 @@ def _find_points(
 ) -> Cloud:
     rows, columns = np.nonzero(np.isfinite(frame.depth_m) & inventory.is_of_object[labels])
     points, colors = measure_points(frame, view, rows, columns), labels[rows, columns]
-    keep = ~_find_map(points, colors, inventory)
+    keep = ~_find_map(points, colors, inventory) | _find_raised(frame, view, labels, inventory)[rows, columns]
     if len(robot.kinds) and keep.any():
         near = keep & (measure_lengths(points - robot.center_m) < robot.radius_m)
         if near.any():
@@ -157,6 +163,28 @@ def _find_map(points: Array, colors: NDArray[np.uint8], inventory: Inventory) ->
         among = is_among(colors, lookalikes)
         found[among] = inventory.map.measure(points[among]) < margin
     return found
+
+
+def _find_raised(frame: Frame, view: CameraView, labels: NDArray[np.uint8], inventory: Inventory) -> NDArray[np.bool_]:
+    """(h, w) which pixels in a thin object's colour, like the map's, are of a plateau: noise averages out, a board not.
+
+    Heights over the map count from the plane that this camera, calibrated somewhat wrong, sees the map in.
+    """
+    if not inventory.map.kinds or not inventory.thin:
+        return np.zeros(labels.shape, np.bool_)
+    alike = is_among(labels, inventory.map_colors | inventory.like_map)
+    rows, columns = np.nonzero(np.isfinite(frame.depth_m) & alike)
+    points = measure_points(frame, view, rows, columns)
+    away_m, design = inventory.map.measure(points), np.column_stack((np.ones(len(points)), points[:, :2]))
+    near = np.abs(away_m) < MAP_M
+    away_m -= design @ np.linalg.lstsq(design[near], away_m[near], rcond=None)[0]
+    noise_m = SIGMA * float(np.median(np.abs(away_m[near]))) if near.any() else 0.0
+    height_m, count = np.zeros((2, *labels.shape), np.float32)
+    height_m[rows, columns], count[rows, columns] = np.clip(away_m, -MAP_LIKE_M, MAP_LIKE_M), 1.0
+    height_m, count = (cv2.boxFilter(each, -1, (3, 3), normalize=False) for each in (height_m, count))
+    least_m = np.maximum(count * RAISED_M, RAISED_STDS * noise_m * np.sqrt(count))
+    raised: NDArray[np.bool_] = (count >= RAISED_MIN) & (height_m > least_m) & is_among(labels, inventory.thin)
+    return raised
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from phyagentos.geometry import turn
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
-from phyagentos.runtime.motion.sites import FreePlacement, Placing, find_space, is_borne, measure_footprint
+from phyagentos.runtime.motion.sites import (
+    FreePlacement,
+    Placing,
+    find_space,
+    is_borne,
+    keep_borne,
+    measure_footprint,
+)
 
 
 @dataclass
@@ -76,4 +84,29 @@ def test_what_stands_between_slats_or_beside_their_middle_is_borne_if_it_reaches
     cube = Entity(name="cube", kind="cube", pose=Pose(), shapes=(box((half_m,) * 3, (0.0, 0.0, 0.0)),))
     space, footprint = find_top(*SLATS), measure_footprint(cube, np.eye(3))
     placing = Placing(None, space, cube, footprint, np.zeros(3))
-    assert is_borne(placing, FreePlacement("at", np.array([0.5, y_m, 0.05]))) == expected
+    assert is_borne(placing, FreePlacement("at", np.array([0.5, y_m, 0.05])), np.eye(3)) == expected
+
+
+FEET = [box((0.006, 0.006, 0.024), (x, y, 0.0)) for x in (-0.019, 0.019) for y in (-0.018, 0.018)]
+
+
+@pytest.mark.parametrize(
+    ("x_m", "degrees", "expected"),
+    [(0.0, 0, True), (0.03, 0, True), (0.037, 0, False), (0.037, 45, True), (0.046, 0, False), (0.046, 45, False)],
+)
+def test_a_stand_whose_middle_is_over_the_floor_is_borne_by_its_feet_alone(x_m, degrees, expected):
+    stand = Entity(name="stand", kind="stand", pose=Pose(), shapes=(box((0.025, 0.024, 0.005), (0, 0, 0.024)), *FEET))
+    space, R = find_top(box((0.05, 0.05, 0.02), (0.0, 0.0, 0.02))), turn(np.array([0.0, 0.0, np.radians(degrees)]))
+    placing = Placing(None, space, stand, measure_footprint(stand, R), np.zeros(3))
+    sites = [FreePlacement("at", space.center_m + np.array([x_m, 0.0, 0.0]))]
+    assert [site.yaws for site in keep_borne(placing, sites, {degrees: R})] == [(degrees,)] * expected
+
+
+@pytest.mark.parametrize(("half_m", "expected"), [(0.03, 1), (0.025, 1), (0.018, 0)])
+def test_a_frame_is_borne_by_the_middles_of_its_bars_and_not_by_what_fits_into_it(half_m, expected):
+    bars = [box((0.035, 0.006, 0.006), (0.0, y, 0.0)) for y in (-0.025, 0.025)]
+    bars += [box((0.006, 0.025, 0.006), (x, 0.0, 0.0)) for x in (-0.029, 0.029)]
+    frame = Entity(name="frame", kind="frame", pose=Pose(), shapes=tuple(bars))
+    space = find_top(box((half_m, half_m, 0.02), (0.0, 0.0, 0.02)))
+    placing = Placing(None, space, frame, measure_footprint(frame, np.eye(3)), np.zeros(3))
+    assert len(list(keep_borne(placing, [FreePlacement("at", space.center_m)], {0: np.eye(3)}))) == expected

@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from benchmarks.worlds.table import render_table
 from phyagentos.protocol.predicates.predicate import View, parse_predicate
 from phyagentos.protocol.world.environment import Pose, Status
 from phyagentos.protocol.world.truth import Truth
@@ -15,7 +16,7 @@ from phyagentos.runtime.perception import belief as believing
 from phyagentos.runtime.perception.fitting import track
 from phyagentos.runtime.perception.grip import check_hand
 from phyagentos.runtime.targets.wire import Frames
-from tests.runtime.perception.conftest import judge, make_cloud, redate
+from tests.runtime.perception.conftest import FLOOR, Stage, judge, make_cloud, open_library, redate
 
 pytestmark = pytest.mark.sim
 NEAR_M = 0.006
@@ -292,3 +293,22 @@ def test_a_revision_names_what_changed_since_the_one_before(twins):
 
     assert (change.entity, change.what) == ("can", "moved")
     assert change.by_m == pytest.approx(0.25, abs=0.01)
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_board_thinner_than_noise_and_of_the_hue_of_the_table_is_found_by_its_height(tmp_path, seed):
+    board = """
+  board:
+    kind: board
+    color: brown
+    material: birch
+    place: {position_m: [0.5, -0.1, 0.002], jitter_m: [0.02, 0.02, 0.0], yaw_rad: [-1.0, 1.0]}
+    shapes: [{kind: box, size_m: [0.045, 0.03, 0.002]}]
+"""
+    scene = render_table("test/thin", FLOOR + board).replace("  red:", "  birch: {rgba: [0.84, 0.69, 0.51, 1]}\n  red:")
+    stage = Stage(open_library(tmp_path, scene), "test/thin", seed)
+    found = stage.look().entities["board"]
+    off_m = np.array(found.pose.position_m) - stage.find("board")
+    assert not found.is_unsure
+    assert abs(off_m[2]) < 0.002
+    assert np.linalg.norm(off_m) < 2.5 * found.position_std_m
