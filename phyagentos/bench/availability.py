@@ -17,6 +17,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from phyagentos.assembly.drivers import choose_driver
+from phyagentos.bench.checkouts import find_checkout_lacks, link_checkout
 from phyagentos.bench.suite_file import Policy, Variant
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.protocol.capabilities.environments import EnvironmentSpec, find_python
@@ -114,7 +115,8 @@ def find_lacks(name: str, spec: EnvironmentSpec) -> list[Problem]:
     unmet = [(each, has) for each, has in had if not (has and each.specifier.contains(has, prereleases=True))]
     lacks = [(f"{each.name} {has or 'not installed'}", str(each)) for each, has in unmet]
     lacks += [(f"no module {module}", f"module {module}") for module in absent]
-    return [Problem("EXTRA_MISSING", str(python), found, expected, hint) for found, expected in lacks]
+    clone = find_checkout_lacks(python, name, spec.checkout) if spec.checkout is not None else ()
+    return [*(Problem("EXTRA_MISSING", str(python), found, expected, hint) for found, expected in lacks), *clone]
 
 
 def plan_setup(name: str, spec: EnvironmentSpec, interpreter: str = sys.executable) -> list[list[str]]:
@@ -128,12 +130,23 @@ def plan_setup(name: str, spec: EnvironmentSpec, interpreter: str = sys.executab
     return [*commands, *([[*pip, "--no-deps", *spec.without_dependencies]] if spec.without_dependencies else [])]
 
 
-def set_up(name: str, spec: EnvironmentSpec, say: Callable[[str], None], interpreter: str = sys.executable) -> Path:
-    """Make an environment, or complete it; its interpreter. Raises ExecutionError `EXTRA_MISSING` with the command."""
+def set_up(
+    name: str,
+    spec: EnvironmentSpec,
+    say: Callable[[str], None],
+    interpreter: str = sys.executable,
+    source: Path | None = None,
+) -> Path:
+    """Make an environment, or complete it, with a clone at `source`; its interpreter.
+
+    Raises ExecutionError `EXTRA_MISSING` with the command, and DefinitionError with all that the clone lacks.
+    """
     for command in plan_setup(name, spec, interpreter):
         say(" ".join(command))
         if code := subprocess.run(command, check=False, stdout=STDERR).returncode:
             raise ExecutionError("EXTRA_MISSING", f"{' '.join(command)!r} ended with code {code}")
+    if source is not None and spec.checkout is not None:
+        link_checkout(find_python(name), name, spec.checkout, source)
     if lacks := find_lacks(name, spec):
         raise ExecutionError("EXTRA_MISSING", "; ".join(f"{each.found}, wanted {each.expected}" for each in lacks))
     return find_python(name)
