@@ -58,10 +58,10 @@ class Scene:
         return [self._read(each, target, held) for each in self.parts]
 
     def list_touched(self, robot: int, links: Sequence[int]) -> set[str]:
-        """Names of what moves and these links of the robot touch."""
+        """Names of what moves and these links of the robot touch; of a link that has a handle, the handle's."""
         contacts = (c for link in links for c in p.getContactPoints(robot, -1, link, physicsClientId=self._cid))
-        keys = {(c[2], c[4]) for c in contacts}
-        return {each.name for each in self.parts if each.movable and each.link in keys}
+        names = {each.link: each.name for each in self.parts if each.movable}  # the handle comes later
+        return {names[key] for key in {(c[2], c[4]) for c in contacts} if key in names}
 
     def _list_blocks(self) -> Iterator[Part]:
         for block in self._env.scene.movable_objects:
