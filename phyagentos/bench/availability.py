@@ -10,21 +10,21 @@ import shutil
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
 from packaging.requirements import Requirement
 
 from phyagentos.assembly.drivers import choose_driver
-from phyagentos.bench.checkouts import find_checkout_lacks, link_checkout
 from phyagentos.bench.suite_file import Policy, Variant
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
-from phyagentos.protocol.capabilities.environments import EnvironmentSpec, find_python
+from phyagentos.protocol.capabilities.environments import CheckoutSpec, EnvironmentSpec, find_python
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.models.sources import require_models
 
 CONNECT_S = 1.0
+_LINK = "paos_checkout.pth"  # in an environment: the folders of a clone that it imports from
 STDERR = 2  # what pip says is no result
 _LOOK = """
 import importlib.metadata, importlib.util, json, sys
@@ -150,3 +150,43 @@ def set_up(
     if lacks := find_lacks(name, spec):
         raise ExecutionError("EXTRA_MISSING", "; ".join(f"{each.found}, wanted {each.expected}" for each in lacks))
     return find_python(name)
+
+
+def link_checkout(python: Path, name: str, checkout: CheckoutSpec, folder: Path) -> None:
+    """Let an environment import from a clone; raises DefinitionError with all that the clone lacks."""
+    if problems := [*_check_clone(name, checkout, folder.resolve())]:
+        raise DefinitionError(problems)
+    lines = (str(folder.resolve() / path) for path in (".", *checkout.paths))
+    _find_link(python).write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+
+
+def find_checkout_lacks(python: Path, name: str, checkout: CheckoutSpec) -> Iterator[Problem]:
+    """What the clone of an environment lacks; one problem where none is linked."""
+    link = _find_link(python)
+    if not link.is_file():
+        hint = f"{_clone(checkout)}, then: paos bench setup {name} --from FOLDER"
+        yield Problem("EXTRA_MISSING", name, f"no clone ({hint})", f"a clone of {checkout.url}", hint)
+        return
+    yield from _check_clone(name, checkout, Path(link.read_text(encoding="utf-8").splitlines()[0]))
+
+
+def _find_link(python: Path) -> Path:
+    folders = sorted(python.parent.parent.glob("lib/python*/site-packages"))
+    return next(iter(folders), python.parent) / _LINK
+
+
+def _clone(checkout: CheckoutSpec) -> str:
+    return f"git clone --recurse-submodules {checkout.url} FOLDER"
+
+
+def _check_clone(name: str, checkout: CheckoutSpec, folder: Path) -> Iterator[Problem]:
+    for file in (*checkout.paths, *checkout.files):
+        if not (folder / file).exists():
+            yield Problem("EXTRA_MISSING", str(folder / file), "no such file", f"{file} of {name}", _clone(checkout))
+    for part, wanted in checkout.revisions.items():
+        command = ["git", "-C", str(folder / part), "log", "-1", "--format=%H"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        found = done.stdout.strip() or "no revision"
+        if found != wanted:
+            hint = f"git -C {folder / part} checkout {wanted}"
+            yield Problem("EXTRA_MISSING", str(folder / part), f"revision {found}", f"revision {wanted}", hint)

@@ -4,7 +4,7 @@ import subprocess
 
 import pytest
 
-from phyagentos.bench.checkouts import find_checkout_lacks, link_checkout
+from phyagentos.bench.availability import find_checkout_lacks, link_checkout
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.environments import CheckoutSpec
 
