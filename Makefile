@@ -189,6 +189,7 @@ static-bodies: $(STAMP)
 	@echo "check: mypy, as Python 3.10 reads what runs beside robots"
 	@$(BIN)/mypy --no-error-summary --python-version 3.10 kits/target_server/target_server
 	@MYPYPATH=kits/target_server $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/crafter/crafter_body
+	@MYPYPATH=kits/target_server $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/calvin/calvin_body
 	@MYPYPATH=kits/target_server $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/luanti/luanti_body
 	@MYPYPATH=kits/target_server $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/scienceworld/scienceworld_body
 	@MYPYPATH=kits/ros2_goals $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2_goals/ros2_goals

@@ -144,7 +144,7 @@ def run_task(given: argparse.Namespace, suite: str, task: int, states: Sequence[
     try:
         outcomes, draws = folder / "outcomes.jsonl", SENSINGS[given.sensing] is Sensing.PERCEIVED
         with serve(given.python.absolute(), read_profile(), scene, outcomes, draws=draws) as server:
-            told = server.describe(read_profile(), scene, looks=given.sensing == "perceived")
+            told = server.describe(read_profile(), scene=scene, looks=given.sensing == "perceived")
             try:
                 if given.sensing == WORDS:
                     graph = write_project_of_words(folder / "project", scene, told, server)

@@ -1,10 +1,10 @@
-"""The process that serves LIBERO's tasks, in a Python environment of its own."""
+"""The process that serves a benchmark's environment, LIBERO's or CALVIN's, in a Python environment of its own."""
 
 import json
 import os
 import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,13 +34,13 @@ class Server:
     key: bytes
     outcomes: Path
 
-    def describe(self, profile: TargetProfile, scene: str, *, looks: bool = False) -> dict[str, Any]:
-        """The task of a scene as its environment describes it, with the looks of its objects where asked for."""
+    def describe(self, profile: TargetProfile, **arguments: Any) -> dict[str, Any]:
+        """The task as its environment describes it, by arguments of its tool."""
         channel = connect_websocket(self.endpoint)
         greet(channel, mint(self.key))
         driver = RemoteDriver(profile, channel, self.key)
         try:
-            result = driver.carry_out(wire.InvokeTool("describe_scene", {"scene": scene, "looks": looks}))
+            result = driver.carry_out(wire.InvokeTool("describe_scene", arguments))
         finally:
             driver.close()
         found: dict[str, Any] = json.loads(result.artefacts["scene.json"].data)
@@ -52,16 +52,19 @@ class Server:
         return {line["session"]: line for line in map(json.loads, lines)}
 
 
-@contextmanager
 def serve(
-    python: Path,
-    profile: TargetProfile,
-    scene: str,
-    outcomes: Path,
-    *,
-    draws: bool = False,
+    python: Path, profile: TargetProfile, scene: str, outcomes: Path, *, draws: bool = False
+) -> AbstractContextManager[Server]:
+    """LIBERO with a scene loaded, and its graphics open where it `draws`."""
+    settings = {"scene": scene, "draws": draws}
+    return serve_module("target_server.libero_body", python, profile, settings, outcomes)
+
+
+@contextmanager
+def serve_module(
+    module: str, python: Path, profile: TargetProfile, more: Mapping[str, Any], outcomes: Path, *paths: Path
 ) -> Iterator[Server]:
-    """A process that has a scene loaded, and its graphics open where it `draws`; it ends with the block.
+    """A process of a kit's module; it ends with the block. `more` are settings beside those of every body.
 
     Raises:
         RuntimeError: With its words, when it fails.
@@ -69,15 +72,14 @@ def serve(
     key = make_key()
     settings = {
         "target": profile.target,
-        "scene": scene,
         "velocity_rad_s": profile.arm.velocity_rad_s,
         "outcomes": str(outcomes),
-        "draws": draws,
+        **more,
     }
     with outcomes.with_suffix(".log").open("ab") as log:
         process = subprocess.Popen(
-            [python, "-m", "target_server.libero_body"],
-            env={"MUJOCO_GL": "egl"} | os.environ | {"PYTHONPATH": f"{KIT}{os.pathsep}{ROOT}"},
+            [python, "-m", module],
+            env={"MUJOCO_GL": "egl"} | os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (KIT, ROOT, *paths)))},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=log,

@@ -153,10 +153,10 @@ def _add_box(spec: mujoco.MjSpec, model: Any, data: Any, body: int, shape: Shape
     )  # fmt: skip
 
 
-def open_workspace(root: Path, project: Path, server: Server) -> Workspace:
+def open_workspace(root: Path, project: Path, server: Server, robot: str = ROBOT) -> Workspace:
     """A workspace whose worker may connect to the server."""
     workspace = open_project(root, project)
-    token = workspace.root / TOKENS / ROBOT
+    token = workspace.root / TOKENS / robot
     token.parent.mkdir(parents=True, exist_ok=True)
     token.touch(mode=0o600)
     token.chmod(0o600)

@@ -10,7 +10,7 @@ import shutil
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -19,11 +19,12 @@ from packaging.requirements import Requirement
 from phyagentos.assembly.drivers import choose_driver
 from phyagentos.bench.suite_file import Policy, Variant
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
-from phyagentos.protocol.capabilities.environments import EnvironmentSpec, find_python
+from phyagentos.protocol.capabilities.environments import CheckoutSpec, EnvironmentSpec, find_python
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.runtime.models.sources import require_models
 
 CONNECT_S = 1.0
+_LINK = "paos_checkout.pth"  # in an environment: the folders of a clone that it imports from
 STDERR = 2  # what pip says is no result
 _LOOK = """
 import importlib.metadata, importlib.util, json, sys
@@ -114,7 +115,8 @@ def find_lacks(name: str, spec: EnvironmentSpec) -> list[Problem]:
     unmet = [(each, has) for each, has in had if not (has and each.specifier.contains(has, prereleases=True))]
     lacks = [(f"{each.name} {has or 'not installed'}", str(each)) for each, has in unmet]
     lacks += [(f"no module {module}", f"module {module}") for module in absent]
-    return [Problem("EXTRA_MISSING", str(python), found, expected, hint) for found, expected in lacks]
+    clone = find_checkout_lacks(python, name, spec.checkout) if spec.checkout is not None else ()
+    return [*(Problem("EXTRA_MISSING", str(python), found, expected, hint) for found, expected in lacks), *clone]
 
 
 def plan_setup(name: str, spec: EnvironmentSpec, interpreter: str = sys.executable) -> list[list[str]]:
@@ -128,12 +130,63 @@ def plan_setup(name: str, spec: EnvironmentSpec, interpreter: str = sys.executab
     return [*commands, *([[*pip, "--no-deps", *spec.without_dependencies]] if spec.without_dependencies else [])]
 
 
-def set_up(name: str, spec: EnvironmentSpec, say: Callable[[str], None], interpreter: str = sys.executable) -> Path:
-    """Make an environment, or complete it; its interpreter. Raises ExecutionError `EXTRA_MISSING` with the command."""
+def set_up(
+    name: str,
+    spec: EnvironmentSpec,
+    say: Callable[[str], None],
+    interpreter: str = sys.executable,
+    source: Path | None = None,
+) -> Path:
+    """Make an environment, or complete it, with a clone at `source`; its interpreter.
+
+    Raises ExecutionError `EXTRA_MISSING` with the command, and DefinitionError with all that the clone lacks.
+    """
     for command in plan_setup(name, spec, interpreter):
         say(" ".join(command))
         if code := subprocess.run(command, check=False, stdout=STDERR).returncode:
             raise ExecutionError("EXTRA_MISSING", f"{' '.join(command)!r} ended with code {code}")
+    if source is not None and spec.checkout is not None:
+        link_checkout(find_python(name), name, spec.checkout, source)
     if lacks := find_lacks(name, spec):
         raise ExecutionError("EXTRA_MISSING", "; ".join(f"{each.found}, wanted {each.expected}" for each in lacks))
     return find_python(name)
+
+
+def link_checkout(python: Path, name: str, checkout: CheckoutSpec, folder: Path) -> None:
+    """Let an environment import from a clone; raises DefinitionError with all that the clone lacks."""
+    if problems := [*_check_clone(name, checkout, folder.resolve())]:
+        raise DefinitionError(problems)
+    lines = (str(folder.resolve() / path) for path in (".", *checkout.paths))
+    _find_link(python).write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+
+
+def find_checkout_lacks(python: Path, name: str, checkout: CheckoutSpec) -> Iterator[Problem]:
+    """What the clone of an environment lacks; one problem where none is linked."""
+    link = _find_link(python)
+    if not link.is_file():
+        hint = f"{_clone(checkout)}, then: paos bench setup {name} --from FOLDER"
+        yield Problem("EXTRA_MISSING", name, f"no clone ({hint})", f"a clone of {checkout.url}", hint)
+        return
+    yield from _check_clone(name, checkout, Path(link.read_text(encoding="utf-8").splitlines()[0]))
+
+
+def _find_link(python: Path) -> Path:
+    folders = sorted(python.parent.parent.glob("lib/python*/site-packages"))
+    return next(iter(folders), python.parent) / _LINK
+
+
+def _clone(checkout: CheckoutSpec) -> str:
+    return f"git clone --recurse-submodules {checkout.url} FOLDER"
+
+
+def _check_clone(name: str, checkout: CheckoutSpec, folder: Path) -> Iterator[Problem]:
+    for file in (*checkout.paths, *checkout.files):
+        if not (folder / file).exists():
+            yield Problem("EXTRA_MISSING", str(folder / file), "no such file", f"{file} of {name}", _clone(checkout))
+    for part, wanted in checkout.revisions.items():
+        command = ["git", "-C", str(folder / part), "log", "-1", "--format=%H"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        found = done.stdout.strip() or "no revision"
+        if found != wanted:
+            hint = f"git -C {folder / part} checkout {wanted}"
+            yield Problem("EXTRA_MISSING", str(folder / part), f"revision {found}", f"revision {wanted}", hint)

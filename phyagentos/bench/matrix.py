@@ -9,6 +9,7 @@ from phyagentos.bench.availability import Gate
 from phyagentos.bench.records import Order
 from phyagentos.bench.suite_checks import SuiteChecks
 from phyagentos.bench.suite_file import (
+    ENVIRONMENTS,
     FOLDER,
     MemoryUse,
     Pass,
@@ -22,7 +23,7 @@ from phyagentos.bench.suite_file import (
 from phyagentos.errors import DefinitionError, Problem, raise_any
 from phyagentos.protocol.capabilities.environments import EnvironmentSpec
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.documents.schema import Address
+from phyagentos.protocol.documents.schema import Address, read_yaml, validate
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +49,13 @@ class Cell:
 
 def list_suites() -> dict[str, Path]:
     """Suites in `benchmarks/suites/` of the libraries, by name."""
-    roots = reversed(Library.open(Path.cwd()).roots)  # the first one with a name has it
-    return {path.stem: path for root in roots for path in sorted((root / FOLDER).glob("*.yaml"))}
+    return {path.stem: path for path in _list_files(FOLDER)}
+
+
+def _list_files(folder: str) -> list[Path]:
+    """Files in a folder of the libraries; of several with a name the last one counts."""
+    roots = reversed(Library.open(Path.cwd()).roots)
+    return [path for root in roots for path in sorted((root / folder).glob("*.yaml"))]
 
 
 def find_suite(name: Path) -> Path:
@@ -65,6 +71,7 @@ def find_environments(name: str) -> dict[str, EnvironmentSpec]:
     if Path(name).is_file() or name in (known := list_suites()):
         return read_suite(find_suite(Path(name)))[0].environments
     declared = {key: spec for path in known.values() for key, spec in read_suite(path)[0].environments.items()}
+    declared |= {path.stem: validate(EnvironmentSpec, read_yaml(path)) for path in _list_files(ENVIRONMENTS)}
     if name not in declared:
         raise DefinitionError.unknown("environment", "paos bench setup", name, {*declared, *known})
     return {name: declared[name]}

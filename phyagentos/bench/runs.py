@@ -121,10 +121,14 @@ def plan_environments(name: str, python: str = sys.executable) -> tuple[Environm
 
 
 def make_environment(
-    name: str, environment: str, on_command: Callable[[str], None], python: str = sys.executable
+    name: str,
+    environment: str,
+    on_command: Callable[[str], None],
+    python: str = sys.executable,
+    source: Path | None = None,
 ) -> Path:
     """Make or complete one of `plan_environments(name)`; its interpreter. Raises ExecutionError `EXTRA_MISSING`."""
-    return set_up(environment, find_environments(name)[environment], on_command, python)
+    return set_up(environment, find_environments(name)[environment], on_command, python, source)
 
 
 def _sweep(

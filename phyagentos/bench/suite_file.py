@@ -19,7 +19,7 @@ from phyagentos.protocol.settings.runtime_contract import WorldMode
 from phyagentos.protocol.settings.verification_mode import VerificationMode
 
 NAME = r"^[a-z0-9][a-z0-9_]*$"
-FOLDER = "benchmarks/suites"
+FOLDER, ENVIRONMENTS = "benchmarks/suites", "benchmarks/environments"
 Name = Annotated[str, pydantic.Field(pattern=NAME, max_length=60)]
 
 

@@ -80,11 +80,14 @@ def setup(
     name: Annotated[str, typer.Argument(help="An environment that a suite declares, or the suite.")],
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Install without asking.")] = False,
     python: Annotated[str, typer.Option(help="Interpreter that the environment is made with.")] = sys.executable,
+    source: Annotated[
+        Path | None, typer.Option("--from", help="Your clone of what is on no registry; it is checked, and used there.")
+    ] = None,
 ) -> Reply[tuple[EnvironmentSetup, ...]]:
     """Make the Python environment of another system that a suite declares; says first what it installs, and asks."""
     made, lines = [], []
     for each in runs.plan_environments(name, python):
-        if not each.lacks:
+        if not each.lacks and source is None:
             made.append(each)
             lines.append(f"environment {each.environment!r} is whole")
             continue
@@ -96,7 +99,7 @@ def setup(
             raise Exit(ExitCode.INVALID_INPUT, "nothing was installed; install what it lacks")
         if not yes and not (sys.stdin.isatty() and typer.confirm("Install?", err=True)):
             raise Exit(ExitCode.INVALID_INPUT, "nothing was installed; --yes installs")
-        made.append(replace(each, python=runs.make_environment(name, each.environment, print_note, python)))
+        made.append(replace(each, python=runs.make_environment(name, each.environment, print_note, python, source)))
         lines.append(f"environment {each.environment!r}: {made[-1].python}")
     return Reply(tuple(made), "\n".join(lines))
 

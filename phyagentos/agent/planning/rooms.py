@@ -11,7 +11,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from phyagentos.geometry import Pose, Vector, to_parent
+from phyagentos.geometry import Pose, Vector, compute_rotation, to_parent
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.predicates.relations import find_places
 from phyagentos.protocol.world.entity_geometry import AXES, compute_center, compute_extent, compute_reach
@@ -22,6 +22,8 @@ from phyagentos.protocol.world.mechanisms import compute_motion
 BESIDE_M = 0.01  # between two objects in one place
 SPOTS_MAX = 4
 FILL = 1000  # what objects in one place weigh together when it is full
+_WORLD = np.eye(3)
+_HIDDEN = 0.75  # of a room, seen from above, that what is over it covers at least where it hides it
 _LANE_M = 0.02  # beside what opens
 _REACH = 1.35  # of the band in which an arm grasps best
 
@@ -113,11 +115,13 @@ def find_lid(world: Environment, place: str) -> str:
         return ""
     if holder.mechanism is not None:
         return place
-    x, y, z = to_parent(holder.pose, holder.interior.center_m)
+    middle_m = np.array(to_parent(holder.pose, holder.interior.center_m))
+    half_m = np.abs(compute_rotation(holder.pose.quaternion_wxyz)) @ holder.interior.half_m
     for other in world.entities.values():
         if other.mechanism is not None:
-            (left, back, _), (right, front, top) = _bound(replace(other, pose=other.mechanism.closed))
-            if left < x < right and back < y < front and z < top:
+            low, high = _bound(replace(other, pose=other.mechanism.closed))
+            over_m = np.minimum(high, middle_m + half_m) - np.maximum(low, middle_m - half_m)
+            if (over_m[:2] > 0.0).all() and middle_m[2] < high[2] and np.prod(over_m[:2] / half_m[:2]) / 4.0 > _HIDDEN:
                 return other.name
     return ""
 
@@ -128,19 +132,24 @@ def find_in_lane(world: Environment, moving: str, objects: Sequence[str]) -> lis
     if entity.mechanism is None or entity.mechanism.kind != "slide":
         return []
     shift = compute_motion(entity.mechanism, entity.mechanism.travel * (1.0 - (entity.joint or 0.0)))[:3, 3]
-    parts = [_bound(each) for each in world.entities.values() if moving in {each.name, each.part_of}]
+    axes = compute_rotation(entity.pose.quaternion_wxyz).T  # what slides may stand aslant
+    shift = axes @ shift
+    parts = [_bound(each, axes) for each in world.entities.values() if moving in {each.name, each.part_of}]
     lane = np.concatenate([*parts, *(each + shift for each in parts)])
-    low, high, (inner, outer) = lane.min(axis=0) - _LANE_M, lane.max(axis=0) + _LANE_M, _bound(entity)
+    low, high, (inner, outer) = lane.min(axis=0) - _LANE_M, lane.max(axis=0) + _LANE_M, _bound(entity, axes)
     bodies = [world.entities[name] for name in objects if name in world.entities]
-    apart = [each for each in bodies if not ((inner <= compute_center(each)) & (compute_center(each) <= outer)).all()]
-    boxes = {each.name: _bound(each) for each in apart}  # what is in it comes along
+    centers = {each.name: axes @ compute_center(each) for each in bodies}
+    apart = [each for each in bodies if not ((inner <= centers[each.name]) & (centers[each.name] <= outer)).all()]
+    boxes = {each.name: _bound(each, axes) for each in apart}  # what is in it comes along
     return [name for name, (least, most) in boxes.items() if ((least < high) & (most > low)).all()]
 
 
-def _bound(entity: Entity) -> NDArray[np.float64]:
-    """(2, 3) least and greatest coordinates in the world [m]."""
-    below = [-compute_reach(entity, (-axis[0], -axis[1], -axis[2])) for axis in AXES]
-    return np.array([below, [compute_reach(entity, axis) for axis in AXES]]) + entity.pose.position_m
+def _bound(entity: Entity, axes: NDArray[np.float64] = _WORLD) -> NDArray[np.float64]:
+    """(2, 3) least and greatest coordinates along axes (3, 3), by default those of the world [m]."""
+    ahead, below = (
+        [sign * compute_reach(entity, tuple((sign * axis).tolist())) for axis in axes] for sign in (1.0, -1.0)
+    )
+    return np.array([below, ahead]) + axes @ entity.pose.position_m
 
 
 def is_in_reach(world: Environment, place: str | PlacementPoint, profile: TargetProfile) -> bool:

@@ -222,8 +222,9 @@ class Clauses(Keeping):
     # placing
 
     def _read_by_means(self, _: Node, tool: Node, command: Node) -> Step:
-        """A goal says what is true then, and not with what."""
-        self.resolve(tool, Slot.ANY)
+        """A goal says what is true then, and not with what: which of several handles it is stays open."""
+        if not any(self.list_alike(plain, Slot.ANY) for plain in tool.find_data("plain")):
+            self.resolve(tool, Slot.ANY)
         self.unsaid.append(f"with {self.quote(tool)}")
         return self._read_texts(command)
 

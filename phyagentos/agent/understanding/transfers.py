@@ -22,9 +22,11 @@ from phyagentos.agent.understanding.phrases import (
 from phyagentos.agent.understanding.steps import Step, get_object, says
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
 from phyagentos.agent.understanding.vocabulary import REGION, SURFACES, read_lexicon
+from phyagentos.geometry import rotate
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.predicate import find_entities
 
+ALONG = 0.9  # cosine of the angle between a side and what slides to it, at least
 _STEPS_M = {"5 cm": 0.05, "10 cm": 0.1, "20 cm": 0.2}  # to choose from, where no measure is said
 _HEAP_MAX = 5  # objects of a tower whose orders are listed to choose from
 SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
@@ -178,6 +180,10 @@ class Transfers(Destinations):
         names = self.resolve(objects, Slot.MOVED).names
         levels, base = [each for each in more if each.data == "level"], [each for each in more if each.data != "level"]
         on = self.resolve_one(base[0], Slot.PLACE).names if base else ()
+        if len(names) == 1 and not base and not levels:  # `stack the block`: on another one of its kind
+            others = [each for each in self.list_fitting(Slot.MOVED) if each.kind == self.get(names[0]).kind]
+            lower = [each.name for each in sorted(others, key=lambda each: bool(each.stands)) if each.name != names[0]]
+            return [self._relate(names[0], each) for each in self.ask(QuestionKind.WHERE, clause, lower)]
         rises, sinks = has_token(clause, "largest_first"), has_token(clause, "smallest_first")
         orders = list_by_size([self.get(name) for name in names]) if rises or sinks else []
         orders = [order[:: 1 if rises else -1] for order in orders]
@@ -281,10 +287,15 @@ class Transfers(Destinations):
 
     def _read_shift(self, clause: Node, nouns: Node, *sides: Node) -> Step:
         """By a measure to a side: a point, where places are known; up, turns and other measures are no skill's."""
-        names, side = self.resolve(nouns, Slot.MOVED).names, str(sides[0].data) if sides else ""
+        side = str(sides[0].data) if sides else ""
+        if side in SIDES and (sliding := self._slide(nouns, sides[0])):
+            return sliding
+        names = self.resolve(nouns, Slot.MOVED).names
         said = [str(token) for token in clause.children if get_type(token) in {"amount", "unit"}]
         amount = float(NUMBERS.index(said[0]) if said[0] in NUMBERS else said[0]) if said else 0.0
         by_m = amount * read_lexicon()["units_m"].get(said[-1], 0.0) if said else 0.0
+        if side and str(clause.children[0]).startswith(("rotat", "spin", "twist")):  # about itself, that is
+            return self.lack(RequestProblemKind.MEASURE, clause)
         fallen = [name for name in names if self.vocabulary.is_known(f"upright({name})", is_true=False)]
         if not said and has_token(clause, "rotation") and names and len(fallen) == len(names):  # `flip the stool over`
             return self._say_upright(names)
@@ -297,6 +308,20 @@ class Transfers(Destinations):
         view = self.ask_view(sides[0]) if side in SIDES else 1.0
         places = ((name, self.get(name).at_m) for name in names)
         return [self._stand_at(name, shift(at_m, side, view, by_m)) for name, at_m in places if at_m and view]
+
+    def _slide(self, nouns: Node, side: Node) -> Step:
+        """To a side, what slides that way is opened or closed; empty for all else."""
+        plains, world = list(nouns.find_data("plain")), self.vocabulary.world
+        found = self.list_alike(plains[0], Slot.OPENS) if len(plains) == 1 and world is not None else []
+        how = world.entities[found[0]].mechanism if world is not None and len(found) == 1 else None
+        if how is None or how.kind != "slide" or not (view := self.ask_view(side)):
+            return []
+        way = rotate(how.closed.quaternion_wxyz, how.axis)
+        along = view * sum(a * b for a, b in zip(way, SIDES[str(side.data)], strict=False))
+        if abs(along) < ALONG:
+            return []
+        verb = "open" if along > 0.0 else "close"
+        return [read_lexicon()["meanings"][verb]["form"].format(name) for name in self.resolve(nouns, Slot.OPENS).names]
 
     def _say_upright(self, names: Sequence[str]) -> Step:
         return [read_lexicon()["meanings"]["stand"]["form"].format(name) for name in names]

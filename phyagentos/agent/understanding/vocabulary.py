@@ -145,7 +145,7 @@ class Vocabulary:
         """Whether a statement is known to be true, or to be false, as the scene begins."""
         if self.world is None:
             return False
-        truth = parse_predicate(text).evaluate(View(now=self.world, initial=self.world)).truth
+        truth = parse_predicate(text).evaluate(View(now=self.world, initial=self.world, target=self.robot)).truth
         return truth is (Truth.TRUE if is_true else Truth.FALSE)
 
     def is_unlisted(self, head: str, adjectives: Iterable[str]) -> bool:

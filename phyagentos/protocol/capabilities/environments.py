@@ -15,6 +15,22 @@ from phyagentos.protocol.documents.schema import Authored, misfit
 ENVIRONMENTS, DEFAULT_FOLDER = "PHYAGENTOS_ENVIRONMENTS", "build"
 
 
+class CheckoutSpec(Authored):
+    """A clone of a repository that a user has: its files are used where they are, and never copied.
+
+    Attributes:
+        url: Of the repository.
+        revisions: Of each folder of it that is a repository, `.` for the whole, the commit that is known to work.
+        files: What must be there, as assets that a clone may lack.
+        paths: Folders from which modules are imported.
+    """
+
+    url: str
+    revisions: dict[str, str] = {}
+    files: tuple[str, ...] = ()
+    paths: tuple[str, ...] = pydantic.Field(min_length=1)
+
+
 class EnvironmentSpec(Authored):
     """One Python environment.
 
@@ -23,6 +39,7 @@ class EnvironmentSpec(Authored):
         without_dependencies: Packages installed afterwards with `--no-deps`, since their own pins do not fit.
         imports: Modules that must be found in it.
         files: What must be there beside it, of a program that paos does not install; `about` says what does.
+        checkout: What is not on the registry: `paos bench setup NAME --from FOLDER` says where its clone is.
         gigabytes: Disk that it takes, about [GB].
         about: For whom makes it: licences, how long it takes.
     """
@@ -31,6 +48,7 @@ class EnvironmentSpec(Authored):
     without_dependencies: tuple[str, ...] = ()
     imports: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
+    checkout: CheckoutSpec | None = None
     gigabytes: float = pydantic.Field(default=0.0, ge=0.0)
     about: str = ""
 

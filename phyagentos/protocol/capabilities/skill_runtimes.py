@@ -119,7 +119,7 @@ class Parameter(Authored):
     optional: bool = False
     choices: tuple[str, ...] = ()
     kinds: tuple[str, ...] = ()
-    mechanism: Literal["slide", "hinge"] | None = None
+    mechanism: Literal["slide", "hinge", "toggle"] | None = None
     minimum: float | None = None
     maximum: float | None = None
 

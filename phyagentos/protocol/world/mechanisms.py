@@ -25,7 +25,7 @@ def compute_motion(mechanism: Mechanism, amount: float) -> "Array":
     import numpy as np
 
     axis, anchor = _place_axis(mechanism)
-    if mechanism.kind == "slide":
+    if mechanism.kind != "hinge":
         return make_matrix(np.eye(3), axis * amount)
     rotation = turn(axis * amount)
     return make_matrix(rotation, anchor - rotation @ anchor)
@@ -43,7 +43,7 @@ def measure_amount(mechanism: Mechanism, point_m: "Array", at_m: "Array") -> flo
 
     axis, anchor = _place_axis(mechanism)
     start = compute_rotation(mechanism.closed.quaternion_wxyz) @ point_m + np.array(mechanism.closed.position_m)
-    if mechanism.kind == "slide":
+    if mechanism.kind != "hinge":
         return float(axis @ (at_m - start))
     u, v = start - anchor, at_m - anchor
     angle = float(np.arctan2(axis @ np.cross(u, v), u @ v - (axis @ u) * (axis @ v)))
@@ -56,7 +56,7 @@ def compute_twist(mechanism: Mechanism, at_m: "Array") -> "Array":
     import numpy as np
 
     axis, anchor = _place_axis(mechanism)
-    if mechanism.kind == "slide":
+    if mechanism.kind != "hinge":
         return np.concatenate((axis, np.zeros(3)))
     along = np.cross(axis, at_m - anchor)
     return np.concatenate((along, axis)) / max(float(np.linalg.norm(along)), 1e-3)  # nearer to the axis, no turn shows

@@ -136,7 +136,7 @@ class Joint(Authored):
             friction, what was closed opens by itself.
     """
 
-    kind: Literal["slide", "hinge"]
+    kind: Literal["slide", "hinge", "toggle"]
     axis: Number3
     anchor_m: Number3 = (0.0, 0.0, 0.0)
     travel: float = pydantic.Field(gt=0.0, le=3.2)

@@ -58,7 +58,7 @@ class PlacedBody:
         """(4,) of the start."""
         closed = multiply(_about_z(self.yaw_rad), convert_euler(self.body.place.euler_rad))
         joint = self.body.joint
-        if joint is None or joint.kind == "slide" or self.opening is None:
+        if joint is None or joint.kind != "hinge" or self.opening is None:
             return closed
         half_rad = joint.travel * self.opening / 2
         x, y, z = (float(np.sin(half_rad)) * each for each in joint.axis)
@@ -103,7 +103,7 @@ class PlacedBody:
 def _open(yaw_rad: float, joint: Joint, fraction: float) -> NDArray[np.float64]:
     """(3,) displacement of a body's origin that opens it by a fraction of its travel."""
     amount, axis, anchor = joint.travel * fraction, np.array(joint.axis), np.array(joint.anchor_m)
-    return _turn(axis * amount if joint.kind == "slide" else anchor - turn(axis * amount) @ anchor, yaw_rad)
+    return _turn(axis * amount if joint.kind != "hinge" else anchor - turn(axis * amount) @ anchor, yaw_rad)
 
 
 def _about_z(yaw_rad: float) -> tuple[float, float, float, float]:
@@ -318,7 +318,7 @@ def _add_joint(body: mujoco.MjsBody, name: str, joint: Joint, opening: float) ->
     """A slide or hinge whose position is zero when it is closed, and which begins open by a fraction."""
     body.add_joint(
         name=f"{name}_joint",
-        type=mujoco.mjtJoint.mjJNT_SLIDE if joint.kind == "slide" else mujoco.mjtJoint.mjJNT_HINGE,
+        type=mujoco.mjtJoint.mjJNT_SLIDE if joint.kind != "hinge" else mujoco.mjtJoint.mjJNT_HINGE,
         axis=joint.axis,
         pos=joint.anchor_m,
         ref=joint.travel * opening,

@@ -74,7 +74,7 @@ class FindOpening(Leaf):
 def compute_way(whole: Entity, mechanism: Mechanism, opening: float) -> tuple[Array, ...]:
     """Displacements (4, 4) in the world that bring an entity from its believed opening to another, in steps."""
     way = (opening - (whole.joint or 0.0)) * mechanism.travel
-    steps = 1 if mechanism.kind == "slide" else max(1, ceil(abs(way) / STEP_RAD))
+    steps = 1 if mechanism.kind != "hinge" else max(1, ceil(abs(way) / STEP_RAD))
     return tuple(compute_motion(mechanism, way * (index + 1) / steps) for index in range(steps))
 
 

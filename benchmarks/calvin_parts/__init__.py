@@ -1,0 +1,1 @@
+"""CALVIN as a project of this framework."""

@@ -1,0 +1,1 @@
+"""The arm of CALVIN, served to phyagentos."""
