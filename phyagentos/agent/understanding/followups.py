@@ -124,7 +124,7 @@ class FollowUps(Keeping):
     def _read_again_without(self, clause: Node, objects: Node, *_: Node) -> Step:
         """The last goal but for one object; after a verb, as in `press the red button but not the green one`, never."""
         if self._verb in ACTS:
-            return self._say("never_open" if self._verb == "open" else "never_close", objects, constraint=True)
+            return self._say("never_open" if self._verb == ACTS[0] else "never_close", objects, constraint=True)
         if self._verb == "put" and self._dest is not None and len(self.placed) == 1 and not self.chosen:
             return self._read_never_put(clause, objects, self._dest)
         if not (before := self.list_past()):
