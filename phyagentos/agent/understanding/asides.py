@@ -21,22 +21,26 @@ _LEAD = (
 _MODAL = "could|can|would|will|might"  # `should you drop it` is a condition
 _SOFT = (
     rf"{_MODAL}|to|please|kindly|maybe|perhaps|possibly|just|quickly|now|also|to|go ahead and|go and|be able to|"
-    "manage to|at least|try to|try and|be so kind as to|be a dear and|help me|help me to|help us|mind"
+    "manage to|at least|try to|try and|be so kind as to|be a dear and|help me|help me to|help us|mind|"
+    "be willing to|be so good as to"
 )
 _COURTESY = re.compile(
     rf"(^|[,;] )(?:(?:{_LEAD}|,) )*?"
-    rf"(?:(?:{_MODAL}) you|(?:want|need|like|love|have|get|ask|asking|wish|for|expect|trust) you to|"
+    rf"(?:(?:{_MODAL}) you|(?:may|might|can|could) i (?:ask|trouble|bother|beg|request)(?: of)? (?:you )?to|"
+    r"(?:want|need|like|love|have|get|ask|asking|wish|for|expect|trust) you to|"
     rf"(?:if|whether|that|chance|hoping|hope|think|thinking|wondering|wish|maybe|"
     rf"perhaps|possibly|guess|suppose) you (?:{_MODAL}))"
     rf"(?: (?:{_SOFT}))* (not )?(?!see\b|have\b)"
 )
 _WISH = re.compile(
-    r"(?:^|(?<=[,;] ))(?:(?:it|that|i) would be (?:\w+ )?\w+|"
-    r"i would (?:really |so )?(?:love|like|prefer|appreciate)(?: it)?) if "
-    r"(?!you\b)([^,;]+?) (?:was|were|ended up|would be|could be|went|got|is|are)\b"
+    rf"(?:^|(?<=[,;] ))(?:(?:{_LEAD}) )*?(?:(?:it|that|i) would (?:be|look|seem|feel) (?:\w+ )?\w+|"
+    r"i (?:would|should) (?:be (?:\w+ )?\w+|(?:really |so )?(?:love|like|prefer|appreciate)(?: it)?)) if "
+    r"(?!you\b)([^,;]+?) (?:(could|would|might) (?!be\b)|"
+    r"(?:was|were|stood|sat|ended up|would be|could be|went|got|is|are)\b)"
 )
 _SOUND = re.compile(
-    r"^(?:(?:oh|ah|u[mh]+|er+m?|hm+|yes|yeah|yep|sure|great|perfect|nice|good|cool)(?: ,)? (?!no\b|not\b))+"
+    r"^(?:(?:ugh|wow|phew|argh|oh|ah|u[mh]+|er+m?|hm+|yes|"
+    r"yeah|yep|sure|great|perfect|nice|good|cool)(?: ,)? (?!no\b|not\b))+"
 )
 _REASONS = (
     r"\b(?:because|cause|cos|cuz|seeing (?:that|as)|given that)\b[^,;]*",
@@ -57,10 +61,12 @@ _FOR = re.compile(
 )
 _TRADED = re.compile(r"\b(?:look|search|swap|exchang|replac|substitut|trad|wait|hold|keep|stay)")
 _REMARK = re.compile(
-    r"(?:and |but |well |so )?(?:i|we|he|she|there (?:is|are|was|were|has)|"
+    r"(?:and |but |well |so )?"
+    r"(?:(?:yesterday|today|earlier|tomorrow|recently|usually|sometimes|honestly|anyway|anyhow),? )*"
+    r"(?:i|we|he|she|there (?:is|are|was|were|has)|"
     r"(?:it|they|that|this|(?:the|those|these|my|our|his|her)(?: \w+){1,2}|some\w+|every\w+|people|"
     r"\w+s|dinner|lunch|breakfast|today|tonight) "
-    r"(?:is|are|was|were|has|have|will be|keeps?))\b"
+    r"(?:is|are|was|were|has|have|had|will be|keeps?|came|went|got|made|wants?|likes?|\w+ed))\b"
 )
 _PERSON = r"(?:(?:i|we|he|she|they|some(?:one|body)|people|my \w+)(?: just| always| really| still| do| already)*)"
 _STATEMENT = re.compile(
@@ -91,6 +97,11 @@ def drop_asides(text: str, known: Set[str], scene: Set[str]) -> tuple[str, tuple
 
     for pattern in _REASONS:
         text = re.sub(pattern, partial(drop, is_idle=lambda said: not _NEXT_PART.search(said)), text)
+    text = re.sub(
+        r"\bso (?:that )?[a-z]+ (?:is|are|can|will|gets?|stays?)\b[^,;]*",
+        partial(drop, is_idle=lambda said: _is_idle(said.removeprefix("so ").removeprefix("that "), known, scene)),
+        text,
+    )
     text = re.sub(
         r"\bbefore (?:[a-z'-]+ ?){1,4}(?=\s*(?:[,;]|$))",
         partial(drop, is_idle=lambda said: _is_idle(said.removeprefix("before "), known, scene)),
@@ -147,8 +158,8 @@ def _drop_remarks(rest: str, known: Set[str], scene: Set[str]) -> tuple[str, lis
 
 def _drop_courtesies(text: str) -> str:
     text = _SOUND.sub("", text)
-    text = re.sub(r"^i (?:think|guess|suppose|believe|reckon|figure)(?: that)? (?!not\b)", "", text)
-    text = _WISH.sub(r"i want \1 to be", text)
+    text = re.sub(r"(^|[,;] )i (?:think|guess|suppose|believe|reckon|figure)(?: that)? (?!not\b)", r"\1", text)
+    text = _WISH.sub(lambda found: f"{found[1]} should " if found[2] else f"i want {found[1]} to be", text)
     return _COURTESY.sub(lambda found: f"{found[1]}{'do not ' if found[2] else ''}", text)
 
 
@@ -163,7 +174,9 @@ def _is_said(remark: str, scene: Set[str]) -> bool:
 
 def _is_idle(said: str, known: Set[str], scene: Set[str]) -> bool:
     """Whether words could be no part of a goal: one at least is unknown, none is of the scene, a number or weighty."""
-    spoken = {*re.findall(r"[a-z][a-z'-]*|\d+", re.sub(r"^(?:i|we) (?:can|could|do|am|are|have) not\b", "", said))}
+    spoken = {
+        *re.findall(r"[a-z][a-z'-]*|\d+", re.sub(r"\b(?:can|could|do|does|am|is|are|has|have|will) not\b", "", said))
+    }
     strange = spoken - known
     return (
         bool(strange)
@@ -175,8 +188,12 @@ def _is_idle(said: str, known: Set[str], scene: Set[str]) -> bool:
 def _find_topic(remark: str, later: str, known: Set[str], scene: Set[str]) -> str | None:
     """What a remark about an object leaves for a later `it`: the object's phrase, or nothing; None if it is none."""
     words = _join(scene)
-    refers = bool(re.search(r"\b(?:it|them|they)\b", later))
-    phrases = re.findall(rf"\b(?:(?:the|my|our|this|that|these|those|an?|some) )?(?:(?!can not ){words} ?)+", remark)
+    refers = bool(re.search(r"\b(?:it|them|they|ones?)\b", later))
+    phrases = re.findall(
+        r"\b(?:(?:the|all the) (?:stuff|things|objects) (?:under|below|on|in|inside|behind) )?"
+        rf"(?:(?:the|my|our|this|that|these|those|an?|some) )?(?:(?!can not ){words} ?)+",
+        remark,
+    )
     if refers and phrases and _STATEMENT.match(remark) and not _WISHED.search(remark):
         return re.sub(r"^(?:my|our|this|that|these|those|an?|some) |^(?!the )", "the ", phrases[0]).strip()
     if re.match(r"there (?:is|are)\b", remark):

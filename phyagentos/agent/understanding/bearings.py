@@ -17,7 +17,7 @@ SIDES: Mapping[str, tuple[float, float]] = {
     "back": (1.0, 0.0),
     "front": (-1.0, 0.0),
 }  # direction in the world for the robot, which looks along x
-_ALONG = {"toward": -1.0, "away": 1.0}  # the line from the robot to an object
+_ALONG = {"toward": -1.0, "away": 1.0}  # the line from the robot, or from another object, to an object
 _REACH_M = (0.3, 0.7)  # from the mount, as shipped arms have it; plans find out what one can reach
 GAP_M = 0.04  # between two objects that are put side by side
 BESIDE_M = 0.15  # between the middles of objects that are next to each other
@@ -180,10 +180,12 @@ def is_between(body: SceneObject, ends: Sequence[SceneObject]) -> bool:
     return one[0] * other[0] + one[1] * other[1] < -0.5 * math.hypot(*one[:2]) * math.hypot(*other[:2])
 
 
-def shift(at_m: Vector, side: str, view: float, by_m: float) -> Vector:
-    """A point so far to a side of another one [m]."""
-    away_m = math.hypot(*at_m[:2])
-    x, y = SIDES.get(side) or (_ALONG[side] * at_m[0] / away_m, _ALONG[side] * at_m[1] / away_m)
+def shift(at_m: Vector, side: str, view: float, by_m: float, origin_m: Vector = (0.0, 0.0, 0.0)) -> Vector:
+    """A point so far to a side of another one, or toward an origin or away from it [m]."""
+    away_m = math.dist(at_m[:2], origin_m[:2])
+    x, y = SIDES.get(side) or [
+        _ALONG[side] * (at - origin) / away_m for at, origin in zip(at_m[:2], origin_m, strict=False)
+    ]
     return (round(at_m[0] + view * x * by_m, 3), round(at_m[1] + view * y * by_m, 3), round(at_m[2], 3))
 
 

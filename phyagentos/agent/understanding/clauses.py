@@ -6,14 +6,15 @@ each object stand in the lexicon. Clauses are steps where the request says an or
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from lark import Tree
 
 from phyagentos.agent.understanding.bearings import is_tall, is_within
 from phyagentos.agent.understanding.discourse import Named, Slot
-from phyagentos.agent.understanding.keeping import ACTS, Keeping
+from phyagentos.agent.understanding.followups import FollowUps
+from phyagentos.agent.understanding.keeping import ACTS
 from phyagentos.agent.understanding.phrases import Node, find_child, find_side, get_type, has_token, list_children
 from phyagentos.agent.understanding.steps import Step, get_object, list_flipped, negate, rename, says
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
@@ -23,16 +24,15 @@ from phyagentos.protocol.predicates.predicate import find_entities
 
 
 @dataclass(slots=True, kw_only=True)
-class Clauses(Keeping):
+class Clauses(FollowUps):
     """Predicates of a plan, collected clause by clause.
 
     Attributes:
-        again: Whether the goal before is meant, and objects that this time are excepted.
+        _leads: Whether a clause is the first of its step.
     """
 
-    again: bool = False
-    excepted: list[str] = field(default_factory=list)
     _wiped: str = ""
+    _leads: bool = True
 
     def read_plan(self, plan: Node) -> list[Step]:
         """The steps of a plan in the order in which they have to come true."""
@@ -42,7 +42,7 @@ class Clauses(Keeping):
             parts.remove(case)
             count, asked = len(self.lacks), len(self.questions)
             self._check_case(case)
-            if len(parts) > 1:  # `otherwise ...`
+            if has_token(plan, "otherwise"):
                 is_unmet = {each.kind for each in self.lacks[count:]} == {RequestProblemKind.UNMET}
                 del self.lacks[count if is_unmet else len(self.lacks) :]
                 if is_unmet:  # `it` is what the other part is about
@@ -58,7 +58,13 @@ class Clauses(Keeping):
     def _check_case(self, case: Node) -> None:
         """A condition is of the world as it is now: where it holds it is no part of the goal."""
         if case.data == "exists":
-            if not self.list_alike(list_children(case)[-1], Slot.ANY):
+            plain, *dest = list_children(case)
+            names = self.list_alike(plain, Slot.ANY)
+            if dest:
+                there = self.list_placed(names, dest[0])
+                names = [name for name in there if self.vocabulary.is_known(there[name], is_true=True)]
+            self.recent[-1] += names
+            if not names:
                 self.lack(RequestProblemKind.UNMET, case)
             return
         texts, is_untrue = self._read_texts(case), has_token(case, "untrue")
@@ -110,18 +116,26 @@ class Clauses(Keeping):
         What is picked up and then named again is not held in the end; what is `left` is none of `the cubes`.
         """
         steps: list[Step] = []
+        count = 0
         topic, *others = list_children(group)
-        is_topic = topic.data == "elided" and others and not self._verb and not self.list_past()
+        is_apart = "and" not in map(str, group.children[group.children.index(topic) + 1 :][:1])
+        is_topic = topic.data == "elided" and others and is_apart and not self._verb and not self.list_past()
         named = self.resolve(list_children(topic)[0], Slot.ANY).names if is_topic else ()  # `the red cube, put it ...`
         for clause in others if is_topic else [topic, *others]:
+            self._leads = clause is topic
             read = self._read_steps(clause)
             self._ask_scope(group, clause, read)
             self._check_meanwhile(group, clause, read)
+            if clause.data == "anew":  # `open the drawer, no, close it` takes back the clause before
+                del steps[len(steps) - count :]
+            count = len(read)
             again = {f"holding({ROLE}, {name})" for name in self.recent[-1]} if any(read) else set()
             steps = [[text for text in step if text not in again] for step in steps] + read
         texts = [text for step in steps for text in step]
         about = {name for text in (*texts, *self.constraints) for name in find_entities(text)}
-        if named and about.isdisjoint((*named, *map(self.find_opening, named))):  # what is said of it is not known
+        if (
+            named and not self.questions and about.isdisjoint((*named, *map(self.find_opening, named)))
+        ):  # what is said of it is not known
             self.lack(RequestProblemKind.SENTENCE, topic)
         opened = {get_object(text) for text in texts if says(text, Meaning.OPEN, Meaning.CLOSED)}
         held = {text: self.get(get_object(text)) for text in texts if says(text, Meaning.HOLDING)}
@@ -209,6 +223,10 @@ class Clauses(Keeping):
                 return self.lack(RequestProblemKind.FIXED, clause)
             return [text for verb in self.ask(QuestionKind.DEED, clause, ACTS[:2]) for text in self._say(verb, objects)]
         places = [each.name for each in self.list_rests()]
+        into = [name for name in names if name in places]
+        if "," in self.quote(clause) and len(into) == 1 < len(names):  # `blue cube, red tray`
+            put = self._put(Named(names=tuple(name for name in names if name not in into)))
+            return [self._relate(name, into[0]) for name in put]
         chosen = self.ask(QuestionKind.WHERE, clause, places) if names else ()
         return [self._relate(name, place) for place in chosen for name in self._put(Named(names=names))]
 
@@ -221,88 +239,13 @@ class Clauses(Keeping):
 
     # placing
 
-    def _read_by_means(self, _: Node, tool: Node, command: Node) -> Step:
+    def _read_by_means(self, _: Node, *parts: Node) -> Step:
         """A goal says what is true then, and not with what: which of several handles it is stays open."""
+        tool, command = sorted(parts, key=lambda part: part.data != "things")
         if not any(self.list_alike(plain, Slot.ANY) for plain in tool.find_data("plain")):
             self.resolve(tool, Slot.ANY)
         self.unsaid.append(f"with {self.quote(tool)}")
         return self._read_texts(command)
-
-    def _read_instead(self, clause: Node, *said: Node) -> Step:
-        """The last goal with another object, or another place: `no, the blue one`, `no, into the blue tray`."""
-        meant = said[-1]  # what it is not stands before it
-        before = self.list_past()
-        if not before:
-            return self.lack(RequestProblemKind.PAST, clause)
-        if any(clause.find_data("only")):
-            return self._read_only(meant)
-        past = self.vocabulary.past[-1].accept
-        if meant.data == "things" and (either := self._find_either(meant)) and not self._find_fixed(meant):
-            chosen = either if len(either) == 1 else self.ask(QuestionKind.WHICH, meant, either)
-            if not chosen or not self.get(chosen[0]).movable:
-                return [self._relate(name, place) for place in chosen for name in self._put(Named(names=tuple(before)))]
-        if meant.data == "things" and (place := self._find_fixed(meant)):
-            return [self._relate(name, place) for name in self._put(Named(names=tuple(before)))]
-        if meant.data != "things":
-            places = self._find_places(meant)
-            found = ((name, self._find_place(name, meant, places)) for name in before)
-            return [self._locate(name, meant, place) for name, place in found if place]
-        names = self._resolve_after(before, meant)
-        if len(names) != len(before):  # which of several is another one
-            return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
-        return [rename(text, dict(zip(before, names, strict=True))) for text in past]
-
-    def _find_either(self, objects: Node) -> list[str]:
-        """An object and a place that `no, the blue one` may mean, or a place alone; empty where it is an object."""
-        plains = list(objects.find_data("plain"))
-        if len(plains) != 1 or self._read_head(plains[0])[0]:
-            return []
-        moved, places = (
-            [each.name for each in self._find_candidates(plains[0], Slot.MOVED, head)[0]]
-            for head in (self.heads.get(Slot.MOVED, ""), self.heads.get(Slot.PLACE, ""))
-        )
-        past = self.list_past(is_place=True)
-        is_open = bool(moved and places) or (bool(past) and len(places) == 1)
-        return [*moved, *places] if is_open and {*moved, *past}.isdisjoint(places) else []
-
-    def _read_turned(self, clause: Node) -> Step:
-        """`the other way around`, of one goal about two objects."""
-        past = self.vocabulary.past[-1].accept if self.vocabulary.past else ()
-        pairs = [find_entities(text) for text in past]
-        if [len(pair) for pair in pairs] != [2]:
-            return self.lack(RequestProblemKind.PAST, clause)
-        ((one, other),) = pairs
-        return [rename(past[0], {one: other, other: one})]
-
-    def _find_fixed(self, objects: Node) -> str:
-        """The place that a phrase names, as `the blue tray`; empty where it is about objects that can be moved."""
-        plains = list(objects.find_data("plain"))
-        names = [] if len(plains) != 1 or self._read_head(plains[0])[0] == "" else self.list_alike(plains[0])
-        return names[0] if len(names) == 1 and not (self.get(names[0]).movable or self.get(names[0]).opens) else ""
-
-    def _read_only(self, objects: Node) -> Step:
-        """Of the last goal what is about these objects alone: `no, only the red one`."""
-        names, self.unmet = self._resolve_after(self.list_past(), objects), ""
-        return [text for text in self.vocabulary.past[-1].accept if get_object(text) in names] or self.lack(
-            RequestProblemKind.PAST, objects
-        )
-
-    def _read_undo(self, clause: Node) -> Step:
-        """What the last goal is about, as the scene has it at first."""
-        return [back for text in self.list_past_texts() for back in self._undo(text)] or self.lack(
-            RequestProblemKind.PAST, clause
-        )
-
-    def _undo(self, text: str) -> Step:
-        item = self.get(get_object(text))
-        back = [self._put_exactly(item.name)] if item.movable and not item.contents else list_flipped(text)
-        return [each for each in back if each] or self.lack(RequestProblemKind.CAPABILITY, text)
-
-    def _resolve_after(self, before: Sequence[str], objects: Node) -> tuple[str, ...]:
-        """Objects of a phrase that goes on from the last goal: `the other one` is none of those."""
-        self.moved = [*before]
-        self.heads[Slot.MOVED] = next(iter(sorted(self.get(before[-1]).heads)))
-        return self.resolve(objects, Slot.MOVED).names
 
     def _read_go_on(self, _: Node, objects: Node) -> Step:
         """`drive to the bay and then to the dock`."""
@@ -329,24 +272,15 @@ class Clauses(Keeping):
             self.again = True
             last = [text for text in self.vocabulary.past[-1].accept if get_object(text) == before[-1]]
             names = self._resolve_after(before, objects)
+            names = tuple(map(self.find_opening, names)) if self.get(before[-1]).opens else names
             return [rename(text, {before[-1]: name}) for name in names for text in last]
         if has_token(clause, "same_with") and not before:
             return self.lack(RequestProblemKind.PAST, clause)
         if not self._verb and len(self.recent) == 1:
             return self._read_unplaced(clause, objects)
-        if self._verb not in ACTS:
-            return self.lack(RequestProblemKind.SENTENCE, clause)
-        return self._say(self._verb, objects)
-
-    def _read_same_at(self, clause: Node, objects: Node, dest: Node) -> Step:
-        """`the same for the green one, but in the blue tray`."""
-        before = self.list_past()
-        if not self.list_past(is_place=True):
-            return self.lack(RequestProblemKind.PAST, clause)
-        self.again = True
-        names, places = self._put(Named(names=self._resolve_after(before, objects))), self._find_places(dest)
-        found = ((name, self._find_place(name, dest, places)) for name in names)
-        return [self._locate(name, dest, place) for name, place in found if place]
+        if self._verb == "put" and self._leads:  # `put the can into the tray, then the cube`
+            return self._read_same_place(clause, objects)
+        return self._say(self._verb, objects) if self._verb in ACTS else self.lack(RequestProblemKind.SENTENCE, clause)
 
     # doing other objects
 
@@ -431,29 +365,14 @@ class Clauses(Keeping):
         posture = next(str(token) for token in clause.children if get_type(token) == "posture")
         return [f"in_posture({ROLE}, {'_'.join(posture.split())})"]
 
-    def _read_again(self, _: Node, *exceptions: Node) -> Step:
-        self.again = True
-        self.excepted += [name for each in exceptions for name in self.resolve_except(each, Slot.ANY)]
-        return []
-
-    def _read_again_without(self, clause: Node, objects: Node, *_: Node) -> Step:
-        """The last goal but for one object; after a verb, as in `press the red button but not the green one`, never."""
-        if self._verb in ACTS:
-            return self._say("never_open" if self._verb == "open" else "never_close", objects, constraint=True)
-        if self._verb == "put" and self._dest is not None and len(self.placed) == 1 and not self.chosen:
-            return self._read_never_put(clause, objects, self._dest)
-        if not (before := self.list_past()):
-            return self.lack(RequestProblemKind.PAST, clause)
-        self.heads[Slot.MOVED] = next(iter(sorted(self.get(before[-1]).heads)))
-        names = self.resolve(objects, Slot.MOVED).names
-        if not {*names} <= {*before}:
-            return self.lack(RequestProblemKind.PAST, clause)
-        self.again, self.excepted = True, [*self.excepted, *names]
-        return []
-
     # states that are wished for, or reached
 
+    def _read_wish_not_state(self, _: Node, objects: Node, state: Node) -> Step:
+        """`do not leave the drawer open`."""
+        return [each for text in self._say(str(state.data), objects) for each in list_flipped(text) or [negate(text)]]
+
     def _read_wish_state(self, _: Node, objects: Node, state: Node) -> Step:
+        self._verb = self._verb or "put"  # `the bottle upright, the cubes in the tray`
         return self._say(str(state.data), objects)
 
     def _read_wish_holds(self, clause: Node, vessel: Node, objects: Node) -> Step:

@@ -38,9 +38,10 @@ class Destinations(Nouns):
             case "inside_it":
                 return Named(names=self.left or self._find_there(dest))
             case "on_top":
-                if len(self.placed) != 1:
+                placed = self.placed or self.list_past()
+                if len(placed) != 1:
                     self.lack(RequestProblemKind.SENTENCE, dest)
-                return Named(names=self.placed[:1])
+                return Named(names=tuple(placed[:1]))
             case "to_its_colour":
                 vessels = (each.name for each in self.list_fitting(Slot.VESSEL) if each.colour and not each.movable)
                 return Named(names=tuple(vessels), words=self.quote(dest), by_colour=True)
@@ -195,6 +196,10 @@ class Destinations(Nouns):
         texts = {name: [self._locate(name, dest, place) for place in places if place != name] for name in names}
         return {name: " or ".join(each) for name, each in texts.items() if each}
 
+    def list_holding(self, places: Iterable[str], names: Iterable[str]) -> dict[str, str]:
+        """Of each place the statement that objects are in or on it."""
+        return {place: " and ".join(self._relate(name, place) for name in names) for place in places}
+
     def find_any_places(self, dest: Node) -> tuple[str, ...]:
         """The places of a destination: of `in a tray` every one, as neither question nor prohibition chooses one."""
         any_of = [noun for noun in dest.find_data("quantified") if find_child(noun, "any")]
@@ -205,7 +210,10 @@ class Destinations(Nouns):
         """Names of those that are most so: of a noun, else of all that can be moved."""
         found = self._find_candidates(nouns[0], Slot.MOVED, "")[0] if nouns else self.list_fitting(Slot.MOVED)
         found = self._find_candidates(last, Slot.MOVED, "")[0] if last.data == "plain" else self._filter(found, last)
-        return [each.name for each in found] or [*self.lack(RequestProblemKind.OBJECT, last)]
+        if not found and last.data == "plain":  # `what is red?` may be fixed
+            found = self._find_candidates(last, Slot.ANY, "")[0]
+            found = found or [*map(self.get, self.lack(RequestProblemKind.OBJECT, last))]
+        return [each.name for each in found]
 
     def list_beside(self, names: Iterable[str], dest: Node) -> dict[str, str]:
         """Who looks, and which objects that one sees on a side of another."""

@@ -225,6 +225,8 @@ class Discourse:
             found = [each for each in found if adjectives or each.kind not in SURFACES]
             is_any = is_generic and slot is Slot.ANY
             found = [each for each in found if not is_any or each.movable or each.opens]
+        if not head and self.kin and adjectives == {"other"}:  # one of those that a phrase chose from
+            return [], False, False
         is_either = has_token(plain, "or") and len(adjectives) > 1
         found = [each for each in found if (adjectives & each.words if is_either else adjectives <= each.words)]
         found = [each for each in found if unlike.isdisjoint(each.words)]
@@ -281,16 +283,21 @@ class Discourse:
             found = [self.get(name) for name in self.ask(QuestionKind.WHICH, phrase, [each.name for each in found])]
         if owner is not None and kind in {*SIDES, "beside", "under"}:
             seen = [list_beside(found, kind, view, owner) for view in views]
+            if kind == "beside" and not seen[0] and not self.asks:  # `the post near the tray`: none is
+                seen = [[*self.ask(QuestionKind.WHICH, phrase, (each.name for each in found))]]
         else:
             at_m = owner.at_m if owner is not None else None
             seen = [list_first(found, kind, view, max(self.count, 1), at_m) for view in views]
             seen = [list_nth(found, kind, view, nth, at_m) for view in views] if nth > 1 else seen
-        names = seen[0]
-        if seen[0] != seen[-1]:
+        names, called = (
+            seen[0],
+            [each.name for each in found if owner is None and kind in {*SIDES} & {*each.name.split("_")}],
+        )
+        if seen[0] != seen[-1] or not {*called} <= {*names}:
             if self.asks:
                 view = self.ask_view(phrase)
                 return [] if view is None else [item for item in found if item.name in seen[view != views[0]]]
-            likely = dict.fromkeys(name for each in seen[::-1] for name in each)
+            likely = dict.fromkeys(name for each in (called, *seen[::-1]) for name in each)
             names = [*self.ask(QuestionKind.SIDE, phrase, likely)]
         return [item for item in found if item.name in names]
 

@@ -9,7 +9,7 @@ from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.clauses import Clauses
 from phyagentos.agent.understanding.inquiries import read_inquiry
 from phyagentos.agent.understanding.phrases import Node, has_token, list_children
-from phyagentos.agent.understanding.reading import Readings, read_request
+from phyagentos.agent.understanding.reading import Readings, find_letters, read_request
 from phyagentos.agent.understanding.steps import finish, list_flipped
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
@@ -85,7 +85,7 @@ class EmbeddedUnderstander:
         if (
             not more
             and isinstance(read_so, Understood)
-            and list(map(_find_letters, words)) == list(map(_find_letters, near))
+            and list(map(find_letters, words)) == list(map(find_letters, near))
         ):
             return replace(read_so, reasons=(*read_so.reasons, f"{', '.join(words)}: {', '.join(near)}"))
         if (answer := answers.get(key)) in named:
@@ -165,11 +165,6 @@ def _begin(said: Clauses, steps: tuple[Texts, ...], accept: Texts, constraints: 
     return tuple(dict.fromkeys((*accept, *late))), tuple(text for text in constraints if text not in late)
 
 
-def _find_letters(word: str) -> list[str]:
-    """The letters of a word, doubled ones once: alike of `teh` and `the`, which need no question."""
-    return sorted(re.sub(r"(.)\1", r"\1", word))
-
-
 def _replace_words(text: str, words: Mapping[str, str]) -> str:
     return re.sub(r"[\w'-]+", lambda found: words.get(found[0].lower(), found[0]), text)
 
@@ -181,6 +176,8 @@ def _outline(found: Understanding) -> object:
             return _summarise(goal)
         case Ambiguous(questions=questions):
             return tuple((each.kind, each.candidates) for each in questions)
+        case Inquiry(statements=statements):
+            return tuple(statements.items())
     return found
 
 

@@ -90,6 +90,8 @@ def _read_parts(said: Clauses, question: Node, parts: Sequence[Node]) -> tuple[I
     """How many parts something has, which of two is in a state or nearer, in which of two states, whether alike."""
     kind, statements = _KINDS[question.data], dict[str, str]()
     match str(question.data), parts:
+        case "ask_holder", [plain, noun]:
+            statements = said.list_holding(said.list_alike(plain, Slot.PLACE), said.resolve_one(noun, Slot.ANY).names)
         case "ask_parts", [plain, owner]:
             owners = said.resolve_one(owner, Slot.ANY).names
             statements = dict.fromkeys(said.list_owned(plain, owners), "")
@@ -186,7 +188,18 @@ def _say_state(said: Clauses, names: Iterable[str], state: Node) -> dict[str, st
 
 _OPEN = ("any", "number", "exactly", "half", "some")  # quantities that leave open which objects are meant
 _OF_PARTS = {  # read by their parts
-    *("ask_distance", "ask_parts", "ask_which_of", "ask_same", "ask_states", "ask_nearer", "ask_height", "ask_pair")
+    *(
+        "ask_distance",
+        "ask_parts",
+        "ask_which_of",
+        "ask_same",
+        "ask_states",
+        "ask_nearer",
+        "ask_height",
+        "ask_pair",
+        "ask_holder",
+        "ask_why",
+    )
 }
 _KINDS = {
     "ask_state": InquiryKind.WHETHER,
@@ -194,6 +207,7 @@ _KINDS = {
     "ask_contains": InquiryKind.WHETHER,
     "ask_where": InquiryKind.WHERE,
     "ask_which": InquiryKind.WHICH,
+    "ask_holder": InquiryKind.WHICH,
     "ask_which_state": InquiryKind.WHICH,
     "ask_named": InquiryKind.WHICH,
     "ask_compare": InquiryKind.WHICH,

@@ -54,6 +54,8 @@ class Keeping(Transfers):
         if kept.data in read_lexicon()["meanings"]:
             is_end = has_token(clause, "leave") and kept.data in {"open", "close"}  # so it is left, at the end
             return self._say(str(kept.data), objects, constraint=not is_end)
+        if any(objects.find_data("only")):  # `only the bottle should stay on the table`
+            return self._read_wish_place(Node("wish_place", clause.children), objects, kept)
         names = self.resolve(objects, Slot.ANY).names
         self.spared += names
         self.among = tuple(self.get(name).stands for name in names)

@@ -20,6 +20,8 @@ from phyagentos.agent.understanding.phrases import (
 )
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
 
+_RANKS = {"large", "small", "tall", "long"}
+
 
 @dataclass(slots=True, kw_only=True)
 class Nouns(Discourse):
@@ -46,6 +48,7 @@ class Nouns(Discourse):
             names=self.remove(names, objects, slot, spare),
             spare=spare,
             words=self.quote(objects),
+            only=any(each.only for each in named),
             by_colour=any(each.by_colour for each in named),
             rest=tuple(name for name in rest if name not in names),
             number=named[0].number,
@@ -236,7 +239,8 @@ class Nouns(Discourse):
             if plain is None
             else self._find_candidates(plain, slot, "")[0]
         )
-        named = {*self.moved, *self.spared}
+        single = {name for before in self.recent[:-1] for name in before} - self.grouped
+        named = {*self.moved, *self.spared, *single}
         names = tuple(each.name for each in found if each.name not in named) if named else ()
         return names or self.lack(RequestProblemKind.OBJECT, noun, (each.name for each in found))
 
@@ -271,6 +275,7 @@ class Nouns(Discourse):
             is_all = kind == "all" and not number
             return Named(names=found, number=self._count_contents(found) if is_all else number)
         found = tuple(name for name in found if name in self.among) or found
+        found = self._find_pointed(quantities, found)
         is_pending = asked > 0 and any(has_token(each, "other") for each in quantities)  # than what is not yet chosen
         if not found and len(self.questions) == asked and not is_pending:
             self.lack_named(plain, words)
@@ -280,6 +285,9 @@ class Nouns(Discourse):
             named = replace(named, by_colour=True)
         if named.by_colour or not found:
             return named
+        if is_plural and kind in {"the", "all"} and self._is_vague(plain, found):
+            alike = [each.name for each in self.list_called(self._read_head(plain)[0], slot)]
+            return Named(names=self.ask(QuestionKind.WHICH, noun, alike, likely=found[0]))
         counts = {"both": 2, "all": number or len(found), "the_number": number, "some": -1}
         if counts.get(kind, len(found)) != len(found):
             self.ask(QuestionKind.HOW_MANY, noun, found)
@@ -298,6 +306,17 @@ class Nouns(Discourse):
             return Named(names=self.ask(QuestionKind.WHICH, noun, found, likely=self._guess(plain, found)))
         return replace(named, only=kind == "only")
 
+    def _is_vague(self, plain: Node, found: Sequence[str]) -> bool:
+        """Whether a size leaves open which of several are meant: `the little boxes`, `the small stuff`."""
+        is_ranked = any(part.data in _RANKS for part in list_children(plain))
+        return is_ranked and (len(found) == 1 or self._read_head(plain)[2])
+
+    def _find_pointed(self, quantities: Sequence[Node], found: tuple[str, ...]) -> tuple[str, ...]:
+        """Of several the ones that were named last, where it is `that tray`."""
+        is_pointed = any(str(each) in {"this", "that"} for quantity in quantities for each in quantity.children)
+        said = [[name for name in names if name in found] for names in reversed(self.recent[:-1])]
+        return tuple(next(filter(None, said), found)) if is_pointed else found
+
     def _read_quantity(self, quantity: Node, found: Sequence[str], noun: Node, slot: Slot) -> tuple[str, int]:
         """The kind and the number of a quantity; no kind where it is open, which is noted."""
         kind, number = str(quantity.data), read_number(quantity)
@@ -306,6 +325,8 @@ class Nouns(Discourse):
         total = find_child(quantity, "total")
         count = read_number(total) if total is not None else len(found)
         if kind == "exactly" and len(said) == 1 and said[0].split()[-1] == "the":  # `only the two cubes` are which
+            if number == len(found):
+                return "only", 0
             self.lack(RequestProblemKind.SENTENCE, noun)
             return "", 0
         if kind == "any" and number and len(said) == 1 and " of" in said[0]:  # `one of the two`
@@ -325,7 +346,7 @@ class Nouns(Discourse):
         is_bare = has_token(find_child(plain, "head") or plain, "one") and len(plain.children) == 1
         if is_bare and self.kin and slot is Slot.PLACE:  # `one cube onto the other`
             return tuple(name for name in self.kin if name not in recent)
-        owners = {self.get(each).stands for each in recent}
+        owners = {self.get(each).stands for each in recent} | {*self.list_past(is_place=True)}
         before = owners if slot is Slot.PLACE else {*self.moved, *self.spared, *recent}
         left = tuple(name for name in found if name not in before) if before & {*found} else ()
         return tuple(name for name in left if name in self.kin or not is_bare or not self.kin)

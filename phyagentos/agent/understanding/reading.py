@@ -33,7 +33,7 @@ _WORD = re.compile(r"[a-z][a-z'-]*|\d+(?:\.\d+)?|[^\s\w]")
 _GOES_ON = re.compile(
     r"^(?:(?:and|oh|ok|okay|right|great|good|then|could you|can you|please|,) )*"
     r"(?:now|next|also|additionally|in addition|besides)\b"
-    r"|^(?:(?:oh|ok|okay|right|great|good|,) )*and\b(?! then\b)"
+    r"|^(?:(?:oh|ok|okay|right|great|good|,) )*(?:and|but)\b(?! then\b)(?! not\b)"
     r"|\b(?:too|as well)\s*[,;.!?]*$"
 )
 _CONDITION = re.compile(r"\b(if|unless|whenever|when|in case)\b[^,;]*")
@@ -67,6 +67,8 @@ class Readings:
 def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     """Every reading of a request; none where a word is unknown, or from where on it is no sentence."""
     written = " ".join(request.lower().split())
+    if first := re.match(r"(?:step )?1[.):] ", written):  # numbered steps
+        written = re.sub(r"[,;.]?\s*(?:\band )?(?:\bstep )?(?<!\S)\d[.):] ", " then ", written[first.end() :])
     if len(written) > 4 * MOST_LETTERS:  # courtesies are not counted below
         return refuse(RequestProblemKind.SENTENCE, written[MOST_LETTERS : 2 * MOST_LETTERS])
     text = _spell(written)
@@ -171,7 +173,13 @@ def _list_meant(word: str, usual: Iterable[str], scene: Iterable[str]) -> tuple[
     """Known words that a strange one can be a slip of; of the scene's also those that are merely much alike."""
     alike = [each for each in sorted(scene) if each[:1] == word[:1] and min(len(each), len(word)) > LEAST_NEAR]
     slips = (each for each in usual if each != word and is_slip(word, each))
-    return tuple(dict.fromkeys((*slips, *get_close_matches(word, alike, 2, _ALIKE))))
+    meant = tuple(dict.fromkeys((*slips, *get_close_matches(word, alike, 2, _ALIKE))))
+    return tuple(each for each in meant if find_letters(each) == find_letters(word)) or meant
+
+
+def find_letters(word: str) -> list[str]:
+    """The letters of a word, doubled ones once: alike of `teh` and `the`, which need no question."""
+    return sorted(re.sub(r"(.)\1", r"\1", word))
 
 
 def is_slip(word: str, meant: str) -> bool:
@@ -227,7 +235,7 @@ def _list_participles() -> dict[str, str]:
 def _read_spellings() -> tuple[tuple[re.Pattern[str], str], ...]:
     """Patterns of what is written, and what is read for each."""
     known = yaml.safe_load((_FOLDER / "spellings.yaml").read_text(encoding="utf-8"))
-    parts = {f"<{name}>": known[name] for name in ("corrected", "placed")}
+    parts = {f"<{name}>": known[name] for name in ("corrected", "placed")} | {"<verb>": "|".join(sorted(_list_verbs()))}
     written = [
         (reduce(lambda text, part: text.replace(*part), parts.items(), pattern), spelt)
         for pattern, spelt in known["spellings"]

@@ -16,12 +16,14 @@ def reword(text: str, nouns: Collection[str], adjectives: Collection[str], verbs
         f"(?:{'|'.join(map(re.escape, sorted(words, key=len, reverse=True)))})"
         for words in (nouns, {*adjectives} - {*nouns} or {"-"}, verbs)
     )
-    phrase = rf"(?:{_DETERMINER} )?(?:{adjective} )*{noun}(?!\w)"
-    place = rf"(?:(?:on|onto|in|into|inside|on top of|to) {phrase}|inside|there)"
+    phrase = rf"(?:{_DETERMINER} )?(?:(?:two|three|four|\d+) )?(?:{adjective} )*{noun}(?!\w)"
+    place = rf"(?:(?:on|onto|in|into|inside|on top of|to) (?:{phrase}|it)|inside|there)"
     orders = (
         (rf"\b({noun}) ({adjective})\b(?! {noun}\b)", r"\2 \1"),
         (rf"(^|[,;] |\band |\bthen )({place}) ({verb}) ([^,;]+?)(?= [,;]| and | then |$)", r"\1\3 \4 \2"),
         (rf"\b({verb}) ({place}) ({phrase})(?= [,;]| and | then |$)", r"\1 \3 \2"),
+        (rf"^((?:{_DETERMINER}|{adjective}|{noun})\b[^,;]*?) ({place}) ({verb})$", r"\3 \1 \2"),
+        (rf"(^|[,;] |\band )({place}) (must|should) be ({phrase}|nothing)(?= [,;]| and | then |$)", r"\1\4 \3 be \2"),
         (rf"(?<=\w)(?<!\band)(?<!\bthen) (?=(?:{verb}) (?:{_DETERMINER}|it|them|{adjective}|{noun})\b)", " , "),
         (rf"\b({place}|it|them) (?={_DETERMINER} )", r"\1 , "),
     )

@@ -18,6 +18,7 @@ from phyagentos.agent.understanding.phrases import (
     has_token,
     is_open,
     list_children,
+    read_number,
 )
 from phyagentos.agent.understanding.steps import Step, get_object, says
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
@@ -44,7 +45,9 @@ class Transfers(Destinations):
         heaps = str(clause.children[0]).startswith(("stack", "pil"))
         if heaps:  # `stack the yellow on the blue` is of one kind
             self.heads.pop(Slot.PLACE, None)
-        return self._read_wish_place(placing, *list_children(placing), heaps=heaps)
+        wanted = self._read_wish_place(placing, *list_children(placing), heaps=heaps)
+        self._dest = None if heaps else self._dest  # the next one may go onto this one
+        return wanted
 
     def _read_not_there(self, clause: Node, dest: Node) -> Step:
         """`stack red on blue, but not on green`."""
@@ -89,7 +92,7 @@ class Transfers(Destinations):
         ):
             return self.lack(RequestProblemKind.SENTENCE, placing)  # `a cube in every tray but the red one`
         names = self.remove(objects.names, placing, Slot.MOVED, objects.spare)
-        if placing.data == "wish_place" and any(nouns.find_data("only")):  # of what is to be there, not of what to put
+        if placing.data == "wish_place" and objects.only:  # of what is to be there, not of what to put
             rest = (each.name for each in self.list_fitting(Slot.MOVED) if each.name not in names)
             objects = replace(objects, rest=tuple(rest))
         unmet, self._dest = self.unmet, dest
@@ -98,8 +101,8 @@ class Transfers(Destinations):
         self._put(replace(objects, names=names))
         if heaps and len(names) > 1:
             self.ask(QuestionKind.ORDER, placing, ())
-        if any(dest.find_data("different")):
-            return self._spread(names, dest, replace(places, names=places.names[: len(names)]))
+        for each in dest.find_data("different"):
+            return self._spread(names, dest, replace(places, names=places.names[: read_number(each) or len(names)]))
         if any(find_child(noun, "all") for noun in list_children(dest)) and objects.spare and len(names) == 1:
             spread = self._spread((*names, *objects.spare), dest, places)
             others = [each for each in objects.rest if each not in self.placed]
@@ -306,8 +309,14 @@ class Transfers(Destinations):
         if side not in {*SIDES, "toward", "away"} or by_m <= 0.04 or any(self.get(name).at_m is None for name in names):
             return self.lack(RequestProblemKind.MEASURE, " ".join(said) or self.quote(clause))
         view = self.ask_view(sides[0]) if side in SIDES else 1.0
+        owners = [name for noun in list_children(sides[0]) for name in self.resolve_one(noun, Slot.ANY).names]
+        origins = [at_m for name in owners if name not in names and (at_m := self.get(name).at_m)] or [(0.0, 0.0, 0.0)]
+        if len(origins) > 1 or len(owners) != len(list_children(sides[0])):
+            return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
         places = ((name, self.get(name).at_m) for name in names)
-        return [self._stand_at(name, shift(at_m, side, view, by_m)) for name, at_m in places if at_m and view]
+        return [
+            self._stand_at(name, shift(at_m, side, view, by_m, origins[0])) for name, at_m in places if at_m and view
+        ]
 
     def _slide(self, nouns: Node, side: Node) -> Step:
         """To a side, what slides that way is opened or closed; empty for all else."""
@@ -332,8 +341,9 @@ class Transfers(Destinations):
         return self._stand_at(name, (x_m, y_m, z_m - self.get(other).half_m[2] + item.half_m[2]))
 
     def _read_same_place(self, _: Node, nouns: Node) -> Step:
-        """`put the mug on the shelf before the can`: to the place that was said."""
-        if self._dest is None or self._verb != "put":
+        """`put the mug on the shelf before the can`: to the one place that was said."""
+        places = {find_entities(text)[-1] for text in self._said if says(text, Meaning.INSIDE, Meaning.ON)}
+        if self._dest is None or self._verb != "put" or len(places) > 1:
             return self.lack(RequestProblemKind.SENTENCE, nouns)
         return self._read_wish_place(nouns, nouns, self._dest)
 
@@ -361,13 +371,19 @@ class Transfers(Destinations):
     def _read_take_out(self, clause: Node, nouns: Node) -> Step:
         """Out of the vessels that the objects are in."""
         names = self._put(self.resolve(nouns, Slot.MOVED))
-        said = (*self.list_past_texts(), *self._said)
-        past = {get_object(text): find_entities(text)[-1] for text in said if says(text, Meaning.INSIDE)}
-        owners = {name: self.get(name).stands or past.get(name, "") for name in names}
-        if not names or not all(owner and self.get(owner).has_interior for owner in owners.values()):
+        owners = self._find_bearers(names)
+        if any(nouns.find_data("everything")):  # of what is in one
+            owners = {name: owner for name, owner in owners.items() if owner}
+        if not owners or not all(owner and self.get(owner).has_interior for owner in owners.values()):
             return () if self.questions else self.lack(RequestProblemKind.FIT, clause)
         self.left = tuple(dict.fromkeys(owners.values()))
         return [f"not inside({name}, {owner})" for name, owner in owners.items()]
+
+    def _find_bearers(self, names: Iterable[str]) -> dict[str, str]:
+        """What objects are in or on, as the last goal, this request or else the scene has it; empty for the ground."""
+        said = (*self.list_past_texts(), *self._said)
+        past = {get_object(text): find_entities(text)[-1] for text in said if says(text, Meaning.INSIDE, Meaning.ON)}
+        return {name: self.get(name).stands or past.get(name, "") for name in names}
 
     def _read_remove(self, clause: Node, nouns: Node) -> Step:
         """From what the objects stand in or on, where that is no table; else a question where to."""
@@ -380,9 +396,11 @@ class Transfers(Destinations):
     def _read_unstack(self, clause: Node, *nouns: Node) -> Step:
         """Of a tower, where no objects are named, all that stand on another."""
         named = [name for each in nouns for name in self.resolve(each, Slot.MOVED).names]
-        below = {name: self.get(name).stands for name in named or [each.name for each in self.list_fitting(Slot.MOVED)]}
+        below = self._find_bearers(named or [each.name for each in self.list_fitting(Slot.MOVED)])
         wanted = [
-            f"not {self._relate(name, place)}" for name, place in below.items() if place and self.get(place).movable
+            f"not {self._relate(name, place)}"
+            for name, place in below.items()
+            if place and (named or self.get(place).movable)
         ]
         return wanted or self.lack(RequestProblemKind.FIT, clause)
 
