@@ -274,9 +274,10 @@ def parse_tree(located: Located, path: Path | None = None) -> tuple[Tree | None,
         return None, tuple(problems)
     parts = header.tree.split("/")
     if path is not None and path.as_posix().removesuffix(".yaml").split("/")[-len(parts) :] != parts:
-        problems.append(
-            located.problem("INVALID_VALUE", ("tree",), repr(header.tree), f"the file's name {path.stem!r}")
-        )
+        name = "/".join(path.with_suffix("").parts[-len(parts) :])
+        expected, hint = f"the file's name {name!r}", f"Write {name!r}, or rename the file."
+        problems.append(located.problem("INVALID_VALUE", ("tree",), repr(header.tree), expected, hint))
+        header = header.model_copy(update={"tree": name})  # by which skills know its ports
     root = _build(located, ("root",), problems, default_name=parts[-1])
     tree = Tree(header=header, root=root, located=located) if root is not None else None
     return tree, tuple(problems)
