@@ -214,7 +214,9 @@ class Arm(Authored):
     wrist_joints: int = pydantic.Field(default=3, ge=1)
 
     @pydantic.model_validator(mode="after")
-    def _check_wrist(self) -> Self:
+    def _check_joints(self) -> Self:
+        if twice := [each for index, each in enumerate(self.joints) if each in self.joints[:index]]:
+            raise misfit("joints", "each joint once", f"{twice[0]!r} stands twice.")
         if "wrist_joints" in self.model_fields_set and self.wrist_joints > (count := len(self.joints)):
             raise misfit("wrist_joints", f"at most {count}, the joints of the arm", f"Write {count} or less.")
         return self

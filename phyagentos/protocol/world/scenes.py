@@ -211,7 +211,9 @@ class Body(Authored):
     @pydantic.model_validator(mode="after")
     def _check_mobility(self) -> "Body":
         if self.joint is not None and (self.fixed or self.part_of):
-            raise ValueError("what has a joint is neither fixed nor part of another body")
+            key = "fixed" if self.fixed else "part_of"
+            expected = f"a body without {key}, as what has a joint is neither fixed nor part of another"
+            raise misfit(key, expected, f"Leave out {key}, or the joint.")
         wrong = [key for key in ("area", "frame", "jitter_m") if any(getattr(self.place, key) or ())]
         if self.part_of and (self.fixed or wrong):
             key = f"place.{wrong[0]}" if wrong else "fixed"
