@@ -33,19 +33,29 @@ def check_planted(
     joints = {joint for target in targets for joint in target.arm.joints}
     sensors = get_settings("sensors.yaml", library, workspace)
     cameras = read_sensors(sensors).cameras if sensors is not None else None
-    return [*iter_misses(path, read_scene(library.get_scene(graph.spec.scene)).bodies, joints, cameras, goal)]
+    bodies = read_scene(library.get_scene(graph.spec.scene)).bodies
+    return [*iter_misses(path, bodies, joints, cameras, graph.nodes, goal)]
 
 
 def iter_misses(
-    path: Path, bodies: Collection[str], joints: Collection[str], cameras: Collection[str] | None, goal: str = "*"
+    path: Path,
+    bodies: Collection[str],
+    joints: Collection[str],
+    cameras: Collection[str] | None,
+    nodes: Collection[str],
+    goal: str = "*",
 ) -> Iterator[Problem]:
-    """Names of a sound fault file that scene, robot and sensors.yaml do not have; None for cameras not known."""
+    """Names of a sound fault file that scene, robots, sensors.yaml (None: not known) and goal graph do not have."""
     located, file = read_yaml(path), read_faults(path)
     for index, fault in enumerate(file.faults):
         place = ("faults", index)
-        of_goal = (fault.when.session or "*").partition(".")[0]
+        pattern = fault.when.session or "*"
+        of_goal, _, of_node = pattern.partition(".")
         if goal != "*" and not fnmatch.fnmatchcase(goal, of_goal):
             continue
+        if of_node and not fnmatch.filter((each + child for each in nodes for child in ("", ".r1")), of_node):
+            known = (f"{of_goal}.{each}" for each in nodes)
+            yield located.unknown("session", (*place, "when", "session"), pattern, known)
         if fault.object and fault.object not in bodies:
             yield located.unknown("object", (*place, "object"), fault.object, bodies)
         if isinstance(fault, Stall | Push) and fault.joint not in joints:

@@ -14,7 +14,7 @@ from phyagentos.assembly.project import find_project
 from phyagentos.bench.episode import change, make_overrides
 from phyagentos.bench.plug_ins import draw, load_repair, load_scorer
 from phyagentos.bench.records import BY_NAME, Order
-from phyagentos.bench.suite_file import Figure, Suite, Task, Variant, merge
+from phyagentos.bench.suite_file import SHARES, Figure, Suite, Task, Variant, merge
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
@@ -123,6 +123,13 @@ class SuiteChecks:
             if (asked.at_least is None) == (asked.at_most is None):
                 expected = "one of the keys at_least and at_most"
                 self.problems.append(self._located.problem("MISSING_VALUE", ("asked", index), "none or both", expected))
+            for key in ("at_least", "at_most") if asked.figure in SHARES else ():
+                if abs(bound := getattr(asked, key) or 0.0) > 1.0:
+                    hint = f"For percent write {bound / 100:g}."
+                    expected = "a share, of 1 at most"
+                    self.problems.append(
+                        self._located.problem("INVALID_VALUE", ("asked", index, key), f"{bound:g}", expected, hint)
+                    )
 
     def _check_layer(self, place: Address, variant: Variant) -> None:
         if variant.repair is not None:

@@ -161,6 +161,9 @@ class Figure(StrEnum):
     `sessions` Wilcoxon's signed-rank test."""
 
 
+SHARES = {Figure.FINAL, Figure.VERIFIED, Figure.FIRST, Figure.PARTS, Figure.FIRST_PARTS, Figure.P_VALUE}
+
+
 class FigureThreshold(Authored):
     """A figure that the suite promises.
 

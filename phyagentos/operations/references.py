@@ -3,6 +3,7 @@
 Whether it fits the goal at hand is for the checks of that goal; a name that stands for nothing fits none.
 """
 
+import contextlib
 from collections.abc import Collection, Iterable, Iterator
 from functools import cached_property
 from itertools import chain
@@ -19,7 +20,7 @@ from phyagentos.errors import DefinitionError, Problem, format_hint
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
-from phyagentos.protocol.documents.schema import Address, Located
+from phyagentos.protocol.documents.schema import Address, Located, read_yaml
 from phyagentos.protocol.predicates.measured import METRICS, list_measured
 from phyagentos.protocol.settings.perception import Embedded, Perception
 from phyagentos.protocol.settings.runtime_contract import RuntimeContract, read_runtime_contract
@@ -67,6 +68,15 @@ class Names:
             return Sensors(sensors={})
 
     @cached_property
+    def nodes(self) -> Collection[str]:
+        """Those of the goal graphs that can be read."""
+        found: set[str] = set()
+        for file in chain.from_iterable((each / "goal_graphs").glob("*.yaml") for each in self._library.roots):
+            with contextlib.suppress(DefinitionError):
+                found.update(read_yaml(file).data.get("sessions") or ())
+        return found
+
+    @cached_property
     def resources(self) -> Collection[str]:
         """Those of the project's runtime_contract.yaml."""
         path = get_settings("runtime_contract.yaml", self._library, self._beside)
@@ -92,12 +102,11 @@ class Names:
         return set(chain.from_iterable(getattr(each, key) for each in others))
 
     def iter_misses(self, faults: Path) -> Iterator[Problem]:
-        """Names of a fault file that no scene, no robot and no camera here has."""
+        """Names of a fault file that no scene, no robot, no camera and no goal graph here has."""
         profiles = self.catalogue.targets.values()
         joints = set(chain.from_iterable(each.arm.joints for each in profiles))
-        return iter_misses(
-            faults, set(chain.from_iterable(each.bodies for each in self.scenes)), joints, self.sensors.cameras
-        )
+        bodies = set(chain.from_iterable(each.bodies for each in self.scenes))
+        return iter_misses(faults, bodies, joints, self.sensors.cameras, self.nodes)
 
     def find_nearest(self, joints: Collection[str]) -> TargetProfile | None:
         """The target that has most of these joints; None without any target."""

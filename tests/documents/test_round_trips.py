@@ -144,7 +144,7 @@ def panda(root):
 
 
 @FEW
-@given(health=HEALTH, description=TEXTS, width_m=NUMBERS.filter(lambda width_m: width_m > 0))
+@given(health=HEALTH, description=TEXTS, width_m=st.floats(0.0, 1.0, exclude_min=True))
 def test_targets_come_back_as_they_were(panda, health, description, width_m):
     gripper = panda["gripper"] | {"max_width_m": width_m}
     target = RegisteredTarget.model_validate(

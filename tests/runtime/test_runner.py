@@ -551,3 +551,27 @@ def test_after_a_lost_runner_the_target_is_halted_and_the_world_observed(build_b
     assert (execution.defect, execution.is_final) == ("a/b", True)
     assert (bench.workspace / "evidence" / "x" / evidence.AFTER).exists()
     assert was_halted(bench.target)
+
+
+def test_the_first_fault_of_a_lost_target_and_what_had_been_commanded_stay_in_the_record(
+    build_bench, build_session, doubles
+):
+    class Failing(doubles.PerfectTarget):
+        is_sound = True
+
+        def handle(self, request):
+            self.is_sound &= not isinstance(request, wire.Command) or len(self.commands()) < 5
+            name = type(request).__name__
+            return super().handle(request) if self.is_sound else wire.Refused("PROTOCOL_BROKEN", f"{name}: time = nan")
+
+    target = Failing(build_bench().target.profile)
+    bench, session = build_bench(target), build_session(skill="home", parameters={})
+    target.q = target.q + 0.3
+    lost = bench.run(session)
+    target.is_sound = True
+    order = Reconcile(session, 2, lost.evidence, lost.message, Ended.TARGET_LOST, lost.code)
+    observed = bench.runner.observe_only(order, 2)
+
+    assert (lost.ended, lost.message) == (Ended.TARGET_LOST, "Command: time = nan")
+    assert lost.ticks > 0
+    assert observed == lost

@@ -213,6 +213,14 @@ class Arm(Authored):
     state_delay_s: float = pydantic.Field(default=0.0, ge=0.0)
     wrist_joints: int = pydantic.Field(default=3, ge=1)
 
+    @pydantic.model_validator(mode="after")
+    def _check_joints(self) -> Self:
+        if twice := [each for index, each in enumerate(self.joints) if each in self.joints[:index]]:
+            raise misfit("joints", "each joint once", f"{twice[0]!r} stands twice.")
+        if "wrist_joints" in self.model_fields_set and self.wrist_joints > (count := len(self.joints)):
+            raise misfit("wrist_joints", f"at most {count}, the joints of the arm", f"Write {count} or less.")
+        return self
+
 
 NO_ARM = Arm(
     joints=(),
@@ -255,7 +263,7 @@ class Gripper(Authored):
     pads: tuple[str, ...]
     pad_boxes: tuple[PadBox, ...] = ()
     pad_surface: Surface | None = None
-    max_width_m: float = pydantic.Field(ge=0.0)
+    max_width_m: float = pydantic.Field(ge=0.0, le=1.0)
     stiffness_n_m: NotNegative
     damping_ns_m: NotNegative
     force_n: NotNegative
@@ -347,8 +355,8 @@ class TargetProfile(Authored):
     mount_position_m: Triple = (0.0, 0.0, 0.0)
     mount_quaternion_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
     stands_on_column: bool = False
-    control_period_s: Positive = 0.02
-    physics_step_s: Positive = 0.002
+    control_period_s: float = pydantic.Field(default=0.02, gt=0.0, le=1.0)
+    physics_step_s: float = pydantic.Field(default=0.002, gt=0.0, le=1.0)
     workspace_m: Box | None = None
     grasp_band_m: Span = (0.34, 0.66)
     contact_force_n: Positive = 100.0
@@ -376,6 +384,8 @@ class TargetProfile(Authored):
         if (self.gripper.max_width_m > 0.0) != (self.end_effector == "opening"):
             expected = "a gripper that opens" if self.end_effector == "opening" else "no gripper"
             raise misfit("end_effector", f"one that fits the block `gripper`: {self.end_effector!r} needs {expected}")
+        if self.gripper.joints and not self.gripper.force_n > 0.0:
+            raise misfit("gripper.force_n", "a force greater than 0, to close with", "Write it in newtons.")
         return self
 
     @pydantic.model_validator(mode="after")

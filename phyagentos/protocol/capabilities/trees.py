@@ -274,12 +274,24 @@ def parse_tree(located: Located, path: Path | None = None) -> tuple[Tree | None,
         return None, tuple(problems)
     parts = header.tree.split("/")
     if path is not None and path.as_posix().removesuffix(".yaml").split("/")[-len(parts) :] != parts:
-        problems.append(
-            located.problem("INVALID_VALUE", ("tree",), repr(header.tree), f"the file's name {path.stem!r}")
-        )
+        name = "/".join(path.with_suffix("").parts[-len(parts) :])
+        expected, hint = f"the file's name {name!r}", f"Write {name!r}, or rename the file."
+        problems.append(located.problem("INVALID_VALUE", ("tree",), repr(header.tree), expected, hint))
+        header = header.model_copy(update={"tree": name})  # by which skills know its ports
     root = _build(located, ("root",), problems, default_name=parts[-1])
     tree = Tree(header=header, root=root, located=located) if root is not None else None
-    return tree, tuple(problems)
+    return tree, (*problems, *(_iter_unclosed(tree) if tree is not None else ()))
+
+
+def _iter_unclosed(tree: Tree) -> Iterator[Problem]:
+    """Where a text begins a reference and is none."""
+    hint = "Write small letters, digits and '_' between both brackets."
+    for node in iter_nodes(tree.root):
+        place = (*node.address, "with") if node.kind is NodeKind.SUBTREE else node.address
+        for port, value in node.wiring.items():
+            if isinstance(value, str) and "${" in REFERENCE.sub("", value):
+                at = (*place, *split_path(port))
+                yield tree.located.problem("INVALID_VALUE", at, repr(value), 'a reference, "${name}"', hint)
 
 
 def iter_nodes(node: Node) -> Iterator[Node]:

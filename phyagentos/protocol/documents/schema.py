@@ -497,9 +497,9 @@ def _advise(kind: str, key: str, facts: Mapping[str, Any], found: object) -> str
     if kind == "too_long":
         more = facts["max_length"] - facts["actual_length"]
         return f"Add {more}." if more > 0 else f"Remove {-more}."
-    _, mark, unit = key.rpartition("_")
-    if mark and unit in _UNITS and isinstance(found, str):
-        return f"{key!r} is in {unit}; write the number alone."
+    *_, of, unit = ("", *key.split("_"))
+    if of and unit in _UNITS and isinstance(found, str):
+        return f"{key!r} is in {f'{of}/{unit}' if of in _UNITS else unit}; write the number alone."
     if kind == "string_pattern_mismatch":
         return suggest_name(str(found), facts["pattern"])
     if kind == "string_type" and isinstance(found, list) and len(found) == 1:
@@ -525,7 +525,7 @@ def show_value(value: object) -> str:
     if isinstance(value, list | tuple) and len(value) <= SHOWN and not any(isinstance(each, dict) for each in value):
         return f"[{', '.join(map(show_value, value))}]"
     if isinstance(value, list | tuple | dict):
-        return "a mapping" if isinstance(value, dict) else "a list"
+        return "{}" if value == {} else "a mapping" if isinstance(value, dict) else "a list"
     return format_scalar(value)
 
 

@@ -113,9 +113,9 @@ class _Parser:
         """What was probably meant by a piece that does not belong where it stands."""
         before = self._tokens[self._position - 1] if self._position else token
         if token.kind == "end":
-            is_open = sum((each.kind == "(") - (each.kind == ")") for each in self._tokens) > 0
-            close = "Close every bracket. " if is_open else ""
-            return f"{close}Put the whole predicate in quotes: between [ ] a comma begins the next value."
+            if sum((each.kind == "(") - (each.kind == ")") for each in self._tokens) > 0:
+                return "Close every bracket, and put the whole in quotes: between [ ] a comma begins the next value."
+            return f"Write what follows {before.text!r}, or leave it out." if before.kind in _KEYWORDS else ""
         if token.kind == "name" and before.kind == "number":
             return _UNITLESS
         if token.kind == "," and before.kind == "number":
@@ -166,6 +166,11 @@ class _Parser:
         self.expect("(")
         left: syntax.Call | syntax.Count
         if head.kind == "count":
+            if self._now.kind == "name" and self._tokens[self._position + 1].kind == ")":
+                hint = f"Write count(inside(*, {self._now.text})) for how many are in it."
+                raise PredicateSyntaxError(
+                    self._now.column, repr(self._now.text), "a predicate with its arguments", hint
+                )
             left = syntax.Count(self.parse_or(), head.column)
         else:
             left = syntax.Call(head.text, self._parse_terms(), head.column)

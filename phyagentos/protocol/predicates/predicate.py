@@ -269,6 +269,9 @@ def _iter_use_findings(formula: syntax.Formula) -> Iterator[_Finding]:
             elif definition and definition.unit == "rad" and isinstance(bound, float) and bound > math.pi:
                 hint = f"For degrees write {math.radians(bound):.3g}."
                 yield left.column, Problem("INVALID_VALUE", "", f"{bound:g}", "an angle of at most 3.14 rad", hint)
+            elif definition and definition.unit and isinstance(bound, float) and bound < 0.0:
+                found, expected = f"{bound:g}", f"a bound of 0 {definition.unit} or more"
+                yield left.column, Problem("INVALID_VALUE", "", found, expected, f"Write {-bound:g}.")
         case syntax.Count(_, column):
             yield column, Problem("INVALID_VALUE", "", "'count'", "a comparison such as '>= 1'")
         case syntax.Call(name, _, column):

@@ -227,7 +227,8 @@ def _check_joints(located: Located, target: str, limits: TargetLimits) -> Iterat
 def _check_box(located: Located, at: tuple[str, ...], limit: Limit) -> Iterator[Problem]:
     corners = [each for each in limit.value if isinstance(each, tuple)] if isinstance(limit.value, tuple) else []
     if len(corners) != 2:
-        yield located.problem("INVALID_VALUE", at, str(limit.value), "two corners of three numbers, least and greatest")
+        found, expected = show_value(limit.value), "two corners of three numbers, least and greatest"
+        yield located.problem("INVALID_VALUE", at, found, expected, "Write [[x, y, z], [x, y, z]].")
     elif advice := advise_corners((corners[0], corners[1])):
         yield located.problem("INVALID_VALUE", at, show_value(corners), "the least corner first", advice)
 

@@ -20,6 +20,7 @@ from phyagentos.protocol.documents.schema import (
     Authored,
     Direction,
     Located,
+    NotNegative,
     Span,
     misfit,
     parse_library_yaml,
@@ -27,7 +28,7 @@ from phyagentos.protocol.documents.schema import (
     salvage,
 )
 from phyagentos.protocol.world.body_shapes import Number3, Shapes, Solid, Turns, add_interior, check_turn
-from phyagentos.protocol.world.entity_geometry import compute_lowest, compute_reach
+from phyagentos.protocol.world.entity_geometry import compute_lowest, compute_reach, compute_volume
 from phyagentos.protocol.world.environment import CLOSES_AT, OPENS_AT, Entity, Mechanism, Pose, Shape, ShapeKind
 from phyagentos.protocol.world.friction import PAIRS, Surface
 
@@ -50,6 +51,7 @@ NAME = re.compile(r"(?!(and|or|not|count)$)[A-Za-z_][A-Za-z0-9_]*")  # as in pre
 MOVABLE_M = 0.5  # half a metre each way: more than an arm of this size could handle
 GOLDEN_RAD = 2.399963  # between two balls of a layer: in a lattice, pixels would count them wrongly
 APART, LAYER = 1.32, 2.04  # scale of the spiral, and height of a layer, in radii of a ball: they do not touch
+DENSEST_KG_M3 = 226_000.0  # ten times osmium: grams are found, however light the rest of the world is made
 
 
 class Texture(Authored):
@@ -97,7 +99,7 @@ class Placement(Authored):
     """
 
     position_m: Number3 = (0.0, 0.0, 0.0)
-    jitter_m: Number3 = (0.0, 0.0, 0.0)
+    jitter_m: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
     area: str | None = None
     frame: str | None = None
     yaw_rad: Yaw = (0.0, 0.0)
@@ -153,7 +155,8 @@ class Joint(Authored):
             hint = f"Write [{', '.join(f'{value / length:g}' for value in self.axis)}]." if length else ""
             raise misfit("axis", "a direction of length 1", hint)
         if not 0.0 <= self.opening[0] <= self.opening[1] <= 1.0:
-            raise misfit("opening", "two fractions of the travel, 0 closed to 1 open")
+            hint = "Write two numbers from 0 to 1, the least first."
+            raise misfit("opening", "two fractions of the travel, 0 closed to 1 open", hint)
         return self
 
     def place(self, closed: Pose) -> Mechanism:
@@ -208,7 +211,9 @@ class Body(Authored):
     @pydantic.model_validator(mode="after")
     def _check_mobility(self) -> "Body":
         if self.joint is not None and (self.fixed or self.part_of):
-            raise ValueError("what has a joint is neither fixed nor part of another body")
+            key = "fixed" if self.fixed else "part_of"
+            expected = f"a body without {key}, as what has a joint is neither fixed nor part of another"
+            raise misfit(key, expected, f"Leave out {key}, or the joint.")
         wrong = [key for key in ("area", "frame", "jitter_m") if any(getattr(self.place, key) or ())]
         if self.part_of and (self.fixed or wrong):
             key = f"place.{wrong[0]}" if wrong else "fixed"
@@ -216,6 +221,10 @@ class Body(Authored):
             raise misfit(key, expected, f"Leave out {key}, or part_of.")
         if all(solid.decor for solid in self.shapes) and not (self.fixed or self.part_of):
             raise ValueError("what is decor alone touches nothing: it is fixed, or part of another body")
+        volume_m3 = sum(compute_volume(solid.kind, solid.size_m) for solid in self.shapes if not solid.decor)
+        if not self.fixed and "mass_kg" in self.model_fields_set and self.mass_kg > DENSEST_KG_M3 * volume_m3 > 0.0:
+            most = f"at most {DENSEST_KG_M3 * volume_m3:.3g} kg in its {1e6 * volume_m3:.3g} cm³, ten times osmium"
+            raise misfit("mass_kg", most, f"For grams write {self.mass_kg / 1000:g}.")
         if self.contents and len(places := self.list_places()) < self.contents.count:
             raise ValueError(f"the interior has room for {len(places)} of {self.contents.count} balls")
         return self
@@ -427,7 +436,7 @@ def _find_dangling(spec: SceneSpec, located: Located) -> list[Problem]:
     problems: list[Problem] = []
 
     def require(kind: str, name: str | None, known: object, *path: str | int) -> None:
-        names = [*(known if isinstance(known, dict) else ()), *(located.data.get(f"{kind}s") or ())]  # unsound ones
+        names = {**(known if isinstance(known, dict) else {}), **(located.data.get(f"{kind}s") or {})}  # unsound ones
         if name is not None and name not in names:
             problems.append(located.unknown(kind, path, name, names))
 

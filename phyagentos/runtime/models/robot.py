@@ -84,15 +84,11 @@ def read_profile(path: Path) -> tuple[TargetProfile, Path]:
         )
     steps = profile.control_period_s / profile.physics_step_s
     if abs(steps - round(steps)) > 1e-9 or round(steps) < 1:
-        address = ("control_period_s",)
-        problems.append(
-            located.problem(
-                "INVALID_VALUE",
-                address,
-                found=str(profile.control_period_s),
-                expected="a whole number of physics steps",
-            )
-        )
+        expected = f"a whole number of physics steps of {profile.physics_step_s:g} s"
+        whole = max(1, round(steps)) * profile.physics_step_s
+        hint = f"Write {whole:g}, or another physics_step_s."
+        found = f"{profile.control_period_s:g}"
+        problems.append(located.problem("INVALID_VALUE", ("control_period_s",), found, expected, hint))
     if problems:
         raise DefinitionError(problems)
     return profile, path.parent

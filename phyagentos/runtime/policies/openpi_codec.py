@@ -57,7 +57,10 @@ def _unpack(value: Any, depth: int) -> Any:
         return _read_array(named[b"data"], _read_type(named[b"dtype"]), named[b"shape"])
     if b"__npgeneric__" in named:
         return _read_type(named[b"dtype"]).type(named[b"data"])
-    return {key: _unpack(each, depth - 1) for key, each in value.items()}
+    return {
+        key.decode(errors="replace") if isinstance(key, bytes) else key: _unpack(each, depth - 1)
+        for key, each in value.items()
+    }
 
 
 def _read_type(text: Any) -> "np.dtype[Any]":

@@ -15,6 +15,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from msgspec import UNSET
 
@@ -23,7 +24,7 @@ from phyagentos.protocol.sessions import evidence, supplies
 from phyagentos.protocol.sessions.evidence import Event, encode_json, encode_lines
 from phyagentos.protocol.sessions.evidence_manifest import unseal_bundle
 from phyagentos.protocol.sessions.looks import LOOKS, PREFIX, LookEntry, LookRole, read_looks
-from phyagentos.protocol.sessions.session import Execution, Session
+from phyagentos.protocol.sessions.session import Ended, Execution, Session
 from phyagentos.protocol.sessions.trace import TraceEvent
 from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.protocol.settings.settings_files import compute_file_hash
@@ -201,6 +202,14 @@ class Recorder:
         return execution
 
 
+def read_execution(root: Path, folder: str) -> Execution:
+    """What a bundle says of its session's end so far; where no end was written, that its runner was lost."""
+    try:
+        return msgspec.json.decode((root / folder / evidence.EXECUTION).read_bytes(), type=Execution)
+    except (OSError, msgspec.DecodeError):
+        return Execution(ended=Ended.RUNNER_LOST, evidence=folder)
+
+
 class Bundles:
     """The bundles of one worker.
 
@@ -212,17 +221,17 @@ class Bundles:
     def __init__(self, root: Path, *, settings: Sequence[Path] = (), pictures: bool = False) -> None:
         self.pictures = pictures
         self.settings_sha256 = {path.name: compute_file_hash(path) for path in settings}
-        self._root = root
+        self.root = root
 
     def open(self, evidence: str) -> Recorder:
         """The bundle of one session, begun or begun again."""
-        return Recorder(self._root / evidence)
+        return Recorder(self.root / evidence)
 
     def show(self, look: Look | None, evidence: str) -> str:
         """Write the pictures of a look that missed an object; ends a sentence with their names, if any are taken."""
         if look is None or not self.pictures or not (pictures := encode_pictures(look)):
             return ""
-        recorder = Recorder(self._root / evidence)
+        recorder = Recorder(self.root / evidence)
         for camera, png in pictures.items():
             recorder.write_file(f"{PREFIX}{camera}.png", png)
         return f". Looked at, in {evidence}: {', '.join(f'{PREFIX}{camera}.png' for camera in pictures)}"

@@ -9,6 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.sessions import evidence as files
@@ -35,7 +37,7 @@ from phyagentos.runtime.targets import wire
 from phyagentos.runtime.targets.wire import Observation, RecordedFault
 from phyagentos.runtime.worker.embodiment import Embodiment, SkillLoader
 from phyagentos.runtime.worker.orders import Reconcile
-from phyagentos.runtime.worker.recorder import Bundles, Recorder
+from phyagentos.runtime.worker.recorder import Bundles, Recorder, read_execution
 
 LOOK_ON_S = 2.0  # of simulated time: the most that is waited for objects to rest and for marginal criteria
 _UNSEEN = frozenset({FailureCode.OBJECT_GONE, FailureCode.OBJECT_HIDDEN})  # the reason comes with the pictures
@@ -108,7 +110,8 @@ class SessionRunner:
         finally:
             beat(phase="halting", tick=loop.ticks, sim_time_s=loop.context.time_s)
             lost = self._halt(loop, recorder)
-        outcome, faults = lost or outcome, tuple[RecordedFault, ...]()
+        outcome = outcome if outcome.ended is Ended.TARGET_LOST else lost or outcome  # the first loss is the cause
+        faults = tuple[RecordedFault, ...]()
         if outcome.ended is not Ended.TARGET_LOST:
             beat(phase="observing", tick=loop.ticks, sim_time_s=loop.context.time_s)
             outcome, faults = self._observe_end(loop, outcome, recorder, evidence)
@@ -148,25 +151,24 @@ class SessionRunner:
     def observe_only(self, order: Reconcile, epoch: int) -> Execution:
         """Bring the target to rest and observe the world that a lost runner left behind, under a fresh epoch.
 
-        The files of the bundle stay. Raises ExecutionError `TARGET_LOST` when the world cannot be observed either.
+        The files of the bundle stay, and what they say was commanded. Raises ExecutionError `TARGET_LOST` when the
+        world cannot be observed either.
         """
         recorder = self.bundles.open(order.evidence)
         self._handle.begin(order.session.id, epoch)
         self._handle.halt()
         self._handle.settle(SETTLE_S)
         self._world.enter(order.session.scene)
-        return self._close_unmoved(
-            order.session,
-            outcome=Outcome(
-                ended=order.ended,
-                code=order.code or order.ended.upper(),
-                message=order.reason,
-                is_final=bool(order.defect),
-                defect=order.defect,
-            ),
-            recorder=recorder,
-            evidence=order.evidence,
+        self._write_end(order.session, recorder)
+        execution = msgspec.structs.replace(
+            read_execution(self.bundles.root, order.evidence),
+            ended=order.ended,
+            code=order.code or order.ended.upper(),
+            message=order.reason,
+            is_final=bool(order.defect),
+            defect=order.defect,
         )
+        return recorder.write_execution(execution)
 
     def _open(
         self,
@@ -280,15 +282,11 @@ class SessionRunner:
                     is_final=True,
                     defect=next((each.address for each in error.problems if each.code == "BROKEN_PYTHON"), ""),
                 )
-                return self._close_unmoved(session, outcome, recorder, evidence)
+                self._write_end(session, recorder)
+                return recorder.write_execution(Execution(**asdict(outcome), evidence=evidence))
             except ExecutionError as lost:
                 error = lost
         outcome = Outcome(ended=Ended.TARGET_LOST, code=error.code, message=str(error))
-        return recorder.write_execution(Execution(**asdict(outcome), evidence=evidence))
-
-    def _close_unmoved(self, session: Session, outcome: Outcome, recorder: Recorder, evidence: str) -> Execution:
-        """Observe and give authority back after a session that commanded nothing."""
-        self._write_end(session, recorder)
         return recorder.write_execution(Execution(**asdict(outcome), evidence=evidence))
 
     def _write_end(

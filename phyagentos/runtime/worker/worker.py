@@ -32,6 +32,7 @@ from phyagentos.runtime.preflight.examination import Examiner
 from phyagentos.runtime.worker import orders
 from phyagentos.runtime.worker.embodiment import Embodiment
 from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
+from phyagentos.runtime.worker.recorder import read_execution
 from phyagentos.runtime.worker.runner import SessionRunner
 from phyagentos.store.views.environment import render_environment
 
@@ -241,7 +242,8 @@ class WorkerLoop:
             return orders.Finished(session=order.session.id, execution=self._observe(order))
         except ExecutionError as error:
             reason = order.reason if str(error) in order.reason else f"{order.reason}; {error}"
-            lost = Execution(ended=Ended.TARGET_LOST, evidence=order.evidence, code=error.code, message=reason)
+            known = read_execution(self._workspace.root, order.evidence)
+            lost = msgspec.structs.replace(known, ended=Ended.TARGET_LOST, code=error.code, message=reason)
             return orders.Finished(session=order.session.id, execution=lost, is_target_lost=True)
 
     def _remember(self, order: orders.Reconcile) -> None:

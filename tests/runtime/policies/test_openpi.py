@@ -248,9 +248,11 @@ def test_a_pickle_is_bytes_that_are_no_message(hostile, tmp_path):
     assert seen.exists(), "it would have been made"
 
 
-def test_an_array_with_keys_of_text_is_read_as_one_with_keys_of_bytes(hostile):
+@pytest.mark.parametrize(("of_answer", "of_array"), [(str, str), (str.encode, str.encode)], ids=["text", "bytes"])
+def test_keys_of_text_and_of_bytes_are_the_same(hostile, of_answer, of_array):
     array = {"__ndarray__": True, "data": ROWS.tobytes(), "dtype": "<f8", "shape": ROWS.shape}
-    with open_client(hostile(answer_with(msgspec.msgpack.encode({"actions": array})))) as client:
+    message = {of_answer("actions"): {of_array(key): each for key, each in array.items()}}
+    with open_client(hostile(answer_with(msgspec.msgpack.encode(message)))) as client:
         assert ask(client).rows == pytest.approx(ROWS)
 
 
