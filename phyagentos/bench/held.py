@@ -17,7 +17,8 @@ import phyagentos
 from phyagentos.bench.records import EpisodeRecord, Held
 from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
 from phyagentos.protocol.capabilities.targets import TargetProfile, find_driver_name
-from phyagentos.protocol.documents.schema import read_yaml
+from phyagentos.protocol.settings.perception import read_perception
+from phyagentos.protocol.settings.runtime_contract import read_runtime_contract
 from phyagentos.protocol.workspace.workspace import Workspace
 
 CODE = {
@@ -25,7 +26,7 @@ CODE = {
     "memory": ("agent/memory",),
     "verifier": ("agent/judging", "protocol/predicates"),
 }
-SENSING = ("sensing", "prior")
+SENSING = {"sensing", "prior"}
 
 
 class HeldRow(msgspec.Struct, frozen=True, kw_only=True):
@@ -79,10 +80,12 @@ def _compare(part: str, records: Sequence[EpisodeRecord]) -> HeldRow:
 
 
 def _iter_settings(workspace: Workspace) -> Iterator[str]:
-    """`path: value`, of what is no target's."""
-    contract, sensing = read_yaml(workspace.runtime_contract).data, read_yaml(workspace.perception).data
-    own = {key: value for key, value in contract.items() if key not in TargetProfile.model_fields}
-    return _iter_leaves("", own | {key: sensing[key] for key in SENSING if key in sensing})
+    """`path: value`, of what is no target's, defaults included."""
+    contract = read_runtime_contract(workspace.runtime_contract).model_dump(
+        mode="json", exclude={*TargetProfile.model_fields}
+    )
+    perception = read_perception(workspace.perception)
+    return _iter_leaves("", contract | perception.model_dump(mode="json", include=SENSING))
 
 
 def _iter_leaves(path: str, value: Any) -> Iterator[str]:

@@ -63,7 +63,9 @@ def render_html(summary: Summary, folder: Path) -> str:
     ids = {record.id for record in pictured}
     head = f'<meta charset="utf-8"><title>{escape(summary.suite)}: report</title><style>{_STYLE}</style>'
     episodes = "".join(_render_episode(each, folder, with_pictures=each.id in ids) for each in summary.episodes)
-    body = f"{_TABLES.render(render_markdown(summary))}{draw_plots(summary)}<h2>Episodes</h2>{episodes}"
+    head_lines, mark, tables = render_markdown(summary).partition("\n## ")
+    shown = f"{_TABLES.render(head_lines)}{draw_plots(summary)}{_TABLES.render(mark + tables)}"
+    body = f"{shown}<h2>Episodes</h2>{episodes}"
     return f"<!doctype html><html lang=en><head>{head}</head><body>{body}</body></html>\n"
 
 

@@ -21,6 +21,7 @@ from phyagentos.errors import DefinitionError
 
 GROUPED = ("pass", "policy", "setting", "verification")  # axes of a row, beside its task
 SIGNIFICANT = 0.05
+ONE_PASS = "seeds"  # where a suite names no pass
 Key = tuple[str, ...]
 _SUMMED = (Figure.FALSE_SUCCESSES, Figure.FALSE_FAILURES, Figure.MEMORY_CHANGED, Figure.CONTACTS)  # others are means
 _SHARES = (Figure.FINAL, Figure.FIRST, Figure.PARTS, Figure.FIRST_PARTS)
@@ -194,13 +195,17 @@ def follow_seeds(records: Sequence[EpisodeRecord]) -> dict[str, dict[str, tuple[
     """Setting -> pass -> share of tasks whose goal was met without any repair, at each seed in order."""
     grouped: dict[str, dict[str, dict[int, list[bool]]]] = {}
     for record in records:
-        setting = " ".join(filter(None, (record.policy, record.setting, record.verification))) or "all"
-        passes = grouped.setdefault(setting, {})
-        passes.setdefault(record.phase or "seeds", {}).setdefault(record.seed, []).append(record.is_first)
+        passes = grouped.setdefault(name_setting(record.policy, record.setting, record.verification), {})
+        passes.setdefault(record.phase or ONE_PASS, {}).setdefault(record.seed, []).append(record.is_first)
     return {
         setting: {name: tuple(float(np.mean(each)) for each in seeds.values()) for name, seeds in passes.items()}
         for setting, passes in grouped.items()
     }
+
+
+def name_setting(*axes: str) -> str:
+    """The name of policy, setting and mode of verification together."""
+    return " ".join(filter(None, axes)) or "all"
 
 
 def _make_row(
