@@ -13,7 +13,6 @@ from typing import Any
 
 import msgspec
 
-import phyagentos
 from phyagentos.bench.records import EpisodeRecord, Held
 from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
 from phyagentos.protocol.capabilities.targets import TargetProfile, find_driver_name
@@ -98,7 +97,7 @@ def _iter_leaves(path: str, value: Any) -> Iterator[str]:
 
 @cache
 def _hash_code(folders: Iterable[str]) -> str:
-    root = Path(phyagentos.__file__).parent
+    root = Path(__file__).parents[1]
     files = (path for folder in folders for path in sorted((root / folder).rglob("*")))
     return _hash(path.read_bytes() for path in files if path.is_file() and path.suffix != ".pyc")
 
