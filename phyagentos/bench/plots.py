@@ -44,7 +44,7 @@ def _draw_bars(title: str, groups: Groups, settings: Sequence[str], read: Callab
             for rate, style in zip(read(row), (f"fill:none;stroke:{colour}", f"fill:{colour}"), strict=True):
                 if rate.trials:
                     y = _place(rate.value)
-                    box = f"x='{left:.1f}' y='{y:.1f}' width='{0.9 * bar:.1f}' height='{FLOOR - y:.1f}'"
+                    box = f"x='{left:.1f}' y='{y:.1f}' width='{0.9 * bar:.1f}' height='{max(FLOOR - y, 2.0):.1f}'"
                     marks.append(f"<rect {box} style='{style}'><title>{escape(says)}</title></rect>")
     return _wrap(title, marks)
 
