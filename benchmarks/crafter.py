@@ -1,7 +1,7 @@
 """Lives in Crafter: `python -m benchmarks.crafter --seeds 1 2 3 --outcomes FILE`.
 
 Each seed is one life: a goal on the target `survivor`, by the ordinary path of `paos run`. What is counted is the
-environment's own `achievements`, which only this script reads. The same seed gives the same life. The score is
+environment's own achievements, which only this script reads. The same seed gives the same life. The score is
 Crafter's: over the percentages p of lives that unlocked each of the 22 achievements, exp(mean(ln(1 + p))) - 1.
 
 Given to the agent: the local view of nine by seven cells as symbols, without the noise of the night; what it saw
@@ -12,7 +12,6 @@ steps of training), SPRING with GPT-4 27.3 (the paper of the game and a descript
 import argparse
 import json
 import math
-import os
 import re
 import tempfile
 from collections import Counter
@@ -24,6 +23,7 @@ from typing import Any
 from scipy.stats import binomtest
 
 from phyagentos.assembly.agent_plane import Agent, MemoryUse
+from phyagentos.assembly.paths import OUTCOMES
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
@@ -33,7 +33,6 @@ from phyagentos.protocol.sessions.memory_entries import EntryState
 from phyagentos.protocol.workspace.workspace import Workspace
 
 LIBRARY = Path(__file__).parent / "crafter_parts" / "library"
-OUTCOMES = "CRAFTER_OUTCOMES"
 ACHIEVEMENTS = (
     "collect_coal", "collect_diamond", "collect_drink", "collect_iron", "collect_sapling", "collect_stone",
     "collect_wood", "defeat_skeleton", "defeat_zombie", "eat_cow", "eat_plant", "make_iron_pickaxe", "make_iron_sword",
@@ -57,29 +56,30 @@ def read_lives(file: Path) -> dict[int, Mapping[str, Any]]:
 
 
 def live(seeds: Sequence[int], outcomes: Path) -> None:
-    """One life after the other, in one workspace."""
-    os.environ[OUTCOMES] = str(outcomes.absolute())
+    """One life after the other, in one workspace; what the game says of each is appended to `outcomes`."""
     with tempfile.TemporaryDirectory() as folder:
         workspace = Workspace.create(Path(folder) / "w", Library.open(LIBRARY))
         with open_bench(workspace, SystemClock()) as agent:
             for seed in seeds:
                 agent.mission.run(LIBRARY / "goal_graphs" / "live.yaml", seed=seed, goal=f"life-{seed}")
+        with outcomes.open("ab") as file:
+            file.write((workspace.root / OUTCOMES).read_bytes())
 
 
 def live_in_pairs(seeds: Sequence[int], outcomes: Path) -> None:
     """One life after the other in each of two workspaces: one keeps its memory, the other one's is always empty."""
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        lives, arms = Path(folder) / "lives.jsonl", dict[str, tuple[Workspace, Agent]]()
-        os.environ[OUTCOMES] = str(lives)
+        arms = dict[str, tuple[Workspace, Agent]]()
         for arm, use in (("kept", MemoryUse.LEARN), ("erased", MemoryUse.NONE)):
             workspace = Workspace.create(Path(folder) / arm, Library.open(LIBRARY))
             arms[arm] = workspace, stack.enter_context(open_bench(workspace, SystemClock(), memory_use=use))
         for seed in seeds:
             warned = list_warnings(arms["kept"][0].lessons)
-            for arm, (_, agent) in arms.items():
+            for arm, (workspace, agent) in arms.items():
                 agent.mission.run(LIBRARY / "goal_graphs" / "live.yaml", seed=seed, goal=f"life-{seed}")
+                life = read_lives(workspace.root / OUTCOMES)[seed]
                 with outcomes.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps({**read_lives(lives)[seed], "arm": arm, "warned": warned}) + "\n")
+                    file.write(json.dumps({**life, "arm": arm, "warned": warned}) + "\n")
 
 
 def list_warnings(lessons: Path) -> list[str]:
@@ -102,7 +102,7 @@ def compare(file: Path) -> dict[str, float]:
     for index, arm in enumerate(("kept", "erased")):
         figures[f"{arm}_days_mean"] = round(sum(pair[index]["steps"] for pair in pairs) / len(pairs) / DAY_STEPS, 2)
         figures[f"{arm}_deaths_warned_of"] = sum(each[index] for each in died)
-        figures[f"{arm}_score"] = round(compute_score([pair[index]["achievements"] for pair in pairs]), 1)
+        figures[f"{arm}_score"] = round(compute_score([pair[index]["completed"] for pair in pairs]), 1)
     figures["deaths_p"] = compute_sign_test(died.count([False, True]), died.count([True, False]))
     figures["days_p"] = compute_sign_test(sum(each > 0 for each in longer), sum(each < 0 for each in longer))
     return figures
@@ -131,11 +131,11 @@ def plot(file: Path, to: Path) -> None:
 
 def sum_up(lives: Mapping[int, Mapping[str, Any]]) -> dict[str, float]:
     """The figures of these lives; shares are of lives."""
-    unlocked = Counter(name for life in lives.values() for name in life["achievements"])
+    unlocked = Counter(name for life in lives.values() for name in life["completed"])
     deaths = Counter(life["cause"].replace(" ", "_") for life in lives.values() if life["is_dead"])
     return {
         "lives": len(lives),
-        "score": round(compute_score([life["achievements"] for life in lives.values()]), 1),
+        "score": round(compute_score([life["completed"] for life in lives.values()]), 1),
         "achievements_mean": round(sum(unlocked.values()) / len(lives), 2),
         "days_mean": round(sum(life["steps"] for life in lives.values()) / len(lives) / DAY_STEPS, 2),
         **{f"share_{name}": round(unlocked[name] / len(lives), 3) for name in ACHIEVEMENTS},

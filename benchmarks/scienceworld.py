@@ -25,6 +25,7 @@ import yaml
 
 from benchmarks.runner import show
 from benchmarks.scienceworld_parts.understand import understand, write_goal
+from phyagentos.assembly.paths import OUTCOMES
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import PhyAgentOSError
@@ -33,7 +34,6 @@ from phyagentos.protocol.workspace.workspace import Workspace
 
 LIBRARY = Path(__file__).parent / "scienceworld_parts" / "library"
 KIT = Path(__file__).parents[1] / "kits" / "scienceworld"
-OUTCOMES = "SCIENCEWORLD_OUTCOMES"
 PUBLISHED = {"SwiftSage": 84.7}  # arXiv:2305.17390
 NO_COMPARISON = "no comparison: that is by language models given the text, under a limit of actions"
 Task = Mapping[str, Any]
@@ -58,9 +58,8 @@ def write_project(folder: Path, tasks: Iterable[Task]) -> Path:
     return library
 
 
-def try_tasks(tasks: Sequence[Task], outcomes: Path, clock: Clock) -> Iterator[dict[str, Any]]:
+def try_tasks(tasks: Sequence[Task], clock: Clock) -> Iterator[dict[str, Any]]:
     """Each task in one workspace, one after the other: the verdict, and what the environment says."""
-    os.environ[OUTCOMES] = str(outcomes.with_suffix(".scores").absolute())
     with tempfile.TemporaryDirectory() as folder:
         library = write_project(Path(folder), tasks)
         workspace = Workspace.create(Path(folder) / "w", Library.open(library))
@@ -76,7 +75,7 @@ def try_tasks(tasks: Sequence[Task], outcomes: Path, clock: Clock) -> Iterator[d
                     line |= {"verdict": str(report.verdict), "why": report.reason, "wall_s": round(report.wall_s, 1)}
                 except (PhyAgentOSError, ValueError) as error:
                     line["why"] = str(error)
-                yield line | read_score(outcomes.with_suffix(".scores"), task)
+                yield line | read_score(workspace.root / OUTCOMES, task)
 
 
 def read_score(file: Path, task: Task) -> dict[str, int]:
@@ -122,7 +121,7 @@ def main() -> None:
     listed = list_tasks(given.python, given.split, given.count)
     tasks = [each for each in listed if not given.tasks or each["task"] in given.tasks]
     if left := [each for each in tasks if (each["task"], each["variation"]) not in known]:
-        for line in try_tasks(left, given.outcomes, SystemClock()):
+        for line in try_tasks(left, SystemClock()):
             with given.outcomes.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
     lines = [*read_outcomes(given.outcomes).values()]

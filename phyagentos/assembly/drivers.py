@@ -112,7 +112,7 @@ def _open_gymnasium(site: DriverSite) -> "TargetPort":
 def _open_kit(site: DriverSite) -> "TargetPort":
     from phyagentos.runtime.drivers.kit import open_kit
 
-    return open_kit(site.profile, site.folder)
+    return open_kit(site.profile, site.folder, site.workspace.root / OUTCOMES)
 
 
 def read_secret(path: Path) -> bytes:

@@ -29,6 +29,7 @@ from phyagentos.assembly.paths import choose_folder, open_project
 from phyagentos.assembly.planes import STOP_S
 from phyagentos.assembly.process_tuning import end_with
 from phyagentos.assembly.project import find_project
+from phyagentos.bench.held import read_held
 from phyagentos.bench.plug_ins import FAULTS, draw, load_repair
 from phyagentos.bench.records import Axes, EpisodeRecord, Order, SessionRecord
 from phyagentos.bench.scoring import Taxon, record_sessions, score
@@ -151,6 +152,7 @@ def run_episode(job: Job, folder: Path, clock: Clock) -> EpisodeRecord:
         memory_before=before,
         memory_after=after,
         settings=settings,
+        held=read_held(workspace, {each.target for each in sessions}),
         bits=_hash([path for each in report.sessions for path in workspace.evidence_of(each.id).glob("*.npz")]),
     )
 

@@ -106,6 +106,8 @@ def iter_cells(suite: Suite) -> Iterator[Cell]:
     policies, settings = suite.policies or {"": Policy()}, suite.settings or {"": Variant()}
     passes = suite.passes or {"": Pass()}
     for (phase, passed), (name, task) in itertools.product(passes.items(), suite.tasks.items()):
+        if passed.tasks and name not in passed.tasks:
+            continue
         owner: Address = ("tasks", name) if task.initial_states else ()
         states = task.initial_states or suite.initial_states or {"": Variant()}
         for state, policy, setting in itertools.product(states, policies, settings):
@@ -115,15 +117,15 @@ def iter_cells(suite: Suite) -> Iterator[Cell]:
                 ("tasks", name): task,
                 (*owner, "initial_states", state): states[state],
                 ("policies", policy): policies[policy],
-                ("settings", setting): settings[setting],
                 ("passes", phase): passed,
+                ("settings", setting): settings[setting],
             }
             yield Cell(axes, task, policies[policy], passed, layers)
 
 
 def make_order(suite: Suite, cell: Cell, graph: str, variant: Variant, mode: str, seed: int) -> Order:
     """The episode of a cell with a mode and a seed."""
-    axes, memory = cell.axes, cell.passed.memory
+    axes, memory = cell.axes, variant.memory or MemoryUse.NONE
     lineage = "/".join((axes["policy"], axes["setting"], mode))  # episodes that share experience
     return Order(
         id=".".join([*filter(None, (*axes.values(), mode)), str(seed)]),
@@ -136,7 +138,7 @@ def make_order(suite: Suite, cell: Cell, graph: str, variant: Variant, mode: str
         memory=memory,
         lineage=lineage,
         chain=f"{axes['phase']}/{lineage}" if memory is MemoryUse.ADAPTING else "",
-        scorer=suite.scorer,
+        scorer=cell.task.scorer or suite.scorer,
         score=cell.task.score,
         scored=cell.task.scored,
         wall_s=suite.wall_s,

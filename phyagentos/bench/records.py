@@ -60,6 +60,13 @@ class Order(Axes, frozen=True, kw_only=True, omit_defaults=True):
     wall_s: float = 900.0
 
 
+class Held(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One part of what decides an episode: the hash of its files, and what it says, where that can be listed."""
+
+    hash: str
+    says: tuple[str, ...] = ()
+
+
 class SessionRecord(SessionReport, frozen=True, kw_only=True, omit_defaults=True):
     """One session of an episode, as its goal's report tells it, and what was measured.
 
@@ -91,6 +98,7 @@ class EpisodeRecord(Axes, frozen=True, kw_only=True, omit_defaults=True):
         memory_before: Version of the memory that advised it; `memory_after` when it ended.
         settings: Hash of settings files, goal graph and library of its workspace.
         bits: Hash of every recorded state and trajectory.
+        held: Planner, memory, verifier, settings, targets, adapters and skills that decided it.
     """
 
     at: str
@@ -113,6 +121,7 @@ class EpisodeRecord(Axes, frozen=True, kw_only=True, omit_defaults=True):
     memory_after: str = ""
     settings: str = ""
     bits: str = ""
+    held: dict[str, Held] = {}
     version: str = ""
     host: str = ""
 

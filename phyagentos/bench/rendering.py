@@ -12,6 +12,7 @@ import msgspec
 from markdown_it import MarkdownIt
 from PIL import Image
 
+from phyagentos.bench.plots import draw_plots
 from phyagentos.bench.records import EpisodeRecord
 from phyagentos.bench.report import Rate
 from phyagentos.bench.summary import GROUPED, Row, Summary
@@ -62,7 +63,9 @@ def render_html(summary: Summary, folder: Path) -> str:
     ids = {record.id for record in pictured}
     head = f'<meta charset="utf-8"><title>{escape(summary.suite)}: report</title><style>{_STYLE}</style>'
     episodes = "".join(_render_episode(each, folder, with_pictures=each.id in ids) for each in summary.episodes)
-    body = f"{_TABLES.render(render_markdown(summary))}<h2>Episodes</h2>{episodes}"
+    head_lines, mark, tables = render_markdown(summary).partition("\n## ")
+    shown = f"{_TABLES.render(head_lines)}{draw_plots(summary)}{_TABLES.render(mark + tables)}"
+    body = f"{shown}<h2>Episodes</h2>{episodes}"
     return f"<!doctype html><html lang=en><head>{head}</head><body>{body}</body></html>\n"
 
 
@@ -78,16 +81,17 @@ def _iter_tables(summary: Summary) -> Iterator[Titled]:
     counts = ("episodes", "missing", "pending", "false success", "false failure")
     yield tell(
         "Success",
-        ("final", "first", "parts, first", *counts),
+        ("final", "first", "parts, first", "same failure again", *counts),
         lambda row: [
             (
-                *(row.final, row.first, row.first_parts, len(row.episodes), row.missing, row.pending),
+                *(row.final, row.first, row.first_parts, row.repeats, len(row.episodes), row.missing, row.pending),
                 *map(len, (row.false_successes, row.false_failures)),
             )
         ],
     )
     asked = [(each.figure, f"{each.value:.4g}", each.asked, "yes" if each.holds else "no") for each in summary.promises]
     yield "Asked for", ("figure", "value", "asked", "holds"), list[tuple[str, ...]](asked)
+    yield from _iter_held(summary)
     yield tell(
         "Actions and time",
         ("sessions", "actions an episode", "simulated [s]", "wall [s]", "an action [ms]"),
@@ -113,6 +117,19 @@ def _iter_tables(summary: Summary) -> Iterator[Titled]:
     failed = ("episode", "verdict", "scorer", "kind", "session", "bundle", "why")
     notable = [_tell(record) for record in summary.episodes if _is_notable(record)]
     yield "Episodes that were not met, or misjudged", failed, notable
+
+
+def _iter_held(summary: Summary) -> Iterator[Titled]:
+    """What was the same for all tasks, and what was not."""
+    yield "Settings of the suite", ("setting", "what it changes"), [*summary.switches.items()]
+    held, differing = list[tuple[str, ...]](), list[tuple[str, ...]]()
+    for row in summary.held:
+        hashes = sorted({each for hashes in row.hashes.values() for each in hashes})
+        held.append((row.part, "yes" if row.is_constant else "no", " ".join(hashes)))
+        own = row.own if not row.is_constant else {}
+        differing += [(row.part, task, " ".join(row.hashes[task]), ", ".join(says)) for task, says in own.items()]
+    yield "Held constant", ("part", "the same everywhere", "hashes"), held
+    yield "What differs between tasks", ("part", "task", "hashes", "there and not everywhere"), differing
 
 
 def _is_notable(record: EpisodeRecord) -> bool:

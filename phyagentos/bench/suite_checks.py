@@ -39,9 +39,14 @@ class SuiteChecks:
         self._graphs: dict[tuple[str, str, str | None], tuple[tuple[TargetProfile, Path], ...]] = {}
         self._read_catalogue = cache(partial(_read_catalogue, runs_python=runs_python))
         self._scored: dict[Address, tuple[str, ...]] = {}  # bodies by the place of the condition that names them
-        with self._noting():
-            scorer = load_scorer(suite.scorer, located.address_of(("scorer",)))
-            for name, task in suite.tasks.items():
+        for phase, passed in suite.passes.items():
+            for unknown in (each for each in passed.tasks if each not in suite.tasks):
+                self._miss("task", ("passes", phase, "tasks"), unknown, suite.tasks)
+        for name, task in suite.tasks.items():
+            with self._noting():
+                of_task: Address = ("tasks", name, "scorer")
+                named = located.address_of(of_task if task.scorer else ("scorer",))
+                scorer = load_scorer(task.scorer or suite.scorer, named)
                 for part, condition in task.score.items():
                     problems = scorer.check(located, place := ("tasks", name, "score", part), condition)
                     self.problems += problems

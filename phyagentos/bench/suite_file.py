@@ -23,6 +23,19 @@ FOLDER, ENVIRONMENTS = "benchmarks/suites", "benchmarks/environments"
 Name = Annotated[str, pydantic.Field(pattern=NAME, max_length=60)]
 
 
+class MemoryUse(StrEnum):
+    """What episodes do with experience."""
+
+    NONE = "none"
+    """Each is an independent trial: nothing is remembered."""
+    FROZEN = "frozen"
+    """What earlier passes have learned advises; nothing is added to it."""
+    ADAPTING = "adapting"
+    """Each episode learns, and begins with what the one before has left."""
+    EMPTIED = "emptied"
+    """As frozen, with an empty memory: what is left is not due to experience."""
+
+
 class Variant(Authored):
     """How episodes differ from an ordinary `paos run`; of two that say the same key, the later axis is heard.
 
@@ -35,6 +48,7 @@ class Variant(Authored):
         prior: As `--prior`.
         pictures: Whether pictures for people are rendered.
         repair: What follows a missed objective: `repair`, or what an installed package announces.
+        memory: What its episodes do with experience: `none` where no axis says it.
         environment: One of the suite's `environments` that must stand, or the episodes are missing.
         needs: Modules of this Python that must be there, or the episodes are missing.
     """
@@ -47,6 +61,7 @@ class Variant(Authored):
     prior: Prior | None = None
     pictures: bool | None = None
     repair: str | None = None
+    memory: MemoryUse | None = None
     environment: str | None = None
     needs: tuple[str, ...] = ()
 
@@ -96,37 +111,26 @@ class Task(Variant):
         score: Part of the goal -> what the suite's scorer asks of it. A part named like a node is asked for after the
             node's sessions, too.
         scored: When the parts count: at the `end`, or each after the last session of its `node`.
+        scorer: Its own, instead of that of the suite.
     """
 
     graph: str
     initial_states: dict[Name, Variant] = {}
     score: Fields = pydantic.Field(min_length=1)
     scored: Literal["end", "node"] = "end"
-
-
-class MemoryUse(StrEnum):
-    """What the episodes of a pass do with experience."""
-
-    NONE = "none"
-    """Each is an independent trial: nothing is remembered."""
-    FROZEN = "frozen"
-    """What earlier passes have learned advises; nothing is added to it."""
-    ADAPTING = "adapting"
-    """Each episode learns, and begins with what the one before has left."""
-    EMPTIED = "emptied"
-    """As frozen, with an empty memory: what is left is not due to experience."""
+    scorer: str | None = None
 
 
 class Pass(Variant):
-    """One pass over the suite; passes follow each other.
+    """One pass over the suite; passes follow each other, and what a setting says is heard after them.
 
     Attributes:
-        memory: What its episodes do with experience.
         seeds: Its own, instead of those of the suite.
+        tasks: These alone, where it names any.
     """
 
-    memory: MemoryUse = MemoryUse.NONE
     seeds: SeedList | None = None
+    tasks: tuple[str, ...] = ()
 
 
 class Figure(StrEnum):
@@ -142,6 +146,8 @@ class Figure(StrEnum):
     """Share of parts that are there in the end."""
     FIRST_PARTS = "first_parts"
     """Share of parts that are there after the first session of their node."""
+    REPEATS = "repeats"
+    """Share of the chances to fail as an earlier episode of the task did (node and cause) that were taken."""
     FALSE_SUCCESSES = "false_successes"
     """Episodes with a verdict `success`, on the goal or on a session, that the scorer denies."""
     FALSE_FAILURES = "false_failures"

@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from phyagentos.bench.held import HeldRow, compare_held
 from phyagentos.bench.records import AXES, BY_NAME, EpisodeRecord, Order, select
 from phyagentos.bench.report import Rate, Spread, Threshold
 from phyagentos.bench.suite_file import Figure, FigureThreshold, Suite
@@ -20,6 +21,7 @@ from phyagentos.errors import DefinitionError
 
 GROUPED = ("pass", "policy", "setting", "verification")  # axes of a row, beside its task
 SIGNIFICANT = 0.05
+ONE_PASS = "seeds"  # where a suite names no pass
 Key = tuple[str, ...]
 _SUMMED = (Figure.FALSE_SUCCESSES, Figure.FALSE_FAILURES, Figure.MEMORY_CHANGED, Figure.CONTACTS)  # others are means
 _SHARES = (Figure.FINAL, Figure.FIRST, Figure.PARTS, Figure.FIRST_PARTS)
@@ -34,6 +36,8 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
         false_successes: Ids of episodes with a verdict `success` that the scorer denies.
         false_failures: Ids of those whose success the verdict denies.
         ticks: Control periods (actions) of an episode.
+        repeats: How often an episode failed at a node and by a cause as an earlier one of its task and setting had,
+            of the chances to; earlier passes count.
         action_ms: Wall time of a session for one of its actions [ms].
         taxa: Kinds of failure of episodes; `missed_sessions` those of sessions.
     """
@@ -47,6 +51,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     first: Rate
     parts: Rate
     first_parts: Rate
+    repeats: Rate
     verdicts: dict[str, int]
     false_successes: tuple[str, ...]
     false_failures: tuple[str, ...]
@@ -70,7 +75,13 @@ class Promise(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Summary(msgspec.Struct, frozen=True, kw_only=True):
-    """A whole run; `versions` are those of framework, settings and memory, and how many episodes ran with each."""
+    """A whole run; `versions` are those of framework, settings and memory, and how many episodes ran with each.
+
+    Attributes:
+        switches: Setting -> what it changes.
+        held: What decided the episodes, and whether it was the same for every task.
+        retention: Setting -> pass -> share of tasks met without any repair, at each seed in order.
+    """
 
     report: int = 1
     suite: str
@@ -81,6 +92,9 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     missing: dict[str, str]
     pending: tuple[str, ...]
     versions: dict[str, dict[str, int]]
+    switches: dict[str, str]
+    held: tuple[HeldRow, ...]
+    retention: dict[str, dict[str, tuple[float, ...]]]
     episodes: tuple[EpisodeRecord, ...]
 
     @property
@@ -98,12 +112,15 @@ def summarise(suite: Suite, manifest: Manifest, records: Sequence[EpisodeRecord]
     for order in manifest.orders:
         for task in (order.task, *([""] if len(tasks) > 1 else [])):
             groups.setdefault((*(getattr(order, BY_NAME[axis]) for axis in GROUPED), task), []).append(order)
+    repeats = count_repeats([done[order.id] for order in manifest.orders if order.id in done])
     ordered = sorted(groups.items(), key=lambda item: [item[0][:-1], item[0][-1] == ""])
     return Summary(
         suite=suite.suite,
         objective=suite.objective,
         at=manifest.at,
-        rows=tuple(_make_row(*key, orders=orders, missing=missing, done=done) for key, orders in ordered),
+        rows=tuple(
+            _make_row(*key, orders=orders, missing=missing, done=done, repeats=repeats) for key, orders in ordered
+        ),
         promises=tuple(_keep(asked, records) for asked in suite.asked),
         missing=missing,
         pending=tuple(order.id for order in manifest.orders if order.id not in done and order.id not in missing),
@@ -111,6 +128,14 @@ def summarise(suite: Suite, manifest: Manifest, records: Sequence[EpisodeRecord]
             name: dict(Counter(found for record in records if (found := getattr(record, name))))
             for name in ("version", "settings", "memory_before")
         },
+        switches={
+            name: "; ".join(
+                f"{key} {value}" for key, value in each.model_dump(mode="json", exclude_defaults=True).items()
+            )
+            for name, each in suite.settings.items()
+        },
+        held=compare_held(records),
+        retention=follow_seeds([done[order.id] for order in manifest.orders if order.id in done]),
         episodes=tuple(sorted(records, key=lambda record: record.id)),
     )
 
@@ -152,7 +177,44 @@ def _list_values(records: Sequence[EpisodeRecord], figure: Figure, part: str = "
     return [float(value) for name, value in each if part in {"", name}]
 
 
-def _make_row(*key: str, orders: Sequence[Order], missing: dict[str, str], done: dict[str, EpisodeRecord]) -> Row:
+def count_repeats(records: Sequence[EpisodeRecord]) -> dict[str, Rate]:
+    """Episode -> how often it failed as an earlier one of its task, policy, setting and mode, of the chances to."""
+    known: dict[Key, set[tuple[str, str]]] = {}
+    found: dict[str, Rate] = {}
+    for record in records:
+        earlier = known.setdefault(
+            (record.task, record.state, record.policy, record.setting, record.verification), set()
+        )
+        failed = {(session.node, session.cause) for session in record.sessions if session.taxon}
+        found[record.id] = Rate(len(earlier & failed), len(earlier))
+        earlier |= failed
+    return found
+
+
+def follow_seeds(records: Sequence[EpisodeRecord]) -> dict[str, dict[str, tuple[float, ...]]]:
+    """Setting -> pass -> share of tasks whose goal was met without any repair, at each seed in order."""
+    grouped: dict[str, dict[str, dict[int, list[bool]]]] = {}
+    for record in records:
+        passes = grouped.setdefault(name_setting(record.policy, record.setting, record.verification), {})
+        passes.setdefault(record.phase or ONE_PASS, {}).setdefault(record.seed, []).append(record.is_first)
+    return {
+        setting: {name: tuple(float(np.mean(each)) for each in seeds.values()) for name, seeds in passes.items()}
+        for setting, passes in grouped.items()
+    }
+
+
+def name_setting(*axes: str) -> str:
+    """The name of policy, setting and mode of verification together."""
+    return " ".join(filter(None, axes)) or "all"
+
+
+def _make_row(
+    *key: str,
+    orders: Sequence[Order],
+    missing: dict[str, str],
+    done: dict[str, EpisodeRecord],
+    repeats: Mapping[str, Rate],
+) -> Row:
     records = [done[order.id] for order in orders if order.id in done]
     sessions = [session for record in records for session in record.sessions]
     absent = sum(order.id in missing for order in orders)
@@ -165,6 +227,10 @@ def _make_row(*key: str, orders: Sequence[Order], missing: dict[str, str], done:
         missing=absent,
         pending=len(orders) - len(records) - absent,
         **{name: Rate(int(sum(values)), len(values)) for name, values in shares.items()},
+        repeats=Rate(
+            sum(repeats[record.id].successes for record in records),
+            sum(repeats[record.id].trials for record in records),
+        ),
         verdicts=dict(Counter(record.verdict or record.ended for record in records)),
         false_successes=tuple(record.id for record in records if record.is_false_success),
         false_failures=tuple(record.id for record in records if record.is_false_failure),

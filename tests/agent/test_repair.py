@@ -553,3 +553,14 @@ def test_what_is_left_counts_sessions_and_simulated_time():
     assert left.find_end() == ""
     assert compute_left(Budget(sessions=1), [ran]).find_end().startswith("BUDGET")
     assert compute_left(Budget(), [ran] * 9).find_excess(100, 1e6) == ""
+
+
+def test_where_a_procedure_failed_another_skill_is_tried_but_not_with_a_value_that_it_refuses(shipped):
+    case = make_case(shipped, Cause.UNKNOWN)
+    choice = next(propose_other_skill(case)).revision.choice
+    key = next(key for key, value in choice.parameters.items() if isinstance(value, str))
+    skill = shipped.skills[choice.skill]
+    narrow = skill.parameters[key].model_copy(update={"choices": ("something_else",)})
+    refusing = skill.model_copy(update={"parameters": skill.parameters | {key: narrow}})
+    case = replace(case, catalogue=replace(shipped, skills=shipped.skills | {choice.skill: refusing}))
+    assert choice.skill not in {each.revision.choice.skill for each in propose_other_skill(case)}

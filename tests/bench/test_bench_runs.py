@@ -80,7 +80,11 @@ def check_report(acted):
     }
     assert [session["id"] for session in episode["sessions"]] == ["lift-3.high", "lift-3.high.r1", "lift-3.high.r2"]
     assert all((acted / session["bundle"] / "execution.json").is_file() for session in episode["sessions"])
+    held = {row["part"]: row["hashes"]["lift"] for row in report["held"]}
+    assert [*held] == ["planner", "memory", "verifier", "settings", "targets", "adapters", "skills"]
+    assert [part for part, hashes in held.items() if len(hashes) > 1] == ["settings"], "one setting changes criteria"
     page = (acted / "report.html").read_text()
+    assert page.count("<svg ") == 3
     assert all(session["bundle"] in page for session in episode["sessions"])
     assert "http" not in page, "no outside request"
     assert "src=" not in page or "src='data:" in page

@@ -11,12 +11,13 @@ import yaml
 from phyagentos.agent.judging.causes import Cause
 from phyagentos.bench.availability import find_lacks, plan_setup
 from phyagentos.bench.engines import EngineName, open_engine
+from phyagentos.bench.held import compare_held
 from phyagentos.bench.matrix import compile_suite
-from phyagentos.bench.records import LOG, EpisodeLog, EpisodeRecord, read_records
+from phyagentos.bench.records import LOG, EpisodeLog, EpisodeRecord, Held, SessionRecord, read_records
 from phyagentos.bench.scorers.scorer import FILE, OUTCOMES
 from phyagentos.bench.scoring import Taxon, classify_cause, classify_problems
 from phyagentos.bench.suite_file import FigureThreshold, Policy, Variant, merge
-from phyagentos.bench.summary import compare, compute_figure
+from phyagentos.bench.summary import compare, compute_figure, count_repeats, follow_seeds
 from phyagentos.bench.sweep import begin_run, run_sweep
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem
@@ -76,6 +77,25 @@ def test_of_two_axes_that_say_the_same_the_later_one_is_heard():
     assert (merged.sense, merged.pictures, merged.needs) == ("truth", False, ("m", "n"))
 
 
+def test_a_setting_is_heard_after_its_pass_which_may_name_tasks_and_a_task_has_its_own_scorer(read):
+    plan = read(
+        tasks={"tidy": TIDY, "judged": {**TIDY, "scorer": "verdict", "score": {"all": "success"}}},
+        settings={"full": {}, "forgets": {"memory": "none"}},
+        passes={"learn": {"memory": "adapting"}, "after": {"memory": "frozen", "tasks": ["judged"]}},
+        seeds=[0],
+    )
+
+    assert {order.id: (order.memory, order.scorer) for order in plan.orders} == {
+        "learn.tidy.full.0": ("adapting", "simulator"),
+        "learn.tidy.forgets.0": ("none", "simulator"),
+        "learn.judged.full.0": ("adapting", "verdict"),
+        "learn.judged.forgets.0": ("none", "verdict"),
+        "after.judged.full.0": ("frozen", "verdict"),
+        "after.judged.forgets.0": ("none", "verdict"),
+    }
+    assert [order.id for order in plan.orders if order.chain] == ["learn.tidy.full.0", "learn.judged.full.0"]
+
+
 MISTAKES = {
     "a graph": ({"tasks": {"tidy": {**TIDY, "graph": "tidy_tabel"}}}, "UNKNOWN_NAME (file)", 5, "tidy_table"),
     "a condition": (
@@ -86,6 +106,13 @@ MISTAKES = {
     ),
     "its arguments": ({"tasks": {"tidy": {**TIDY, "score": {"red": {"in_tray": ["x"]}}}}}, "INVALID_VALUE", 8, ""),
     "a scorer": ({"scorer": "simulater"}, "UNKNOWN_NAME (scorer)", 13, "simulator"),
+    "a scorer of a task": (
+        {"tasks": {"tidy": {**TIDY, "scorer": "simulater"}}},
+        "UNKNOWN_NAME (scorer)",
+        11,
+        "simulat",
+    ),
+    "a task of a pass": ({"passes": {"x": {"tasks": ["tidi"]}}}, "UNKNOWN_NAME (task)", 16, "tidy"),
     "a repair": ({"common": {"repair": "repare"}}, "UNKNOWN_NAME (repair policy)", 15, "repair"),
     "a module": ({"common": {"repair": "no_such_module:Repair"}}, "UNKNOWN_NAME (repair policy)", 15, ""),
     "faults": ({"settings": {"x": {"faults": "one_randon"}}}, "UNKNOWN_NAME (file)", 16, "one_random"),
@@ -285,6 +312,45 @@ def test_figures_are_those_of_the_records(figure, part, value):
         make_record("a.3", seed=3, is_met=True, replans=1, verdict="failure", parts={"x": True, "y": True}),
     ]
     assert compute_figure(FigureThreshold(figure=figure, **({"part": part} if part else {})), records) == value
+
+
+def test_the_same_failure_again_counts_the_chances_to_and_retention_goes_seed_by_seed():
+    def miss(cause):
+        return SessionRecord(
+            id="g.n",
+            node="n",
+            attempt=0,
+            skill="s",
+            target="t",
+            objective="",
+            state="failed",
+            cause=cause,
+            bundle="",
+            taxon="execution",
+        )
+
+    lost, slipped = miss("GRASP_MISSED"), miss("GRASP_LOST")
+    records = [
+        make_record("a.1", phase="x", is_met=True, replans=1, sessions=(lost,)),
+        make_record("a.2", phase="x", seed=2, is_met=True, sessions=(lost, slipped)),
+        make_record("a.3", phase="y", is_met=True),
+        make_record("a.4", phase="y", setting="other", is_met=False, sessions=(lost,)),
+        make_record("b.1", phase="y", task="b", is_met=False, sessions=(lost,)),
+    ]
+
+    counted = {id: (rate.successes, rate.trials) for id, rate in count_repeats(records).items()}
+    assert counted == {"a.1": (0, 0), "a.2": (1, 1), "a.3": (0, 2), "a.4": (0, 0), "b.1": (0, 0)}
+    assert follow_seeds(records) == {"all": {"x": (0.0, 1.0), "y": (0.5,)}, "other": {"y": (0.0,)}}
+
+
+def test_what_is_held_constant_has_one_hash_and_the_rest_says_what_it_has_alone():
+    def hold(task, targets):
+        held = {"planner": Held(hash="p"), "targets": Held(hash=targets[-1], says=targets)}
+        return make_record(f"{task}.1", task=task, held=held)
+
+    planner, targets = compare_held([hold("a", ("floor", "arm")), hold("b", ("floor", "agent"))])
+    assert (planner.part, planner.is_constant) == ("planner", True)
+    assert (targets.is_constant, targets.own) == (False, {"a": ("arm",), "b": ("agent",)})
 
 
 def test_every_cause_of_a_verdict_has_a_kind_of_failure():

@@ -17,9 +17,9 @@ def test_the_score_is_a_geometric_mean_that_rare_achievements_raise_most():
 
 def test_a_life_counts_as_it_stood_at_its_end(tmp_path):
     lines = [
-        {"seed": 1, "achievements": [], "steps": 3, "is_dead": False, "cause": ""},
-        {"seed": 1, "achievements": ["collect_wood"], "steps": 600, "is_dead": True, "cause": "zombie"},
-        {"seed": 2, "achievements": ["collect_wood"], "steps": 300, "is_dead": False, "cause": ""},
+        {"seed": 1, "completed": [], "steps": 3, "is_dead": False, "cause": ""},
+        {"seed": 1, "completed": ["collect_wood"], "steps": 600, "is_dead": True, "cause": "zombie"},
+        {"seed": 2, "completed": ["collect_wood"], "steps": 300, "is_dead": False, "cause": ""},
     ]
     (tmp_path / "lives.jsonl").write_text("".join(json.dumps(each) + "\n" for each in lines))
     figures = sum_up(read_lives(tmp_path / "lives.jsonl"))

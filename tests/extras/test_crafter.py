@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from benchmarks.crafter import LIBRARY, OUTCOMES
+from benchmarks.crafter import LIBRARY
+from phyagentos.assembly.paths import OUTCOMES
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.operations.rerun import rerun
@@ -75,8 +76,7 @@ def test_a_seed_is_one_life_which_its_actions_repeat_and_nothing_is_seen_beyond_
     assert rested == [True, 1.0, True], "it slept behind walls, and is awake"
 
 
-def test_a_session_in_it_is_judged_by_what_is_carried_and_repeated_bit_for_bit(python, tmp_path, monkeypatch):
-    monkeypatch.setenv(OUTCOMES, str(tmp_path / "outcomes.jsonl"))
+def test_a_session_in_it_is_judged_by_what_is_carried_and_repeated_bit_for_bit(python, tmp_path):
     library = shutil.copytree(LIBRARY, tmp_path / "library")
     profile = library / "robots" / "survivor" / "target.yaml"
     text = yaml.safe_load(profile.read_text()) | {"settings": {"module": "crafter_body", "python": python}}
@@ -87,6 +87,6 @@ def test_a_session_in_it_is_judged_by_what_is_carried_and_repeated_bit_for_bit(p
         report = agent.mission.run(library / "goal_graphs" / "wood.yaml", seed=1, goal="wood")
 
     assert report.verdict == "success"
-    (line,) = map(json.loads, (tmp_path / "outcomes.jsonl").read_text().splitlines())
-    assert "collect_wood" in line["achievements"]
+    (line,) = map(json.loads, (workspace.root / OUTCOMES).read_text().splitlines())
+    assert "collect_wood" in line["completed"]
     assert rerun(workspace.root, report.sessions[0].id).differences == ()

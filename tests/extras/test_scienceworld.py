@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from benchmarks.scienceworld import LIBRARY, OUTCOMES, list_tasks, write_project
+from benchmarks.scienceworld import LIBRARY, list_tasks, write_project
 from benchmarks.scienceworld_parts.understand import understand, write_goal
+from phyagentos.assembly.paths import OUTCOMES
 from phyagentos.bench.suite import open_bench
 from phyagentos.clock import SystemClock
 from phyagentos.operations.rerun import rerun
@@ -70,8 +71,7 @@ def test_actions_are_repeated_exactly_and_nothing_is_seen_beyond_the_room(python
     assert "castle" in refused
 
 
-def test_a_task_is_understood_run_judged_and_repeated_bit_for_bit(python, tmp_path, monkeypatch):
-    monkeypatch.setenv(OUTCOMES, str(tmp_path / "scores.jsonl"))
+def test_a_task_is_understood_run_judged_and_repeated_bit_for_bit(python, tmp_path):
     (task,) = (each for each in list_tasks(Path(python), "train", 1) if each["task"] == "boil")
     library = write_project(tmp_path, [task])
     profile = library / "robots" / "scientist" / "target.yaml"
@@ -84,7 +84,7 @@ def test_a_task_is_understood_run_judged_and_repeated_bit_for_bit(python, tmp_pa
         report = agent.mission.run(graph, seed=task["variation"], goal="task")
 
     assert report.verdict == "success"
-    *_, last = map(json.loads, (tmp_path / "scores.jsonl").read_text().splitlines())
+    *_, last = map(json.loads, (workspace.root / OUTCOMES).read_text().splitlines())
     assert last["score"] == 100
     assert "score" not in workspace.root.joinpath("ENVIRONMENT.md").read_text()
     assert rerun(workspace.root, report.sessions[-1].id).differences == ()

@@ -3,16 +3,14 @@
     python -m crafter_body < KEY
 
 What it reports of itself is what the benchmark's picture shows: items, vitals, the local view, daylight. The
-achievements are the benchmark's score: they stay in this process, and go to the file `OUTCOMES` when a session ends.
+achievements are the benchmark's score: they stay in this process, and are an outcome when a session ends.
 """
 
 import json
-import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from pathlib import Path
 
 from crafter import constants
-from target_server.body import Entity, State
+from target_server.body import Entity, State, append_outcome
 from target_server.tool_body import Steps, Tool, ToolBody, ToolFailed
 from target_server.wire import Refusal
 
@@ -32,7 +30,6 @@ from crafter_body.local_map import (
 )
 from crafter_body.ordered import make_env
 
-OUTCOMES = "CRAFTER_OUTCOMES"
 VITALS = ("health", "food", "drink", "energy")
 SOURCES = {item: kind for kind, info in constants.collect.items() for item in info["receive"]}
 GAME = {"zombie", "skeleton", "cow"}
@@ -157,17 +154,18 @@ class CrafterBody(ToolBody[str]):
             self._cause = self._find_cause({**creatures, **self._map.creatures})
 
     def note_end(self, session: str) -> None:
-        """Append the benchmark's own count to the file of who measures; no one reads it here."""
-        if path := os.environ.get(OUTCOMES):
-            unlocked = sorted(name for name, n in self._env._player.achievements.items() if n)
-            is_dead = self._items["health"] <= 0
-            line = {
-                "seed": self._seed, "session": session, "steps": self._steps, "achievements": unlocked,
-                "is_dead": is_dead, "cause": self._cause if is_dead else "", "lost_to": self._loss,
-                "daylight": self._env._world.daylight,
-            }  # fmt: skip
-            with Path(path).open("a", encoding="utf-8") as file:
-                file.write(json.dumps(line) + "\n")
+        """The benchmark's own count, for who measures."""
+        is_dead = self._items["health"] <= 0
+        append_outcome(
+            session,
+            seed=self._seed,
+            steps=self._steps,
+            completed=sorted(name for name, n in self._env._player.achievements.items() if n),
+            is_dead=is_dead,
+            cause=self._cause if is_dead else "",
+            lost_to=self._loss,
+            daylight=self._env._world.daylight,
+        )
 
     def collect(self, what: str, amount: int) -> Steps[str]:
         """Tool: carry so many of an item, from where it was seen or is found."""

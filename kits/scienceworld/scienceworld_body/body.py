@@ -4,20 +4,18 @@
 
 A scene is a task of the environment and a seed one of its variations: both say only how the world begins. What is
 reported is what the text says: what is carried, what is in view, and what was measured. The environment's score stays
-in this process, and goes to the file `OUTCOMES` when a session ends.
+in this process, and is an outcome when a session ends.
 """
 
 import json
-import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from inspect import signature
-from pathlib import Path
 from string import Formatter
 from typing import Any
 
 from scienceworld import ScienceWorldEnv
-from target_server.body import State
+from target_server.body import State, append_outcome
 from target_server.tool_body import Steps, Tool, ToolBody
 from target_server.wire import Refusal
 
@@ -26,7 +24,6 @@ from scienceworld_body.agent import Agent, spell
 from scienceworld_body.reading import CARRIED
 
 HOUSE = "house"  # as the first task has it, for goals that are no task
-OUTCOMES = "SCIENCEWORLD_OUTCOMES"
 ACTIONS = {
     "look_at": "look at {what}", "open": "open {what}", "close": "close {what}", "pick_up": "pick up {what}",
     "put_down": "put down {what}", "activate": "activate {what}", "deactivate": "deactivate {what}",
@@ -45,6 +42,7 @@ SKILLS = (
 )  # fmt: skip
 TYPES = {str: "string", int: "integer"}
 STEP_LIMIT = 1_000_000  # none: a session's time limits it
+WHOLE = 100  # the score of a task that is done
 
 
 class ScienceBody(ToolBody[str]):
@@ -126,13 +124,10 @@ class ScienceBody(ToolBody[str]):
         )
 
     def note_end(self, session: str) -> None:
-        """Append the environment's own score to the file of who measures; no one reads it here."""
-        if path := os.environ.get(OUTCOMES):
-            score = round(100 * self._env.server.getScore())
-            line = {"task": self._task, "variation": self._variation, "session": session, "score": score}
-            line["actions"] = len(self._history)
-            with Path(path).open("a", encoding="utf-8") as file:
-                file.write(json.dumps(line) + "\n")
+        """The environment's own score, for who measures."""
+        score = round(100 * self._env.server.getScore())
+        world = {"task": self._task, "variation": self._variation, "actions": len(self._history)}
+        append_outcome(session, success=score == WHOLE, score=score, **world)
 
     def close(self) -> None:
         self._env.close()

@@ -1,13 +1,17 @@
 """The port of the kit: what a person writes to serve a body. `served` adds authority, limits, receive log and stops."""
 
+import json
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from target_server.procedures import Call, Procedure
 from target_server.wire import Refusal
 
+OUTCOMES = "PHYAGENTOS_OUTCOMES"  # names a file, where who starts a body measures it
 Triple = tuple[float, float, float]
 Window = tuple[int, int, int, int]  # left, top, width and height [pixels]
 
@@ -243,7 +247,14 @@ class Body(ABC):
         return None
 
     def note_end(self, session: str) -> None:  # noqa: B027 - not every body needs it
-        """A session has ended; the body is at rest."""
+        """A session has ended; the body is at rest. What is measured of it goes through `append_outcome`."""
 
     def close(self) -> None:  # noqa: B027 - not every body needs it
         """Close devices."""
+
+
+def append_outcome(session: str, **says: Any) -> None:
+    """A line of what an environment says of success, to the file of who measures; the agent never reads it."""
+    if path := os.environ.get(OUTCOMES):
+        with Path(path).open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"session": session, **says}) + "\n")

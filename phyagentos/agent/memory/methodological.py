@@ -10,7 +10,7 @@ import msgspec
 
 from phyagentos.agent.memory.entries import Count, Entry, name_objects
 from phyagentos.agent.memory.episodes import Episode
-from phyagentos.agent.memory.scopes import compute_id, compute_scope, measure_width, name_left_out, widen
+from phyagentos.agent.memory.scopes import compute_id, compute_scope, name_left_out, widen
 from phyagentos.agent.memory.semantic import Trial
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.lessons import Lesson
@@ -109,7 +109,7 @@ class Correction(Entry, frozen=True, kw_only=True, omit_defaults=True):
             return EntryState.EXPIRED, f"contradicted: {outcomes} outcomes speak for it"
         if seq - self.last_seq > (life := EXPIRES_AFTER << min(outcomes.successes - 1, 32)):
             return EntryState.EXPIRED, f"nothing confirmed it in the last {life} episodes"
-        if self.amended is None and measure_width(self.scope) and len(self.cases) < CASES_NEEDED:
+        if self.amended is None and any(self.cases) and len(self.cases) < CASES_NEEDED:
             return EntryState.HYPOTHESIS, "verified in one case only, not yet beyond it"
         return EntryState.ACTIVE, ""
 

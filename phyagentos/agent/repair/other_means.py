@@ -32,6 +32,7 @@ _INTERRUPTIONS = frozenset({Cause.RUNNER_LOST, Cause.STALLED, Cause.TIMED_OUT}) 
 _BROKEN = frozenset({Cause.TARGET_LOST, Cause.RUNNER_LOST, Cause.STALLED, Cause.SAFETY_STOP})
 _FITTING = frozenset(
     {Cause.IMPOSSIBLE, Cause.NO_PLAN, Cause.GRASP_MISSED, Cause.GRASP_LOST, Cause.PLACED_WRONG, Cause.WITHOUT_EFFECT}
+    | {Cause.UNKNOWN}  # a procedure of the target could not do it, and says why in words alone
 )
 
 
@@ -117,7 +118,7 @@ def cover(promised: tuple[str, ...], skill: SkillRuntime, world: Environment) ->
     kinds = {name: entity.kind for name, entity in world.entities.items()}
     if any(p.kinds and kinds.get(str(parameters.get(key))) not in p.kinds for key, p in skill.parameters.items()):
         return None
-    return parameters if skill.accepts(parameters) else None
+    return parameters if skill.fits(parameters) else None
 
 
 def _bind(wanted: Formula, offered: Formula, world: Environment) -> Fields | None:
@@ -159,7 +160,7 @@ def _bind_held(case: Case, promised: tuple[str, ...], skill: SkillRuntime) -> Fi
             return None
     bound = {key: value for key, value in case.session.parameters.items() if key in skill.parameters} | found
     bound.pop("target", None)
-    return bound if skill.accepts(bound) else None
+    return bound if skill.fits(bound) else None
 
 
 def _choose(wanted: Formula, offered: Formula, skill: SkillRuntime) -> Fields | None:

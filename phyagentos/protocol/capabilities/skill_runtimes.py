@@ -5,7 +5,7 @@ call; it holds no code and no limits.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Literal, TypeGuard
@@ -259,6 +259,12 @@ class SkillRuntime(Authored):
     def accepts(self, names: Iterable[str]) -> bool:
         """Whether these arguments are all that must be given, and no others than it has."""
         return {*self.needed} <= {*names} <= self.parameters.keys()
+
+    def fits(self, arguments: Mapping[str, object]) -> bool:
+        """Whether it accepts these arguments, and each of their values."""
+        return self.accepts(arguments) and not any(
+            find_mismatch(self.parameters[key], value) for key, value in arguments.items()
+        )
 
     @pydantic.model_validator(mode="before")
     @classmethod

@@ -9,8 +9,9 @@ import os
 import select
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from typing_extensions import override
@@ -25,6 +26,7 @@ from phyagentos.runtime.targets.handshake import greet, make_key, mint
 from phyagentos.runtime.targets.websocket import connect_websocket
 
 START_S = 120.0  # a cold interpreter imports a simulator
+OUTCOMES = "PHYAGENTOS_OUTCOMES"  # as kits/target_server reads it
 
 
 class ChildDriver(RemoteDriver):
@@ -42,9 +44,10 @@ class ChildDriver(RemoteDriver):
         self._process.communicate()  # the end of its standard input ends it
 
 
-def open_kit(profile: TargetProfile, folder: Path) -> ChildDriver:
+def open_kit(profile: TargetProfile, folder: Path, outcomes: Path | None = None) -> ChildDriver:
     """Start the body of the profile in `folder`; raises as `start_body`.
 
+    Its own word of success goes to the file `outcomes`, which its environment names, for who measures.
     Its settings are `module`, and `environment`, what `paos bench setup` has made, or `python`; ours without both.
     """
     settings, place = dict(profile.settings), folder / "target.yaml"
@@ -54,7 +57,11 @@ def open_kit(profile: TargetProfile, folder: Path) -> ChildDriver:
         raise DefinitionError.of("NO_DRIVER", str(place), found, "the module of a body of kits/target_server", hint)
     made = settings.get("environment")
     python = str(settings.get("python", sys.executable) if made is None else find_python(str(made)))
-    return start_body("kit", profile, (python, "-m", module), place, beside=folder)
+    environment = {}
+    if outcomes is not None:
+        outcomes.parent.mkdir(parents=True, exist_ok=True)
+        environment[OUTCOMES] = str(outcomes.absolute())
+    return start_body("kit", profile, (python, "-m", module), place, beside=folder, environment=environment)
 
 
 def start_body(
@@ -64,6 +71,7 @@ def start_body(
     place: Path,
     settings: str = "",
     beside: Path | None = None,
+    environment: Mapping[str, str] = MappingProxyType({}),
 ) -> ChildDriver:
     """Start a process that serves a body, and connect to it.
 
@@ -74,6 +82,7 @@ def start_body(
         place: The file that says so, for messages.
         settings: One line.
         beside: A folder where it may import from.
+        environment: Variables that it has beside ours.
 
     Raises:
         DefinitionError: `NO_DRIVER` when its process does not start.
@@ -83,7 +92,7 @@ def start_body(
     paths = os.pathsep.join(map(str, (*kits, *([beside.absolute()] if beside is not None else []))))
     pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     try:
-        process = subprocess.Popen(command, env=os.environ | {"PYTHONPATH": paths}, **pipes)
+        process = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": paths, **environment}, **pipes)
     except OSError as error:
         raise _explain(place, f"{command[0]!r}: {error.strerror}") from error
     answer = _read_endpoint(process, f"{key.hex()}\n{settings}\n" if settings else f"{key.hex()}\n")

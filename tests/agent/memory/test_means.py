@@ -3,8 +3,9 @@
 from msgspec.structs import replace
 
 from phyagentos.agent.memory.episodes import Features
+from phyagentos.agent.memory.scopes import find_mismatch
 from phyagentos.protocol.sessions.means import Means, Preparation
-from phyagentos.protocol.sessions.memory_entries import EntryState
+from phyagentos.protocol.sessions.memory_entries import Embodiment, EntryState
 from phyagentos.protocol.sessions.strategy import DEFAULT_STRATEGY
 
 from .conftest import ask, make_episode
@@ -89,3 +90,24 @@ def test_a_session_of_another_run_with_the_same_id_corrects_nothing(memory):
     before = dict(memory.experience.corrections)
     memory.record([replace(each, begun="later", judged_at="later") for each in (clear, again)])
     assert memory.experience.corrections == before
+
+
+GAME = {
+    "scene": "wilds",
+    "skill": "make",
+    "target": "survivor",
+    "body": Embodiment(kind="agent"),
+    "features": Features(),
+    "parameters": {"what": "pickaxe"},
+}
+
+
+def test_what_a_game_taught_without_any_object_advises_there_on_every_seed_and_no_arm(memory):
+    failed = make_episode(ok=False, cause="UNKNOWN", **GAME)
+    child = make_episode(parent=failed, **GAME | {"skill": "build_and_make"})
+    lesson = learn(memory, failed, child)
+    assert lesson.means == Means(skill="build_and_make")
+    assert [each.lesson.id for each in memory.recall(ask(make_episode(seed=99, **GAME)))] == [lesson.id]
+    assert memory.recall(ask(make_episode())) == ()
+    wide = replace(lesson.where, skill="", scene="")
+    assert find_mismatch(wide, ask(make_episode()), DEFAULT_STRATEGY) == "learned with a body of kind agent, not arm"

@@ -1,0 +1,1 @@
+"""A goal in ScienceWorld for the suites `constant` and `game_to_arm`."""
