@@ -32,9 +32,13 @@ def serve(
     os.execv(command[0], command)
 
 
-def lead(workspace: Space, server: Server = fleet.SERVER) -> None:
+def lead(
+    workspace: Space,
+    server: Server = fleet.SERVER,
+    lease: Annotated[float, typer.Option(help="How long a host may hold a shared target unheard [s].")] = fleet.LEASE_S,
+) -> None:
     """Place the sessions of an agent's workspace on the hosts of a fleet, in place of `paos watch`; Ctrl-C ends."""
-    fleet.lead_fleet(workspace, server, _end_on_signals(), print_note)
+    fleet.lead_fleet(workspace, server, _end_on_signals(), print_note, lease)
 
 
 def join(

@@ -159,9 +159,11 @@ class FleetHost:
         return stored is not None
 
     def _find_own(self, key: str) -> tuple[Claim, Stored] | None:
+        """The claim as the server has it, while it is of this host and not fenced."""
         found = self._bus.get(Bucket.CLAIMS, key)
         claim = msgspec.json.decode(found.value, type=Claim) if found is not None else Claim()
-        return (claim, found) if found is not None and claim.host == self._card.host else None
+        is_own = claim.host == self._card.host and not claim.is_fenced
+        return (claim, found) if found is not None and is_own else None
 
     def _renew(self) -> None:
         for id, held in list(self._held.items()):
@@ -226,5 +228,6 @@ class FleetHost:
         seen = self._leases.parent / "fleet-stop"
         if not (seen.exists() and seen.read_text(encoding="utf-8") == given.at):
             latch(self._workspace.signals.parent, given)
+            seen.parent.mkdir(parents=True, exist_ok=True)
             seen.write_text(given.at, encoding="utf-8")
             self._beat_at_s = -float("inf")

@@ -259,9 +259,10 @@ class FleetHub:
     def _fence(self, id: SessionId, seen: bytes) -> bool:
         """End the claim that was seen, unless it has changed; from here on no host may act under it."""
         key = encode_key(id)
-        found, claim = self._bus.get(Bucket.CLAIMS, key), msgspec.json.decode(seen, type=Claim)
+        found = self._bus.get(Bucket.CLAIMS, key)
         if found is None or found.value != seen:
             return False
+        claim = msgspec.json.decode(seen, type=Claim)
         fenced = msgspec.structs.replace(claim, epoch=claim.epoch + 1, is_fenced=True)
         return self._bus.swap(Bucket.CLAIMS, key, msgspec.json.encode(fenced), found.revision) is not None
 
@@ -285,7 +286,7 @@ class FleetHub:
         for id, each in list(placed.items()):
             status = self._ledger.sessions.get(id)
             wanted = _build_end(each.offer, status)
-            if (status is None or status.state in FINAL_STATES) and self._is_over_there(id, each):
+            if (status is None or status.state in FINAL_STATES) and self._is_over_there(id):
                 self._bus.remove(Bucket.OFFERS, get_offer_key(each.offer.contract))
                 self._bus.remove(Bucket.CLAIMS, encode_key(id))
                 del placed[id]
@@ -294,12 +295,13 @@ class FleetHub:
                 self._own.sync()  # the verdict that is passed on
                 self._put(each, wanted)
 
-    def _is_over_there(self, id: SessionId, each: Placed) -> bool:
+    def _is_over_there(self, id: SessionId) -> bool:
         """Whether no host will do anything more about it."""
         if id in self._over:
             return True
-        claim = msgspec.json.decode(each.claim, type=Claim) if each.claim else Claim()
-        return not claim.host and (claim.is_fenced or self._fence(id, each.claim or msgspec.json.encode(Claim())))
+        value = self._bus.view(Bucket.CLAIMS).get(encode_key(id), b"")
+        claim = msgspec.json.decode(value, type=Claim) if value else Claim()
+        return not claim.host and (claim.is_fenced or self._fence(id, value))
 
 
 def _build_end(offer: Offer, status: SessionStatus | None) -> Offer:

@@ -54,6 +54,9 @@ class LaneReader:
             self._enter(name)
             if self._seq <= after or name == names[0]:
                 break
+        if self._seq > after:
+            at = locate(self._folder, self._segment)
+            raise damage(at, 0, f"records up to {self._seq} were there and are not any more")
         while self._seq < after:
             if not self._read_on(after):
                 self._enter(find_next_segment(self._folder, self._segment))
