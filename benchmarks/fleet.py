@@ -230,7 +230,7 @@ def make_cases(runs: int, seed: int, cut_max_s: float, only: Sequence[str] = ())
     cells = [cell for cell in CELLS if not only or {*only} & {*cell}]
     for index in range(runs):
         victim, kind = cells[index % len(cells)]
-        lasts_s = float(chance.uniform(1.0, cut_max_s if kind in {CUT, LOSE} else 15.0))
+        lasts_s = float(chance.uniform(1.0, cut_max_s if kind in {CUT, LOSE} else 25.0))
         lasts_s = LEASE_S + GRACE_S + 5.0 if kind == STOP else lasts_s
         host = str(chance.choice([*HOSTS]))
         cases.append(Case(1000 * seed + index, victim, kind, host, float(chance.uniform(0.0, SPREAD_S)), lasts_s))
