@@ -12,6 +12,7 @@ from phyagentos.assembly.project import admit_python
 from phyagentos.cli.arguments import TrustPython
 from phyagentos.cli.outcome import ExitCode, print_note
 from phyagentos.cli.reply import Reply
+from phyagentos.fleet.hub import LEASE_S
 from phyagentos.operations import fleet
 from phyagentos.operations.fleet import FleetStatus, FleetStop, HostLine
 from phyagentos.protocol.documents.plain_text import clean
@@ -35,7 +36,7 @@ def serve(
 def lead(
     workspace: Space,
     server: Server = fleet.SERVER,
-    lease: Annotated[float, typer.Option(help="How long a host may hold a shared target unheard [s].")] = fleet.LEASE_S,
+    lease: Annotated[float, typer.Option(help="How long a host may hold a shared target unheard [s].")] = LEASE_S,
 ) -> None:
     """Place the sessions of an agent's workspace on the hosts of a fleet, in place of `paos watch`; Ctrl-C ends."""
     fleet.lead_fleet(workspace, server, _end_on_signals(), print_note, lease)

@@ -1,8 +1,12 @@
 """A lane on another host: the same bytes, whatever is sent twice or breaks off."""
 
+import re
+from pathlib import Path
+
 import msgspec
 import pytest
 
+import phyagentos
 from phyagentos.errors import ExecutionError
 from phyagentos.fleet.bus import BusLost
 from phyagentos.fleet.lanes import LanePublisher, LaneReader, LaneReplica
@@ -126,3 +130,13 @@ def test_a_record_that_is_gone_from_the_segments_is_named(journal):
     min(journal.folder.glob("*.*.md")).unlink()
     with pytest.raises(ExecutionError, match="JOURNAL_DAMAGED"):
         LaneReader(journal.folder).read(0, last)
+
+
+def test_one_module_alone_knows_nats():
+    package = Path(phyagentos.__file__).parent
+    found = [
+        path.stem
+        for path in package.rglob("*.py")
+        if re.search(r"^\s*(import|from) nats", path.read_text(), re.MULTILINE)
+    ]
+    assert found == ["nats_bus"]
