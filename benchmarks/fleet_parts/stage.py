@@ -94,8 +94,8 @@ class Stage:
     def __init__(self, folder: Path, clock: Clock) -> None:
         self.folder, self._clock = folder, clock
         self.graph = prepare_project(folder / "project")
-        port = choose_port()
-        _, server = prepare_server(folder / "server", f"127.0.0.1:{port}")
+        self._port = port = choose_port()
+        self._url, server = prepare_server(folder / "server", f"127.0.0.1:{port}")
         self.links = {name: Link(port) for name in ("hub", *HOSTS)}
         self._commands = {"server": server, "hub": self._paos("hub", "lead", "--lease", str(LEASE_S))}
         for host, target in HOSTS.items():
@@ -106,7 +106,8 @@ class Stage:
         self._not_before_s: dict[str, float] = {}
 
     def _paos(self, name: str, verb: str, *options: str) -> list[str]:
-        place = ("--workspace", str(self.folder / name), "--server", f"nats://127.0.0.1:{self.links[name].port}")
+        url = self._url.replace(f":{self._port}", f":{self.links[name].port}")
+        place = ("--workspace", str(self.folder / name), "--server", url)
         return [sys.executable, "-m", "phyagentos", "fleet", verb, *place, *options]
 
     def tend(self) -> None:

@@ -17,15 +17,13 @@ from phyagentos.operations import fleet
 from phyagentos.operations.fleet import FleetStatus, FleetStop, HostLine
 from phyagentos.protocol.documents.plain_text import clean
 
-Server = Annotated[str, typer.Option(help="URL of the server.", envvar="PHYAGENTOS_FLEET")]
+Server = Annotated[str, typer.Option(help="URL, as `paos fleet serve` prints it.", envvar="PHYAGENTOS_FLEET")]
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Its own folder; created when missing.")]
 
 
 def serve(
     store: Annotated[Path, typer.Option(help="Folder of the server.")] = Path("fleet"),
-    listen: Annotated[
-        str, typer.Option(help="Address and port; a token is made for all but 127.0.0.1.")
-    ] = fleet.LISTEN,
+    listen: Annotated[str, typer.Option(help="Address and port.")] = fleet.LISTEN,
 ) -> None:
     """Run a NATS server with JetStream, for one fleet; Ctrl-C ends it."""
     url, command = fleet.prepare_server(store.resolve(), listen)
@@ -35,7 +33,7 @@ def serve(
 
 def lead(
     workspace: Space,
-    server: Server = fleet.SERVER,
+    server: Server,
     lease: Annotated[float, typer.Option(help="How long a host may hold a shared target unheard [s].")] = LEASE_S,
 ) -> None:
     """Place the sessions of an agent's workspace on the hosts of a fleet, in place of `paos watch`; Ctrl-C ends."""
@@ -44,7 +42,7 @@ def lead(
 
 def join(
     workspace: Space,
-    server: Server = fleet.SERVER,
+    server: Server,
     name: Annotated[str | None, typer.Option(help="Of this host in the fleet; that of the machine by default.")] = None,
     target: Annotated[list[str] | None, typer.Option(help="To offer; all of TARGETS.md by default.")] = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Render nothing.")] = False,
@@ -56,15 +54,13 @@ def join(
     fleet.join_fleet(workspace, server, ends, print_note, name=name, targets=target or (), pictures=not no_pictures)
 
 
-def status(server: Server = fleet.SERVER) -> Reply[FleetStatus]:
+def status(server: Server) -> Reply[FleetStatus]:
     """Hosts of a fleet: targets, load, records, whether they are alive and stopped."""
     found = fleet.read_status(server)
     return Reply(found, "\n".join([*map(_render_host, found.hosts), f"{found.offers} sessions are open"]))
 
 
-def stop(
-    server: Server = fleet.SERVER, reason: Annotated[str, typer.Option(help="Why.", callback=clean)] = ""
-) -> Reply[FleetStop]:
+def stop(server: Server, reason: Annotated[str, typer.Option(help="Why.", callback=clean)] = "") -> Reply[FleetStop]:
     """Latch the emergency stop on every host at once; each host alone resets it."""
     found = fleet.stop_fleet(server, reason=reason)
     notes = [f"no answer from {each}: it latches when it is back; use the stop of its robots" for each in found.silent]
@@ -73,8 +69,8 @@ def stop(
 
 
 def _render_host(line: HostLine) -> str:
-    state = ("stopped" if line.is_stopped else "alive") if line.is_alive else "silent"
-    return f"{line.host}: {state}, {', '.join(line.targets)}; {line.load} sessions, {line.records} records"
+    card, state = line.card, ("stopped" if line.card.is_stopped else "alive") if line.is_alive else "silent"
+    return f"{card.host}: {state}, {', '.join(sorted(card.targets))}; {card.load} sessions, {line.records} records"
 
 
 def _end_on_signals() -> Event:

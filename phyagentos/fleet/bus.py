@@ -78,7 +78,6 @@ class HostCard(msgspec.Struct, frozen=True, kw_only=True):
     """What a host says of itself.
 
     Attributes:
-        instance: Of its process: two hosts of one name exclude each other.
         lane: Its partition of the journal.
         targets: Those that it runs, each with the kinds of actions that it offers.
         load: Sessions that it holds.
@@ -87,7 +86,6 @@ class HostCard(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     host: str
-    instance: str
     lane: str
     targets: dict[str, tuple[str, ...]]
     load: int = 0

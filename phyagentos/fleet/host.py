@@ -5,7 +5,6 @@ so that a process which is killed at any point goes on from both.
 """
 
 import contextlib
-import secrets
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -61,9 +60,9 @@ class FleetHost:
         self._workspace, self._journal, self._bus, self._clock = workspace, journal, bus, clock
         self._leases = workspace.leases
         self._ledger = journal.open_ledger()
-        self._publisher = LanePublisher(journal.folder, bus)
+        self._publisher = LanePublisher(journal, bus)
         lane = journal.folder.name
-        self._card = HostCard(host=lane, instance=secrets.token_hex(8), lane=lane, targets=dict(targets))
+        self._card = HostCard(host=lane, lane=lane, targets=dict(targets))
         self._beat_at_s = -float("inf")
         self._held: dict[SessionId, HeldClaim] = {}
         self._sent: set[SessionId] = set()  # bundles
@@ -78,7 +77,7 @@ class FleetHost:
         with contextlib.suppress(BusLost):
             self._ledger.extend(self._journal.read_new())
             self._announce()
-            more = self._publish()
+            more = self._publisher.publish(self._ledger.seq)
             self._renew()
             self._follow_offers()
         return more
@@ -109,12 +108,6 @@ class FleetHost:
                 "BUSY", f"another host of the name {other.host!r} is in this fleet: use another --name"
             )
 
-    def _publish(self) -> bool:
-        if not self._publisher.is_behind(self._ledger.seq):
-            return False
-        self._journal.sync()  # what a power cut could take back here must not stand elsewhere
-        return self._publisher.publish(self._ledger.seq)
-
     def _iter_placed(self) -> Iterator[SessionStatus]:
         return (each for each in self._ledger.live_sessions() if each.asked_by == BY)
 
@@ -139,12 +132,10 @@ class FleetHost:
     def _take(self, offer: Offer) -> None:
         """Claim a session; only the holder of the claim submits it to its own watchdog, under the lease."""
         id, begun_s = offer.contract.id, self._clock.now_s()
-        claim = Claim(host=self._card.host, epoch=1, lease_s=offer.lease_s)
-        if not self._hold(id, claim, offer.revision):
+        if not self._hold(id, Claim(host=self._card.host, epoch=1, lease_s=offer.lease_s), offer.revision):
             return
         write_lease(self._leases, id, begun_s + offer.lease_s)
-        body = dict(msgspec.to_builtins(offer.contract))
-        self._journal.commit([Entry(id, "submit", body)])
+        self._journal.commit([Entry(id, "submit", dict(msgspec.to_builtins(offer.contract)))])
         self._ledger.extend(self._journal.read_new(looks=False))
 
     def _hold(self, id: SessionId, claim: Claim, revision: int) -> bool:
@@ -195,8 +186,7 @@ class FleetHost:
             send_bundle(self._workspace.evidence_of(id), id, self._bus)
             self._sent.add(id)
         if offer.end and status.state == SessionState.AWAITING_VERIFICATION:
-            entries = [Entry(id, each.trigger, each.body or None) for each in offer.end]
-            self._commit(entries)
+            self._commit([Entry(id, each.trigger, each.body or None) for each in offer.end])
         elif offer.is_cancelled or offer.end:
             self._cancel(status, "requested in the fleet")
 

@@ -16,6 +16,7 @@ from phyagentos.clock import Clock
 from phyagentos.errors import Problem
 from phyagentos.fleet.bundles import fetch_bundle
 from phyagentos.fleet.bus import Bucket, Bus, BusLost, Claim, EndEntry, HostCard, Offer, encode_key, get_offer_key
+from phyagentos.fleet.host import BY
 from phyagentos.fleet.lanes import LanePublisher, LaneReplica
 from phyagentos.protocol.capabilities.registries import publish_health
 from phyagentos.protocol.capabilities.targets import Health, TargetHealth
@@ -27,7 +28,6 @@ from phyagentos.runtime.supervision.operator_signals import OperatorSignals
 from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_rejection
 from phyagentos.store.journal import Entry, Journal, Record
 
-BY = "fleet"
 LEASE_S = 15.0  # of a target that several hosts offer
 GRACE_S = 5.0  # a claim is fenced when it was not renewed for so long beyond its lease
 SILENCE_S = 5.0  # a host that has not beaten for so long is shown as lost
@@ -68,7 +68,7 @@ class FleetHub:
         self._own, self._ledger = journal, journal.open_ledger()
         self._journal = SupervisorJournal(journal, self._ledger, lambda _: None)
         self._operator = OperatorSignals(workspace, self._journal, clock)
-        self._publisher = LanePublisher(journal.folder, bus)
+        self._publisher = LanePublisher(journal, bus)
         self._replicas: dict[str, LaneReplica] = {}
         self._waiting: dict[SessionId, deque[Record]] = defaultdict(deque)  # records of hosts, not recorded here yet
         self._over: set[SessionId] = set()  # final in the lane of its host
@@ -91,9 +91,7 @@ class FleetHub:
             return False
         with contextlib.suppress(BusLost):
             self._pass_stop_on()
-            if self._publisher.is_behind(self._ledger.seq):
-                self._own.sync()  # what a power cut could take back here must not stand elsewhere
-                more = self._publisher.publish(self._ledger.seq)
+            more = self._publisher.publish(self._ledger.seq)
             more |= self._follow_lanes(self._read_cards())
             self._relay()
             if self._placed is None:
@@ -175,16 +173,14 @@ class FleetHub:
         if status is None or status.state in FINAL_STATES:
             return True
         trigger, body = record.ev, record.body
+        is_next = (status.state, status.epoch) == (record.source, (record.epoch or 0) - (trigger == CLAIM))
         if status.state == _S.CANCELLING and trigger in _ENDS_A_CANCEL:  # whatever ended it there
             trigger = "confirm_cancel"
-        elif status.state == _S.CANCELLING and trigger == "lose":
-            pass
-        elif (status.state, status.epoch) != (record.source, (record.epoch or 0) - (trigger == CLAIM)):
+        elif not is_next and not (status.state == _S.CANCELLING and trigger == "lose"):
             return True  # recorded before, or after it was fenced
         if "execution" in (body or {}) and not fetch_bundle(self._workspace.evidence_of(id), id, self._bus):
             return False
-        epoch = status.epoch
-        self._record([Entry(id, trigger, dict(body) if body else None, epoch)], record.by)
+        self._record([Entry(id, trigger, dict(body) if body else None, status.epoch)], record.by)
         return True
 
     def _record(self, entries: list[Entry], by: str) -> None:

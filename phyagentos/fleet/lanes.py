@@ -14,6 +14,7 @@ from phyagentos.fleet.bus import Bus, Frame
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.workspace.workspace import MARKER
 from phyagentos.store.follower import Follower
+from phyagentos.store.journal import Journal
 from phyagentos.store.records import Record, Tail, read_record
 from phyagentos.store.segments import (
     SystemIO,
@@ -91,20 +92,19 @@ class LaneReader:
 class LanePublisher:
     """Sends the records of this host's partition that the server does not have."""
 
-    def __init__(self, folder: Path, bus: Bus) -> None:
-        self._lane, self._bus = folder.name, bus
-        self._reader = LaneReader(folder)
+    def __init__(self, journal: Journal, bus: Bus) -> None:
+        self._journal, self._lane, self._bus = journal, journal.folder.name, bus
+        self._reader = LaneReader(journal.folder)
         self._sent: int | None = None  # None: the server has to be asked
 
-    def is_behind(self, last_seq: int) -> bool:
-        """Whether there may be something to send."""
-        return self._sent != last_seq
-
     def publish(self, last_seq: int) -> bool:
-        """Send what is on the disk up to a record, a bounded part of it; whether more is left.
+        """Send the records up to this one, a bounded part of them and once they are on the disk; whether more is left.
 
         Raises ExecutionError: `CHANGED` where the server has a lane of this name that is another one; BusLost.
         """
+        if self._sent == last_seq:
+            return False
+        self._journal.sync()  # what a power cut could take back here must not stand elsewhere
         if self._sent is None:
             self._sent = self._check(self._bus.count(self._lane), last_seq)
         sent, self._sent = self._sent, None

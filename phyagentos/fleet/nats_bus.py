@@ -23,6 +23,7 @@ from nats.js import JetStreamContext, api
 from nats.js.kv import KeyValue
 from nats.js.object_store import ObjectStore
 
+from phyagentos.clock import SystemClock
 from phyagentos.fleet.bus import Bucket, BusLost, Frame, HostCard, Stored, encode_key
 
 CALL_S = 5.0
@@ -46,7 +47,7 @@ class NatsBus:
     """
 
     def __init__(self, url: str, *, name: str, targets: Collection[str] | None = None) -> None:
-        self._url, self._name = url, name
+        self._url, self._name, self._shown = url, name, url.rpartition("@")[2]  # without its token
         offers = [">"] if targets is None else [f"{encode_key(each)}.>" for each in targets]
         self._wanted = {Bucket.OFFERS: offers, Bucket.HOSTS: [">"], Bucket.STOPS: [">"]}
         self._wanted |= {Bucket.CLAIMS: [">"]} if targets is None else {}
@@ -59,7 +60,7 @@ class NatsBus:
         self._stores: dict[Bucket, KeyValue] = {}
         self._objects: ObjectStore
         self._known_lanes: set[str] = set()
-        self._is_ready, self._is_closed = False, False
+        self._is_ready, self._why = False, ""
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="fleet", daemon=True)
         self._thread.start()
@@ -94,53 +95,51 @@ class NatsBus:
 
     def get(self, bucket: Bucket, key: str) -> Stored | None:
         """As of the port."""
-        return self._call(self._get(bucket, key))
+        return self._call(lambda: self._get(bucket, key))
 
     def put(self, bucket: Bucket, key: str, value: bytes) -> None:
         """As of the port."""
-        self._call(self._put(bucket, key, value))
+        self._call(lambda: self._stores[bucket].put(key, value))
 
     def swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         """As of the port."""
-        return self._call(self._swap(bucket, key, value, revision))
+        return self._call(lambda: self._swap(bucket, key, value, revision))
 
     def remove(self, bucket: Bucket, key: str) -> None:
         """As of the port."""
         self._views[bucket].pop(key, None)
-        self._call(self._remove(bucket, key))
+        self._call(lambda: self._js.purge_stream(f"KV_paos_{bucket}", subject=f"$KV.paos_{bucket}.{key}"))
 
     def count(self, lane: str) -> int:
         """As of the port."""
-        return self._call(self._count(lane))
+        return self._call(lambda: self._count(lane))
 
     def append(self, lane: str, after: int, frames: Sequence[Frame]) -> None:
         """As of the port."""
-        self._call(self._append(lane, after, frames))
+        self._call(lambda: self._append(lane, after, frames))
 
     def read(self, lane: str, after: int, up_to: int) -> list[Frame]:
         """As of the port."""
-        return self._call(self._read(lane, after, up_to), 4 * CALL_S)
+        return self._call(lambda: self._read(lane, after, up_to), 4 * CALL_S)
 
     def store(self, name: str, data: bytes) -> None:
         """As of the port."""
-        self._call(self._store(name, data), 4 * CALL_S)
+        self._call(lambda: self._store(name, data), 4 * CALL_S)
 
     def load(self, name: str) -> bytes | None:
         """As of the port."""
-        return self._call(self._load(name), 4 * CALL_S)
+        return self._call(lambda: self._load(name), 4 * CALL_S)
 
     def wait(self, timeout_s: float) -> None:
         """Wait for the connection; raises BusLost."""
-        done = threading.Event()
         for _ in range(int(timeout_s / RETRY_S)):
             if self.is_connected:
                 return
-            done.wait(RETRY_S)
-        raise BusLost(f"no NATS server with JetStream answers at {self._url}")
+            SystemClock().sleep(RETRY_S)
+        raise BusLost(f"no NATS server with JetStream answers at {self._shown}{self._why}")
 
     def close(self) -> None:
         """As of the port."""
-        self._is_closed = True
         self._keeper.cancel()
         with contextlib.suppress(Exception):
             asyncio.run_coroutine_threadsafe(self._client.close(), self._loop).result(CALL_S)
@@ -149,20 +148,19 @@ class NatsBus:
         self._loop.close()
         os.close(self._news)
 
-    def _call(self, work: Coroutine[Any, Any, _Result], timeout_s: float = CALL_S) -> _Result:
+    def _call(self, work: Callable[[], Coroutine[Any, Any, _Result]], timeout_s: float = CALL_S) -> _Result:
         if not self.is_connected:
-            work.close()
-            raise BusLost(f"the NATS server at {self._url} does not answer")
-        future = asyncio.run_coroutine_threadsafe(work, self._loop)
+            raise BusLost(f"the NATS server at {self._shown} does not answer{self._why}")
+        future = asyncio.run_coroutine_threadsafe(work(), self._loop)
         try:
             return future.result(timeout_s)
         except (nats.errors.Error, TimeoutError, OSError) as error:
             future.cancel()
-            raise BusLost(f"the NATS server at {self._url}: {type(error).__name__} {error}") from error
+            raise BusLost(f"the NATS server at {self._shown}: {type(error).__name__} {error}") from error
 
     async def _keep_up(self) -> None:
         """Connect, then read everything anew after each break and now and then."""
-        while not self._is_closed:
+        while True:
             try:
                 if not self._client.is_connected and not self._client.is_reconnecting:
                     await self._connect()
@@ -172,8 +170,8 @@ class NatsBus:
                 self._is_ready = True
                 self._ring()
                 await asyncio.sleep(RESCAN_S if self._client.is_connected else RETRY_S)
-            except (nats.errors.Error, TimeoutError, OSError):
-                self._is_ready = False
+            except (nats.errors.Error, TimeoutError, OSError) as error:
+                self._is_ready, self._why = False, f": {error}"
                 await asyncio.sleep(RETRY_S)
 
     async def _connect(self) -> None:
@@ -198,7 +196,7 @@ class NatsBus:
         self._js = self._client.jetstream(timeout=CALL_S)
         for bucket, keys in self._wanted.items():
             for key in keys:
-                await self._client.subscribe(f"$KV.paos_{bucket}.{key}", cb=self._make_listener(bucket))
+                await self._client.subscribe(f"$KV.paos_{bucket}.{key}", cb=partial(self._hear, bucket))
         await self._client.subscribe(f"{LANE}>", cb=self._hear_lane)
 
     async def _provide_stores(self) -> None:
@@ -208,26 +206,17 @@ class NatsBus:
             self._stores[bucket] = await self._js.create_key_value(bucket=f"paos_{bucket}", history=1, direct=True)
         self._objects = await self._js.create_object_store(bucket="paos_evidence")
 
-    def _make_listener(self, bucket: Bucket) -> Callable[[Msg], Awaitable[None]]:
-        prefix = len(f"$KV.paos_{bucket}.")
-
-        async def hear(message: Msg) -> None:
-            self._views[bucket][message.subject[prefix:]] = message.data
-            self._act(bucket, message.data)
-            self._ring()
-
-        return hear
+    async def _hear(self, bucket: Bucket, message: Msg) -> None:
+        self._views[bucket][message.subject.removeprefix(f"$KV.paos_{bucket}.")] = message.data
+        with contextlib.suppress(KeyError, OSError):  # what an act did not do, the next look does
+            self._acts[bucket](message.data)
+        self._ring()
 
     async def _hear_lane(self, message: Msg) -> None:
         lane, _, seq = (message.headers or {}).get("Nats-Msg-Id", "").rpartition(".")
         if lane:
             self._ends[lane] = max(self._ends.get(lane, 0), int(seq))
             self._ring()
-
-    def _act(self, bucket: Bucket, value: bytes) -> None:
-        if bucket in self._acts:
-            with contextlib.suppress(OSError):  # it is called again with every look
-                self._acts[bucket](value)
 
     def _ring(self) -> None:
         os.eventfd_write(self._news, 1)
@@ -240,13 +229,9 @@ class NatsBus:
                 values = await _gather(names, partial(self._get, bucket))
                 found |= {name: each.value for name, each in zip(names, values, strict=True) if each is not None}
             self._views[bucket] = found
-        for lane in [*self._ends]:
-            self._ends[lane] = await self._count(lane)
         for value in self._views[Bucket.HOSTS].values():
-            self._note_lane(value)
-
-    def _note_lane(self, card: bytes) -> None:
-        self._ends.setdefault(msgspec.json.decode(card, type=HostCard).lane, 0)
+            lane = msgspec.json.decode(value, type=HostCard).lane
+            self._ends[lane] = await self._count(lane)
 
     async def _list_keys(self, bucket: Bucket, key: str) -> list[str]:
         prefix = f"$KV.paos_{bucket}."
@@ -259,12 +244,6 @@ class NatsBus:
         except nats.js.errors.KeyNotFoundError:
             return None
         return Stored(entry.value or b"", entry.revision or 0)
-
-    async def _put(self, bucket: Bucket, key: str, value: bytes) -> None:
-        await self._stores[bucket].put(key, value)
-
-    async def _remove(self, bucket: Bucket, key: str) -> None:
-        await self._js.purge_stream(f"KV_paos_{bucket}", subject=f"$KV.paos_{bucket}.{key}")
 
     async def _swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         try:
@@ -311,19 +290,16 @@ class NatsBus:
         return await _gather(range(after + 1, up_to + 1), load)
 
     async def _store(self, name: str, data: bytes) -> None:
-        if await self._load_info(name) is None:
+        try:
+            await self._objects.get_info(name)
+        except nats.js.errors.NotFoundError:
             await self._objects.put(name, data)
 
-    async def _load_info(self, name: str) -> api.ObjectInfo | None:
+    async def _load(self, name: str) -> bytes | None:
         try:
-            return await self._objects.get_info(name)
+            return (await self._objects.get(name)).data
         except nats.js.errors.NotFoundError:
             return None
-
-    async def _load(self, name: str) -> bytes | None:
-        if await self._load_info(name) is None:
-            return None
-        return (await self._objects.get(name)).data
 
 
 async def _gather(items: Collection[Any], work: Callable[[Any], Awaitable[_Result]]) -> list[_Result]:

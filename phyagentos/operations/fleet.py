@@ -1,7 +1,6 @@
 """A fleet: its server, the hub beside the agent, hosts that join, what is there, and the stop for all of it."""
 
 import contextlib
-import ipaddress
 import os
 import secrets
 import select
@@ -34,25 +33,22 @@ from phyagentos.store.watch import Watch
 if TYPE_CHECKING:
     from phyagentos.fleet.nats_bus import NatsBus
 
-SERVER = "nats://127.0.0.1:4222"
 LISTEN = "127.0.0.1:4222"
 PAUSE_MS = 200.0
 ANSWER_S = 3.0
 _CONFIG = """server_name: paos
 listen: "{listen}"
 jetstream {{ store_dir: "{store}", sync_interval: always }}
-{authorization}"""
+authorization {{ token: "{token}" }}
+"""
 
 
 class HostLine(msgspec.Struct, frozen=True, kw_only=True):
-    """One host as the server knows it."""
+    """One host as the server knows it, with the number of its records there; it is alive while it beats."""
 
-    host: str
-    targets: tuple[str, ...]
+    card: HostCard
     records: int
-    load: int
     is_alive: bool
-    is_stopped: bool
 
 
 class FleetStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -73,31 +69,20 @@ class FleetStop(msgspec.Struct, frozen=True, kw_only=True):
 def prepare_server(store: Path, listen: str = LISTEN) -> tuple[str, list[str]]:
     """The URL of a server of this fleet, and the command that runs it.
 
-    One that other machines can reach demands a token, made at the first start and kept below `store`.
+    It demands a token, which is made at the first start and kept below `store`.
     """
     binary = shutil.which("nats-server", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"])))
     if binary is None:
         with needs_extra("fleet", "paos fleet serve"):
             raise ImportError("no nats-server")
     store.mkdir(parents=True, exist_ok=True)
-    host, _, port = listen.rpartition(":")
-    token, authorization = store / "token", ""
-    if not _is_loopback(host):
-        if not token.exists():
-            token.touch(mode=0o600)
-            token.write_text(secrets.token_urlsafe(24), encoding="ascii")
-        authorization = f'authorization {{ token: "{token.read_text(encoding="ascii")}" }}\n'
-    config = store / "nats.conf"
-    config.touch(mode=0o600)
-    config.write_text(_CONFIG.format(listen=listen, store=store, authorization=authorization), encoding="utf-8")
-    key = f"{token.read_text(encoding='ascii')}@" if authorization else ""
-    return f"nats://{key}{host}:{port}", [str(binary), "-c", str(config)]
-
-
-def _is_loopback(host: str) -> bool:
-    with contextlib.suppress(ValueError):
-        return ipaddress.ip_address(host).is_loopback
-    return host == "localhost"
+    kept, config = store / "token", store / "nats.conf"
+    for path in (kept, config):
+        path.touch(mode=0o600)
+    token = kept.read_text(encoding="ascii") or secrets.token_urlsafe(24)
+    kept.write_text(token, encoding="ascii")
+    config.write_text(_CONFIG.format(listen=listen, store=store, token=token), encoding="utf-8")
+    return f"nats://{token}@{listen}", [binary, "-c", str(config)]
 
 
 def lead_fleet(root: Path, url: str, ends: Event, announce: Callable[[str], object], lease_s: float = LEASE_S) -> None:
@@ -117,13 +102,7 @@ def lead_fleet(root: Path, url: str, ends: Event, announce: Callable[[str], obje
         edits = stack.enter_context(contextlib.closing(EditIntake(workspace, clock)))
         views = stack.enter_context(contextlib.closing(Views(workspace, journal.folder, clock, edits)))
         announce(f"hub of {workspace.root} at {url}")
-
-        def turn() -> bool:
-            more = hub.turn()
-            views.refresh()
-            return more
-
-        _run(turn, bus, journal.folder, ends)
+        _run(lambda: hub.turn() | views.refresh(), bus, journal.folder, ends)
 
 
 def join_fleet(
@@ -200,17 +179,11 @@ def read_status(url: str) -> FleetStatus:
     """Hosts and open sessions of a fleet; a host is alive that beats while this looks."""
     with open_bus(url, "status") as bus:
         bus.wait(ANSWER_S)
-        alive = _find_alive(bus)
+        before = _read_cards(bus)
+        SystemClock().sleep(2.0 * BEAT_S)
         lines = [
-            HostLine(
-                host=each.host,
-                targets=tuple(sorted(each.targets)),
-                records=bus.count(each.lane),
-                load=each.load,
-                is_alive=each.host in alive,
-                is_stopped=each.is_stopped,
-            )
-            for each in _read_cards(bus).values()
+            HostLine(card=each, records=bus.count(each.lane), is_alive=before.get(name) != each)
+            for name, each in _read_cards(bus).items()
         ]
         return FleetStatus(server=url, hosts=tuple(lines), offers=len(bus.view(Bucket.OFFERS)))
 
@@ -232,9 +205,3 @@ def stop_fleet(url: str, *, reason: str = "", by: str = "paos fleet stop") -> Fl
 def _read_cards(bus: Bus) -> dict[str, HostCard]:
     found = [msgspec.json.decode(each, type=HostCard) for each in bus.view(Bucket.HOSTS).values()]
     return {each.host: each for each in sorted(found, key=lambda each: each.host)}
-
-
-def _find_alive(bus: Bus) -> set[str]:
-    before = {name: each.beat for name, each in _read_cards(bus).items()}
-    SystemClock().sleep(2.0 * BEAT_S)
-    return {name for name, each in _read_cards(bus).items() if before.get(name) != each.beat}

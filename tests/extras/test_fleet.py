@@ -87,7 +87,7 @@ def test_a_claim_is_taken_once_and_a_stale_revision_is_refused(bus):
 
 
 def test_a_lane_arrives_once_over_a_server_that_is_killed(bus, server, journal, tmp_path, read_with_node):
-    publisher = LanePublisher(journal.folder, bus)
+    publisher = LanePublisher(journal, bus)
     assert not publisher.publish(fill(journal, *"abc"))
     server.kill()
     last = fill(journal, *"def")
@@ -113,7 +113,7 @@ def test_a_lane_arrives_once_over_a_server_that_is_killed(bus, server, journal, 
 
 def test_a_link_that_is_cut_is_noticed_and_mended(server):
     link = Link(server.port)
-    with open_bus(f"nats://127.0.0.1:{link.port}", "test") as bus:
+    with open_bus(server.url.replace(f":{server.port}", f":{link.port}"), "test") as bus:
         bus.wait(20.0)
         link.is_cut = True
         with pytest.raises(BusLost):
@@ -143,7 +143,7 @@ def test_the_stop_of_a_fleet_latches_on_a_host(server, bus, journal, tmp_path):
         assert CLOCK.now_s() - begun_s < 2.0  # some milliseconds where nothing else runs
         host.turn()
         (line,) = read_status(server.url).hosts
-        assert (line.host, line.is_stopped, line.is_alive) == ("h1", True, False)
+        assert (line.card.host, line.card.is_stopped, line.is_alive) == ("h1", True, False)
         assert stop_fleet(server.url, reason="again").stopped == ("h1",)
 
 

@@ -51,8 +51,8 @@ def copy(bus, root):
     return replica
 
 
-def publish_all(folder, bus, seq):
-    publisher = LanePublisher(folder, bus)
+def publish_all(journal, bus, seq):
+    publisher = LanePublisher(journal, bus)
     while publisher.publish(seq):
         pass
 
@@ -65,7 +65,7 @@ def test_a_replica_has_the_same_segments_byte_by_byte(journal, clock, bus, tmp_p
     fill(journal, 6)
     clock.advance(86_400.0)
     last = fill(journal, 2, first=6)[-1].seq
-    publish_all(journal.folder, bus, last)
+    publish_all(journal, bus, last)
     replica = copy(bus, tmp_path / "copy")
 
     assert len(list_bytes(journal.folder)) > 2
@@ -75,14 +75,14 @@ def test_a_replica_has_the_same_segments_byte_by_byte(journal, clock, bus, tmp_p
 
 def test_it_grows_with_its_original_and_takes_up_where_it_was_killed(journal, bus, tmp_path):
     last = fill(journal, 3)[-1].seq
-    publish_all(journal.folder, bus, last)
+    publish_all(journal, bus, last)
     replica = copy(bus, tmp_path / "copy")
     segment = max(list_bytes(replica.folder))
     with (replica.folder / segment).open("r+b") as file:
         file.truncate(file.seek(0, 2) - 10)  # a write that its process did not survive
 
     last = fill(journal, 2, first=3)[-1].seq
-    publish_all(journal.folder, bus, last)
+    publish_all(journal, bus, last)
     copy(bus, tmp_path / "copy")
 
     assert list_bytes(replica.folder) == list_bytes(journal.folder)
@@ -90,7 +90,7 @@ def test_it_grows_with_its_original_and_takes_up_where_it_was_killed(journal, bu
 
 def test_what_arrived_and_was_not_answered_counts_once(journal, bus):
     last = fill(journal, 3)[-1].seq
-    publisher, bus.loses_answers = LanePublisher(journal.folder, bus), True
+    publisher, bus.loses_answers = LanePublisher(journal, bus), True
     with pytest.raises(BusLost):
         publisher.publish(last)
     bus.loses_answers = False
@@ -101,24 +101,24 @@ def test_what_arrived_and_was_not_answered_counts_once(journal, bus):
 
 def test_a_server_that_lost_its_disk_is_filled_again(journal, bus):
     last = fill(journal, 3)[-1].seq
-    publish_all(journal.folder, bus, last)
+    publish_all(journal, bus, last)
     bus.server.lanes.clear()
 
-    publish_all(journal.folder, bus, last)
+    publish_all(journal, bus, last)
 
     assert bus.count("h1") == last
 
 
 def test_a_lane_of_the_same_name_that_is_another_one_is_refused(journal, bus, tmp_path):
-    publish_all(journal.folder, bus, fill(journal, 3)[-1].seq)
+    publish_all(journal, bus, fill(journal, 3)[-1].seq)
     other = Journal(tmp_path / "other", side=Side.AGENT, by="b", clock=ManualClock(2e6), partition="h1")
     with pytest.raises(ExecutionError, match="another journal of this name"):
-        publish_all(other.folder, bus, fill(other, 4)[-1].seq)
+        publish_all(other, bus, fill(other, 4)[-1].seq)
     other.close()
 
 
 def test_a_damaged_frame_is_written_nowhere(journal, bus, tmp_path):
-    publish_all(journal.folder, bus, fill(journal, 1)[-1].seq)
+    publish_all(journal, bus, fill(journal, 1)[-1].seq)
     lane = bus.server.lanes["h1"]
     lane[1] = lane[1]._replace(data=lane[1].data.replace(b'"a"', b'"b"'))
     with pytest.raises(ExecutionError, match="record 2 arrived damaged"):
