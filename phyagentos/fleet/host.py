@@ -12,7 +12,7 @@ import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
-from phyagentos.fleet.bundles import send_bundle
+from phyagentos.fleet.bundles import Transfers, send_bundle
 from phyagentos.fleet.bus import Bucket, Bus, BusLost, Claim, HostCard, Offer, Stored, encode_key
 from phyagentos.fleet.lanes import LanePublisher
 from phyagentos.protocol.sessions.estop import Latch, is_latched, latch
@@ -65,6 +65,7 @@ class FleetHost:
         self._card = HostCard(host=lane, lane=lane, targets=dict(targets))
         self._beat_at_s = -float("inf")
         self._held: dict[SessionId, HeldClaim] = {}
+        self._transfers = Transfers(bus, send_bundle)
         self._sent: set[SessionId] = set()  # bundles
         self._offers: dict[bytes, Offer] = {}
         for status in self._iter_placed():  # leases of an earlier process, maybe before the machine started anew
@@ -183,8 +184,7 @@ class FleetHost:
         if id not in self._held and not offer.end and not self._hold_again(status, offer):
             return
         if status.execution is not None and id not in self._sent:
-            send_bundle(self._workspace.evidence_of(id), id, self._bus)
-            self._sent.add(id)
+            self._sent |= {id} if self._transfers.is_done(self._workspace.evidence_of(id), id) else set()
         if offer.end and status.state == SessionState.AWAITING_VERIFICATION:
             self._commit([Entry(id, each.trigger, each.body or None) for each in offer.end])
         elif offer.is_cancelled or offer.end:

@@ -14,7 +14,7 @@ import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.errors import Problem
-from phyagentos.fleet.bundles import fetch_bundle
+from phyagentos.fleet.bundles import Transfers, fetch_bundle
 from phyagentos.fleet.bus import Bucket, Bus, BusLost, Claim, EndEntry, HostCard, Offer, encode_key, get_offer_key
 from phyagentos.fleet.host import BY
 from phyagentos.fleet.lanes import LanePublisher, LaneReplica
@@ -69,6 +69,7 @@ class FleetHub:
         self._journal = SupervisorJournal(journal, self._ledger, lambda _: None)
         self._operator = OperatorSignals(workspace, self._journal, clock)
         self._publisher = LanePublisher(journal, bus)
+        self._fetched = Transfers(bus, fetch_bundle)
         self._replicas: dict[str, LaneReplica] = {}
         self._waiting: dict[SessionId, deque[Record]] = defaultdict(deque)  # records of hosts, not recorded here yet
         self._over: set[SessionId] = set()  # final in the lane of its host
@@ -178,7 +179,7 @@ class FleetHub:
             trigger = "confirm_cancel"
         elif not is_next and not (status.state == _S.CANCELLING and trigger == "lose"):
             return True  # recorded before, or after it was fenced
-        if "execution" in (body or {}) and not fetch_bundle(self._workspace.evidence_of(id), id, self._bus):
+        if "execution" in (body or {}) and not self._fetched.is_done(self._workspace.evidence_of(id), id):
             return False
         self._record([Entry(id, trigger, dict(body) if body else None, status.epoch)], record.by)
         return True

@@ -297,7 +297,7 @@ class NatsBus:
 
     async def _load(self, name: str) -> bytes | None:
         try:
-            return (await self._objects.get(name)).data
+            return (await self._objects.get(name)).data or b""
         except nats.js.errors.NotFoundError:
             return None
 

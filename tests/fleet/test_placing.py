@@ -1,5 +1,6 @@
 """Sessions on hosts that share nothing but the server: each is begun once, and whoever is cut off stops in time."""
 
+from concurrent.futures import wait
 from contextlib import closing
 
 import msgspec
@@ -94,6 +95,8 @@ class Fleet:
         for _ in range(4):
             for place in places or (self.hub, *self.hosts):
                 place.process.turn()
+                transfers = place.process._fetched if place is self.hub else place.process._transfers
+                wait(transfers.running.values())
             self.clock.advance(seconds / 4)
 
     def find_holder(self, id="g.a"):
