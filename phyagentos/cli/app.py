@@ -38,7 +38,7 @@ GROUPS = {  # name -> help, module and functions
     "evidence": ("Evidence bundles.", "keeping", ("verify", "prune")),
     "store": ("The journal of a workspace.", "keeping", ("check", "repair", "compact", "follow")),
     "ros2": ("Goals as a ROS 2 action; verdicts on what topics show.", "ros2", ("serve", "watch")),
-    "fleet": ("Targets on other hosts, over NATS.", "fleet", ("serve", "lead", "join", "status", "stop")),
+    "fleet": ("Targets on other hosts, over NATS.", "fleet", ("server", "lead", "join", "status", "stop")),
     "policy": ("Policies that carry out skills.", "policies", ("serve", "replay")),
     "bench": (
         "Suites of many episodes on the ordinary path.",
@@ -126,7 +126,6 @@ SERVERS = (
     "tree serve",
     "ros2 serve",
     "ros2 watch",
-    "fleet serve",
     "fleet lead",
     "fleet join",
 )  # until Ctrl-C: without a result

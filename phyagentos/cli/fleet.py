@@ -1,6 +1,6 @@
 """`paos fleet`: targets on other hosts, over NATS JetStream."""
 
-import os
+import shlex
 import signal
 from pathlib import Path
 from threading import Event
@@ -14,21 +14,20 @@ from phyagentos.cli.outcome import ExitCode, print_note
 from phyagentos.cli.reply import Reply
 from phyagentos.fleet.hub import LEASE_S
 from phyagentos.operations import fleet
-from phyagentos.operations.fleet import FleetStatus, FleetStop, HostLine
+from phyagentos.operations.fleet import FleetServer, FleetStatus, FleetStop, HostLine
 from phyagentos.protocol.documents.plain_text import clean
 
-Server = Annotated[str, typer.Option(help="URL, as `paos fleet serve` prints it.", envvar="PHYAGENTOS_FLEET")]
+Server = Annotated[str, typer.Option(help="URL, as `paos fleet server` prints it.", envvar="PHYAGENTOS_FLEET")]
 Space = Annotated[Path, typer.Option("--workspace", "-w", help="Its own folder; created when missing.")]
 
 
-def serve(
+def server(
     store: Annotated[Path, typer.Option(help="Folder of the server.")] = Path("fleet"),
     listen: Annotated[str, typer.Option(help="Address and port.")] = fleet.LISTEN,
-) -> None:
-    """Run a NATS server with JetStream, for one fleet; Ctrl-C ends it."""
+) -> Reply[FleetServer]:
+    """Prepare a NATS server with JetStream for one fleet: its URL, and the command that runs it."""
     url, command = fleet.prepare_server(store.resolve(), listen)
-    print_note(f"server: {url}")
-    os.execv(command[0], command)
+    return Reply(FleetServer(url, shlex.join(command)), f"{shlex.join(command)}\n{url}", folds=False)
 
 
 def lead(

@@ -111,7 +111,9 @@ class BusLost(ExecutionError):
     """The server does not answer; what was sent may have arrived or not."""
 
     def __init__(self, what: str) -> None:
-        super().__init__("NOT_RUNNING", f"{what}. Start it with `paos fleet serve`, or look at the network.")
+        super().__init__(
+            "NOT_RUNNING", f"{what}. Start it with the command that `paos fleet server` prints, or look at the network."
+        )
 
 
 class Bus(Protocol):

@@ -51,6 +51,13 @@ class HostLine(msgspec.Struct, frozen=True, kw_only=True):
     is_alive: bool
 
 
+class FleetServer(msgspec.Struct, frozen=True):
+    """What `paos fleet server` prints: the URL of a server, with its token, and the command that runs it."""
+
+    url: str
+    command: str
+
+
 class FleetStatus(msgspec.Struct, frozen=True, kw_only=True):
     """What `paos fleet status` prints; `offers` are sessions that wait for a host, run, or wait for their verdict."""
 
@@ -73,7 +80,7 @@ def prepare_server(store: Path, listen: str = LISTEN) -> tuple[str, list[str]]:
     """
     binary = shutil.which("nats-server", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"])))
     if binary is None:
-        with needs_extra("fleet", "paos fleet serve"):
+        with needs_extra("fleet", "paos fleet server"):
             raise ImportError("no nats-server")
     store.mkdir(parents=True, exist_ok=True)
     kept, config = store / "token", store / "nats.conf"
