@@ -179,7 +179,7 @@ def read_replica(hub: FleetHub, lane: str) -> list[Record]:
 
 
 def sum_up(records: list[Record], sessions: int) -> tuple[float, float, float]:
-    """Sessions a second, and median and 99th percentile from the submission to the claim of whoever ran it [ms]."""
+    """Sessions a second, and median and 99th percentile from the submission to the claim of its host [ms]."""
 
     def find(event: str) -> dict[str, float]:
         found: dict[str, float] = {}

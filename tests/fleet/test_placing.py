@@ -1,4 +1,4 @@
-"""Sessions on hosts that share nothing but the server: each is begun once, and whoever is cut off stops in time."""
+"""Sessions on hosts that share nothing but the server: each is begun once, and a host that is cut off stops in time."""
 
 from concurrent.futures import wait
 from contextlib import closing
