@@ -1,7 +1,7 @@
 """The hub of a fleet: it stands in the agent's workspace where a watchdog would, and places its sessions on hosts.
 
 What a host records about a session is recorded here as well, once its evidence is here: the agent sees one journal.
-A session is placed once. One whose host falls silent is fenced, then reported as lost with its target; the agent decides
+A session is placed once. One whose host falls silent is fenced, then reported as lost; the agent decides
 what follows.
 """
 
