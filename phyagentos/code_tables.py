@@ -27,7 +27,7 @@ EXTRA_MISSING    A package, module, environment, key or configuration is missing
 NOT_A_WORKSPACE  The folder is no workspace, or no run of a suite, or has no such partition of the journal.
 NOT_EXECUTED     The session never ran, has no verdict yet, or left nothing to run again or export.
 NOT_PERMITTED    A policy, contract, approval or server level forbids it, or a lesson has not proved itself.
-NOT_RUNNING      No workspace runs, or its agent or runtime has ended before the verdict.
+NOT_RUNNING      No workspace or server of a fleet runs, or an agent or runtime has ended before the verdict.
 TOO_LARGE        A proposal, arguments, a context or a record has too many bytes; or too many proposals wait.
 UNTRUSTED_PYTHON A workspace holds Python that is not known from here.
 WOULD_OVERWRITE  A file stands where one was to be written.

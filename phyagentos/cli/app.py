@@ -38,6 +38,7 @@ GROUPS = {  # name -> help, module and functions
     "evidence": ("Evidence bundles.", "keeping", ("verify", "prune")),
     "store": ("The journal of a workspace.", "keeping", ("check", "repair", "compact", "follow")),
     "ros2": ("Goals as a ROS 2 action; verdicts on what topics show.", "ros2", ("serve", "watch")),
+    "fleet": ("Targets on other hosts, over NATS.", "fleet", ("server", "lead", "join", "status", "stop")),
     "policy": ("Policies that carry out skills.", "policies", ("serve", "replay")),
     "bench": (
         "Suites of many episodes on the ordinary path.",
@@ -104,6 +105,7 @@ SECTIONS = {  # of the help -> name -> module and function, the first line of wh
         "evidence": GROUP,
         "store": GROUP,
         "ros2": GROUP,
+        "fleet": GROUP,
         "policy": GROUP,
         "bench": GROUP,
         "lifecycle": "showing:show_lifecycle",
@@ -124,6 +126,8 @@ SERVERS = (
     "tree serve",
     "ros2 serve",
     "ros2 watch",
+    "fleet lead",
+    "fleet join",
 )  # until Ctrl-C: without a result
 HELP = """Robots run on sessions that are verified, not merely finished.
 

@@ -109,10 +109,10 @@ class Journal:
         self._reading.begin_at(position)
         return self._ledger
 
-    def commit(self, entries: Sequence[Entry], *, durable: bool = True) -> list[Record]:
+    def commit(self, entries: Sequence[Entry], *, durable: bool = True, by: str = "") -> list[Record]:
         """Record all of these as one batch, in order, or none; returns the records.
 
-        If not `durable`, the next durable commit or `sync` covers them.
+        If not `durable`, the next durable commit or `sync` covers them. `by` names another one who did it.
 
         Raises:
             IllegalTransition: The lifecycle does not allow it, or not to this side.
@@ -138,7 +138,7 @@ class Journal:
                         at = self._clock.wall_iso()
                         self._rotate_if_due(at[:10])
                         records = self._admission.admit(
-                            plain, markdown, last_seq=self._follower.seq, by=self._by, side=self._side, at=at
+                            plain, markdown, last_seq=self._follower.seq, by=by or self._by, side=self._side, at=at
                         )
                         self._writer.append(data := encode_batch(records), self._follower)
                         self._take_in(data, records)

@@ -9,6 +9,7 @@ import pytest
 
 from phyagentos.clock import SystemClock
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.lease_files import write_lease
 from phyagentos.protocol.sessions.session import Ended, Limits
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.runtime.preflight.adapter_plan import AdapterPlan, Finding, TargetToolManifest
@@ -201,3 +202,18 @@ def test_a_wall_clock_that_jumps_ends_no_lease_and_no_session(stand, monkeypatch
     assert stand.poll("g.a") == "running"
     assert stand.poll("g.b") == "pending"
     assert not [order for order in worker.orders if isinstance(order, Stop | Reconcile)]
+
+
+def test_no_lease_outlasts_the_one_that_a_fleet_gave_its_session(stand):  # noqa: F811
+    granted = []
+
+    class Noting(ScriptedWorker):
+        def send(self, order):
+            granted.extend([order.until_s] if isinstance(order, Renew) else [])
+            super().send(order)
+
+    until_s = stand.clock.now_s() + 5.0
+    write_lease(stand.workspace.leases, "g.a", until_s)
+    stand.pursue(Noting(), to="awaiting_verification")
+
+    assert granted == pytest.approx([until_s])

@@ -71,7 +71,9 @@ class Target:
         self.clock = ManualClock(100.0)
         self.ledger = Ledger()
         journal = cast(Any, SimpleNamespace(ledger=self.ledger))
-        shared = Supervision(journal=journal, queues=cast(Any, None), clock=self.clock, logs=Path("logs"))
+        shared = Supervision(
+            journal=journal, queues=cast(Any, None), clock=self.clock, logs=Path("logs"), leases=Path("leases")
+        )
         self.supervisor = TargetSupervisor("panda", cast(Any, None), cast(Any, None), shared)
         self.supervisor.state = Phase.IDLE
         self.supervisor.note_end(SESSION, Execution(ended=ended, evidence="", open_criteria=undecided))

@@ -55,6 +55,7 @@ class Workspace:
     inbox = _Place("inbox")  # requests of writers without this library, `new/` and `tmp/` (see `edits.inbox`)
     proposals = _Place("proposals")  # goals that a person or a policy decides on (see `agent.tools.proposals`)
     loops = _Place("loops")  # turns and answers of agent-directed sessions, one folder each (see `agent_calls`)
+    leases = _Place(".world/leases")  # of sessions that a fleet placed here (see `lease_files`)
     heartbeats = _Place("heartbeats")  # `<target>.json`
     logs = _Place("logs")  # output of the processes, and what each target received
     cache = _Place(".cache")  # may be deleted at any time

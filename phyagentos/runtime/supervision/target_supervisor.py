@@ -18,6 +18,7 @@ import msgspec
 
 from phyagentos.clock import Clock
 from phyagentos.errors import Problem
+from phyagentos.protocol.sessions.lease_files import read_lease
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, UNJUDGED_STATES, SessionState
 from phyagentos.protocol.sessions.session import (
     INTERRUPTED,
@@ -52,14 +53,15 @@ _CHECKABLE = frozenset({SessionState.PENDING, SessionState.CLAIMED, SessionState
 class Supervision:
     """What the supervisors of one workspace share; changes of phase are logged below `logs`.
 
-    A worker goes on for `lease_s` without a sign of its watchdog [s]; `rest_s` is the pause after the first worker that
-    did not start [s].
+    A worker goes on for `lease_s` without a sign of its watchdog [s], but never beyond what `leases` of a fleet allows
+    its session; `rest_s` is the pause after the first worker that did not start [s].
     """
 
     journal: SupervisorJournal
     queues: Queues
     clock: Clock
     logs: Path
+    leases: Path
     lease_s: float = LEASE_S
     rest_s: float = REST_S
 
@@ -166,18 +168,19 @@ class TargetSupervisor:
             for attempt in self._journal.iter_tries():
                 with attempt:
                     self._take_measure(due)
-        elif self.phase is Phase.RUNNING and self._clock.now_s() >= self._renew_at_s:
-            self.worker.send(Renew(until_s=self._grant_lease()))
+        elif session is not None and self.phase is Phase.RUNNING and self._clock.now_s() >= self._renew_at_s:
+            self.worker.send(Renew(until_s=self._grant_lease(session.id)))
 
     def dismiss(self) -> None:
         """End the processes; an idle worker is given time to seal its bundles."""
         self.worker.stop(at_once=self.phase is not Phase.IDLE)
 
-    def _grant_lease(self) -> float:
+    def _grant_lease(self, id: SessionId) -> float:
         """End of a new lease, by the monotonic clock of both processes [s]: no jump of a wall clock moves it."""
         now_s = self._clock.now_s()
-        self._renew_at_s = now_s + RENEWALS * self._shared.lease_s
-        return now_s + self._shared.lease_s
+        lease_s = min(self._shared.lease_s, read_lease(self._shared.leases, id) - now_s)
+        self._renew_at_s = now_s + RENEWALS * lease_s
+        return now_s + lease_s
 
     def _on_ready(self) -> None:
         self._fire("ready")
@@ -212,7 +215,7 @@ class TargetSupervisor:
             self._lost_targets = 0
             self.worker.send(Run(session=self.session, epoch=epoch, evidence=f"evidence/{id}"))
             self._journal.sync()  # no lease, so no motion, on what a power cut could take back
-            self.worker.send(Renew(until_s=self._grant_lease()))
+            self.worker.send(Renew(until_s=self._grant_lease(id)))
             self._fire("start")
 
     def _on_finished(self, session: Session, answer: Finished) -> None:

@@ -95,7 +95,13 @@ class Watchdog:
         self._hire, self._clock, self._publish = hire, clock, publish
         self._shared_time = shared_time
         self._supervision = Supervision(
-            journal=self._journal, queues=self._queues, clock=clock, logs=workspace.logs, lease_s=lease_s, rest_s=rest_s
+            journal=self._journal,
+            queues=self._queues,
+            clock=clock,
+            logs=workspace.logs,
+            leases=workspace.leases,
+            lease_s=lease_s,
+            rest_s=rest_s,
         )
         self._supervisors: dict[str, TargetSupervisor] = {}
         self._is_stopping, self._is_stale = False, True

@@ -1,0 +1,218 @@
+"""Sessions without work: what the fleet itself costs, from the submission to the claim and from end to end.
+
+    python -m benchmarks.fleet_parts.noop ROOT URL NAME    # one simulated host, until its input ends
+
+Host and hub are those of `paos fleet`; a runtime that does nothing stands for each watchdog, and an agent that accepts
+everything for the agent plane. Each host has one target, and one session at a time waits for it or runs: the time to
+the claim is no time in a queue. Without a host the same agent and runtime share one workspace.
+"""
+
+import contextlib
+import datetime
+import math
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from benchmarks.fleet_parts.stage import choose_port
+from benchmarks.runner import show
+from phyagentos.clock import SystemClock
+from phyagentos.fleet.bus import Bucket
+from phyagentos.fleet.host import BY, FleetHost
+from phyagentos.fleet.hub import FleetHub
+from phyagentos.operations.fleet import _run, open_bus, prepare_server
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.lifecycle import SessionState, Side
+from phyagentos.protocol.sessions.session import Ended, Execution
+from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.follower import Follower
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.records import Record
+from phyagentos.store.watch import Watch
+from phyagentos.testing import make_contract
+
+LIMIT_S = 1500.0
+ATTEMPT = {"attempt": msgspec.to_builtins(Attempt(verdict=Verdict.SUCCESS, criteria=()))}
+
+
+class Runtime:
+    """Carries out what waits, without doing anything."""
+
+    def __init__(self, workspace: Workspace, partition: str) -> None:
+        self._workspace = workspace
+        self._journal = Journal(
+            workspace.root, side=Side.RUNTIME, by="runtime", clock=SystemClock(), partition=partition
+        )
+        self.folder = self._journal.folder
+
+    def turn(self) -> bool:
+        """Claim and finish; whether there was anything to do."""
+        new = [each for each in self._journal.read_new() if each.ev == "submit"]
+        for record in new:
+            id = record.id
+            done = Execution(ended=Ended.COMPLETED, evidence=f"evidence/{id}")
+            self._journal.commit([Entry(id, "claim"), Entry(id, "check", None, 1), Entry(id, "start", None, 1)])
+            (folder := self._workspace.evidence / id).mkdir()
+            (folder / "execution.json").write_bytes(msgspec.json.encode(done))
+            body = {"execution": msgspec.to_builtins(done)}
+            self._journal.commit([Entry(id, "halt", None, 1), Entry(id, "finish", body, 1)], durable=False)
+        return bool(new)
+
+
+class Agent:
+    """Submits a session to each target that has none, and accepts what is finished."""
+
+    def __init__(self, workspace: Workspace, partition: str, targets: list[str], sessions: int) -> None:
+        self.journal = Journal(workspace.root, side=Side.AGENT, by="agent", clock=SystemClock(), partition=partition)
+        self._targets, self._left = dict.fromkeys(targets, ""), sessions
+        self._open = 0
+
+    def turn(self) -> bool:
+        """One look; whether it goes on."""
+        entries = []
+        for record in self.journal.read_new():
+            if record.to == SessionState.AWAITING_VERIFICATION:
+                entries += [Entry(record.id, "verify"), Entry(record.id, "accept", ATTEMPT)]
+                self._targets[record.id.split(".")[1].partition("-")[0]] = ""
+                self._open -= 1
+        for target in [name for name, id in self._targets.items() if not id][: self._left]:
+            contract = make_contract(id=f"noop.{target}-{self._left}", goal="noop", target=target)
+            entries.append(Entry(contract.id, "submit", dict(msgspec.to_builtins(contract))))
+            self._targets[target] = contract.id
+            self._left, self._open = self._left - 1, self._open + 1
+        self.journal.commit(entries)
+        return bool(self._left or self._open)
+
+    def run(self) -> None:
+        """Until every session has its verdict."""
+        with Watch([self.journal.folder]) as watch:
+            while self.turn():
+                watch.drain()
+                watch.wait(0.1) if not self.turn() else None
+
+
+def run_host(root: Path, url: str, name: str) -> None:
+    """One simulated host, until standard input ends."""
+    workspace, ends = Workspace.create(root, Library(())), threading.Event()
+    threading.Thread(target=lambda: (sys.stdin.read(), ends.set()), daemon=True).start()
+    journal = Journal(root, side=Side.AGENT, by=BY, clock=SystemClock(), partition=name)
+    runtime = Runtime(workspace, name)
+    with open_bus(url, name, (name,)) as bus:
+        host = FleetHost(workspace, journal, bus, SystemClock(), {name: ()})
+        _run(lambda: host.turn() | runtime.turn(), bus, journal.folder, ends)
+
+
+@contextlib.contextmanager
+def open_fleet(folder: Path, hosts: list[str]) -> Iterator[str]:
+    """A server and hosts in processes of their own; the URL."""
+    url, command = prepare_server(folder / "server", f"127.0.0.1:{choose_port()}")
+    module = [sys.executable, "-m", "benchmarks.fleet_parts.noop"]
+    with contextlib.ExitStack() as stack, (folder / "log").open("ab") as log:
+        server = stack.enter_context(subprocess.Popen(command, stderr=log))
+        stack.callback(server.terminate)
+        for name in hosts:
+            arguments = [*module, str(folder / name), url, name]
+            host = stack.enter_context(subprocess.Popen(arguments, stdin=subprocess.PIPE, stderr=log))
+            stack.callback(host.stdin.close)
+        yield url
+
+
+def time_fleet(folder: Path, sessions: int, hosts: list[str]) -> list[Record]:
+    """Every record of the hub's lane, and of the hosts' as the hub has them."""
+    workspace, ends = Workspace.create(folder / "hub", Library(())), threading.Event()
+    agent = Agent(workspace, "hub", hosts, sessions)
+    journal = Journal(workspace.root, side=Side.RUNTIME, by=BY, clock=SystemClock(), partition="hub")
+    with contextlib.ExitStack() as stack:
+        bus = stack.enter_context(open_bus(stack.enter_context(open_fleet(folder, hosts)), "hub"))
+        hub = stack.enter_context(contextlib.closing(FleetHub(workspace, journal, bus, SystemClock())))
+        stack.callback(journal.close)
+        stack.callback(agent.journal.close)
+        leading = threading.Thread(target=lambda: _run(hub.turn, bus, journal.folder, ends))
+        leading.start()
+        clock, begun_s = SystemClock(), SystemClock().now_s()
+        while len(bus.view(Bucket.HOSTS)) < len(hosts) and clock.now_s() - begun_s < LIMIT_S:
+            clock.sleep(0.2)
+        clock.sleep(2.0)
+        agent.run()
+        ends.set()
+        leading.join()
+        return [*read(journal.folder), *(each for name in hosts for each in read_replica(hub, name))]
+
+
+def time_alone(folder: Path, sessions: int) -> list[Record]:
+    """The same agent and runtime over one workspace, without a fleet."""
+    workspace, ends = Workspace.create(folder / "alone", Library(())), threading.Event()
+    agent, runtime = Agent(workspace, "alone", ["alone"], sessions), Runtime(workspace, "alone")
+
+    def serve() -> None:
+        with Watch([runtime.folder]) as watch:
+            while not ends.is_set():
+                watch.drain()
+                if not runtime.turn():
+                    watch.wait(0.1)
+
+    serving = threading.Thread(target=serve)
+    serving.start()
+    agent.run()
+    ends.set()
+    serving.join()
+    return read(runtime.folder)
+
+
+def read(folder: Path) -> list[Record]:
+    """Every record of a partition."""
+    follower = Follower(folder)
+    records = follower.read_new()
+    follower.close()
+    return records
+
+
+def read_replica(hub: FleetHub, lane: str) -> list[Record]:
+    """Every record of a lane as the hub has it."""
+    return read(hub.get_replica_root(lane) / "sessions" / lane)
+
+
+def sum_up(records: list[Record], sessions: int) -> tuple[float, float, float]:
+    """Sessions a second, and median and 99th percentile from the submission to the claim of its host [ms]."""
+
+    def find(event: str) -> dict[str, float]:
+        found: dict[str, float] = {}
+        for each in records:  # of a fleet the hub stands before its hosts
+            if each.ev == event and not (event == "submit" and each.id in found):
+                found[each.id] = datetime.datetime.fromisoformat(each.at).timestamp()
+        return found
+
+    submitted, claimed, accepted = find("submit"), find("claim"), find("accept")
+    if len(accepted) < sessions:
+        return math.nan, math.nan, math.nan
+    waits_ms = [1e3 * (claimed[id] - submitted[id]) for id in submitted]
+    return (
+        sessions / (max(accepted.values()) - min(submitted.values())),
+        float(np.percentile(waits_ms, 50)),
+        float(np.percentile(waits_ms, 99)),
+    )
+
+
+def measure_noop(folder: Path, sessions: int, hosts: int) -> dict[str, float]:
+    """Without a fleet, on one host and on all of them."""
+    figures, rows = {}, []
+    for name, count in (("alone", 0), ("one_host", 1), ("hosts", hosts)):
+        place = folder / name
+        place.mkdir()
+        some = sessions if count != 1 else max(1, sessions // max(1, hosts))
+        records = time_fleet(place, some, [f"t{n}" for n in range(count)]) if count else time_alone(place, some)
+        rate, median_ms, p99_ms = sum_up(records, some)
+        figures |= {f"noop_per_s_{name}": rate, f"claim_ms_{name}": median_ms, f"claim_p99_ms_{name}": p99_ms}
+        rows.append((name, count, some, f"{rate:.1f}", f"{median_ms:.1f}", f"{p99_ms:.1f}"))
+    show("sessions without work", ("fleet", "hosts", "sessions", "1/s", "to the claim [ms]", "p99 [ms]"), rows)
+    return figures
+
+
+if __name__ == "__main__":
+    run_host(Path(sys.argv[1]), sys.argv[2], sys.argv[3])

@@ -1,0 +1,70 @@
+"""Evidence between hosts, by content: each file is an object named by its SHA-256, a bundle a list of them.
+
+A transfer that breaks off goes on where it was: what is kept already is neither sent nor fetched again.
+"""
+
+import contextlib
+import hashlib
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path, PurePosixPath
+
+import msgspec
+
+from phyagentos.errors import ExecutionError
+from phyagentos.fleet.bus import Bus, BusLost, encode_key
+from phyagentos.protocol.documents.durable_files import replace_durably
+from phyagentos.protocol.sessions.session import SessionId
+
+
+class Transfers:
+    """Transfers of bundles beside the turns of a host or hub: leases go on meanwhile."""
+
+    def __init__(self, bus: Bus, transfer: Callable[[Path, SessionId, Bus], bool]) -> None:
+        self._bus, self._transfer, self._pool = bus, transfer, ThreadPoolExecutor(1)
+        self.running: dict[SessionId, Future[bool]] = {}
+
+    def is_done(self, folder: Path, session: SessionId) -> bool:
+        """Whether a bundle has arrived; one that is not under way, or broke off, begins. Raises as the transfer."""
+        begun = self.running.get(session)
+        if begun is None:
+            self.running[session] = self._pool.submit(self._transfer, folder, session, self._bus)
+        elif begun.done():
+            del self.running[session]
+            with contextlib.suppress(BusLost):
+                return begun.result()
+        return False
+
+
+def send_bundle(folder: Path, session: SessionId, bus: Bus) -> bool:
+    """Keep a bundle with the server; its list comes last, so a list that is found is one of files that are there."""
+    files: dict[str, str] = {}
+    for path in sorted(each for each in folder.rglob("*") if each.is_file() and not each.name.startswith(".")):
+        data = path.read_bytes()
+        sha256 = hashlib.sha256(data).hexdigest()
+        bus.store(sha256, data)
+        files[path.relative_to(folder).as_posix()] = sha256
+    bus.store(f"bundle.{encode_key(session)}", msgspec.json.encode(files))
+    return True
+
+
+def fetch_bundle(folder: Path, session: SessionId, bus: Bus) -> bool:
+    """Write a bundle below this workspace; False while the server has no list of it.
+
+    Raises ExecutionError `EVIDENCE_DAMAGED` for a file that is missing, another one, or named outside; BusLost.
+    """
+    listed = bus.load(f"bundle.{encode_key(session)}")
+    if listed is None:
+        return False
+    for name, sha256 in msgspec.json.decode(listed, type=dict[str, str]).items():
+        if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
+            raise ExecutionError("EVIDENCE_DAMAGED", f"bundle of {session}: {name!r} leads out of it")
+        path = folder / name
+        if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
+            continue
+        data = bus.load(sha256)
+        if data is None or hashlib.sha256(data).hexdigest() != sha256:
+            raise ExecutionError("EVIDENCE_DAMAGED", f"bundle of {session}: {name} is not with the server as listed")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        replace_durably(path, data)
+    return True

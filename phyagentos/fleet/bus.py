@@ -1,0 +1,180 @@
+"""What hosts of a fleet exchange, and the port through which they do.
+
+The hub, which serves the agent's workspace, writes an *offer* for each session that waits and opens its *claim*. A host
+takes the claim by compare-and-set on the revision that the offer names: one host gets it, and none once the hub has
+fenced it. Whatever happens to the session then stands in that host's journal, its *lane*, whose records travel to the
+hub in order.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from enum import StrEnum
+from typing import NamedTuple, Protocol
+
+import msgspec
+
+from phyagentos.errors import ExecutionError
+from phyagentos.protocol.documents.plain_data import Fields
+from phyagentos.protocol.sessions.session import Session
+
+
+class Bucket(StrEnum):
+    """Key-value stores of a fleet."""
+
+    OFFERS = "offers"
+    """`<target>.<session>`: what the hub wants; written by the hub alone."""
+    CLAIMS = "claims"
+    """`<session>`: who holds it; opened and fenced by the hub, taken and renewed by a host."""
+    HOSTS = "hosts"
+    """`<host>`: what it offers, renewed every second."""
+    STOPS = "stops"
+    """`stop`: the latest emergency stop for all."""
+
+
+class EndEntry(msgspec.Struct, frozen=True):
+    """One record that brings a session to its end on the host, as the agent decided it."""
+
+    trigger: str
+    body: Fields = {}
+
+
+class Offer(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A session that waits for a host, or has one.
+
+    Attributes:
+        number: Of its submission; a lower one comes first among equal priorities.
+        revision: Of the claim that a host may take.
+        lease_s: How long a claim holds unless it is renewed [s].
+        is_cancelled: Whether an end is requested.
+        end: The verdict, once there is one.
+    """
+
+    contract: Session
+    number: int
+    revision: int
+    lease_s: float
+    is_cancelled: bool = False
+    end: tuple[EndEntry, ...] = ()
+
+
+class Claim(msgspec.Struct, frozen=True, kw_only=True):
+    """Who holds a session.
+
+    Attributes:
+        host: Empty while no host holds it.
+        epoch: 0 while it is open; one more with each claim and each fence.
+        beat: Renewals so far.
+        is_fenced: Whether the hub ended it: no host may take it, renew it or go on under it.
+    """
+
+    host: str = ""
+    epoch: int = 0
+    lease_s: float = 0.0
+    beat: int = 0
+    is_fenced: bool = False
+
+
+class HostCard(msgspec.Struct, frozen=True, kw_only=True):
+    """What a host says of itself.
+
+    Attributes:
+        lane: Its partition of the journal.
+        targets: Those that it runs, each with the kinds of actions that it offers.
+        load: Sessions that it holds.
+        beat: Grows with each renewal.
+        is_stopped: Whether its emergency stop is latched.
+    """
+
+    host: str
+    lane: str
+    targets: dict[str, tuple[str, ...]]
+    load: int = 0
+    beat: int = 0
+    is_stopped: bool = False
+
+
+class Frame(NamedTuple):
+    """One record of a lane, byte by byte as it stands in this segment."""
+
+    segment: str
+    data: bytes
+
+
+class Stored(NamedTuple):
+    """A value with its revision."""
+
+    value: bytes
+    revision: int
+
+
+class BusLost(ExecutionError):
+    """The server does not answer; what was sent may have arrived or not."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__(
+            "NOT_RUNNING", f"{what}. Start it with the command that `paos fleet server` prints, or look at the network."
+        )
+
+
+class Bus(Protocol):
+    """The port. Every call may raise BusLost; none waits for longer than some seconds."""
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the server answers; after a break the views are read anew before it is True again."""
+
+    def fileno(self) -> int:
+        """Readable after news, until `drain`."""
+
+    def drain(self) -> None:
+        """Forget the news so far; call it before looking."""
+
+    def view(self, bucket: Bucket) -> Mapping[str, bytes]:
+        """The values of a bucket as far as they have arrived here."""
+
+    def on_change(self, bucket: Bucket, act: Callable[[bytes], None]) -> None:
+        """Call this with each value that arrives, at once and in another thread."""
+
+    def get(self, bucket: Bucket, key: str) -> Stored | None:
+        """The value as the server has it now."""
+
+    def put(self, bucket: Bucket, key: str, value: bytes) -> None:
+        """Replace a value."""
+
+    def swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
+        """Replace the value of this revision, 0 for none; the new one, or None where another one stands there."""
+
+    def remove(self, bucket: Bucket, key: str) -> None:
+        """Forget a key."""
+
+    @property
+    def ends(self) -> Mapping[str, int]:
+        """Lane -> number of its last record, as far as that has arrived here."""
+
+    def count(self, lane: str) -> int:
+        """Number of the last record of a lane that the server has."""
+
+    def append(self, lane: str, after: int, frames: Sequence[Frame]) -> None:
+        """Add the records behind number `after`; each counts once, however often it is sent."""
+
+    def read(self, lane: str, after: int, up_to: int) -> list[Frame]:
+        """The records behind `after`, up to a number that the server has."""
+
+    def store(self, name: str, data: bytes) -> None:
+        """Keep an object, unless it is kept already."""
+
+    def load(self, name: str) -> bytes | None:
+        """An object."""
+
+    def close(self) -> None:
+        """Let go of the connection."""
+
+
+def encode_key(text: str) -> str:
+    """A name as one token of a key: letters, digits, `_` and `-`; the rest by its number."""
+    return re.sub(r"[^A-Za-z0-9_-]", lambda found: f"={ord(found[0]):x}=", text)
+
+
+def get_offer_key(session: Session) -> str:
+    """Key of an offer."""
+    return f"{encode_key(session.target)}.{encode_key(session.id)}"

@@ -1,0 +1,313 @@
+"""The hub of a fleet: it stands in the agent's workspace where a watchdog would, and places its sessions on hosts.
+
+What a host records about a session is recorded here as well, once its evidence is here: the agent sees one journal.
+A session is placed once. One whose host falls silent is fenced, then reported as lost; the agent decides
+what follows.
+"""
+
+import contextlib
+from collections import defaultdict, deque
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from phyagentos.clock import Clock
+from phyagentos.errors import Problem
+from phyagentos.fleet.bundles import Transfers, fetch_bundle
+from phyagentos.fleet.bus import Bucket, Bus, BusLost, Claim, EndEntry, HostCard, Offer, encode_key, get_offer_key
+from phyagentos.fleet.host import BY
+from phyagentos.fleet.lanes import LanePublisher, LaneReplica
+from phyagentos.protocol.capabilities.registries import publish_health
+from phyagentos.protocol.capabilities.targets import Health, TargetHealth
+from phyagentos.protocol.sessions.estop import read_latch
+from phyagentos.protocol.sessions.lifecycle import CLAIM, FINAL_STATES, Fenced, IllegalTransition, SessionState, Side
+from phyagentos.protocol.sessions.session import Ended, Execution, Session, SessionId, SessionStatus
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.runtime.supervision.operator_signals import OperatorSignals
+from phyagentos.runtime.supervision.supervisor_journal import SupervisorJournal, make_rejection
+from phyagentos.store.journal import Entry, Journal, Record
+
+LEASE_S = 15.0  # of a target that several hosts offer
+GRACE_S = 5.0  # a claim is fenced when it was not renewed for so long beyond its lease
+SILENCE_S = 5.0  # a host that has not beaten for so long is shown as lost
+PINNED_S = 60.0  # a target of one host: its session may last as long as its contract, and this
+ENFORCE_S = 0.5  # between two looks at the claims
+RECORDS_MAX = 4096  # of a lane in one turn
+_S = SessionState
+_VERDICTS = {_S.SUCCEEDED: "accept", _S.FAILED: "refuse", _S.REPLANNED: "replan", _S.UNVERIFIED: "skip"}
+_RESTING = frozenset({_S.PENDING, _S.AWAITING_VERIFICATION, _S.VERIFYING})  # these hold no resource
+_SETTLED = frozenset({*FINAL_STATES, _S.AWAITING_VERIFICATION, _S.VERIFYING})  # no host can lose them any more
+_ENDS_A_CANCEL = frozenset({"finish", "reject", "confirm_cancel"})
+
+
+@dataclass(slots=True)
+class Placed:
+    """A session with an offer: its claim as seen last, and since when [s]."""
+
+    offer: Offer
+    claim: bytes = b""
+    since_s: float = 0.0
+
+
+class FleetHub:
+    """Call `turn` whenever there is news, and a few times a second.
+
+    Args:
+        workspace: The agent's; no watchdog supervises it.
+        journal: Of that workspace, opened for the runtime's side.
+        bus: To the server.
+        clock: For leases, which count from when a renewal is seen here.
+        lease_s: Of shared targets [s].
+    """
+
+    def __init__(
+        self, workspace: Workspace, journal: Journal, bus: Bus, clock: Clock, *, lease_s: float = LEASE_S
+    ) -> None:
+        self._workspace, self._bus, self._clock, self._lease_s = workspace, bus, clock, lease_s
+        self._own, self._ledger = journal, journal.open_ledger()
+        self._journal = SupervisorJournal(journal, self._ledger, lambda _: None)
+        self._operator = OperatorSignals(workspace, self._journal, clock)
+        self._publisher = LanePublisher(journal, bus)
+        self._fetched = Transfers(bus, fetch_bundle)
+        self._replicas: dict[str, LaneReplica] = {}
+        self._waiting: dict[SessionId, deque[Record]] = defaultdict(deque)  # records of hosts, not recorded here yet
+        self._over: set[SessionId] = set()  # final in the lane of its host
+        self._placed: dict[SessionId, Placed] | None = None  # None: not read yet
+        self._seen: dict[str, tuple[int, float]] = {}  # host -> beat, and since when [s]
+        self._offering: dict[str, set[str]] = {}  # target -> hosts that are alive and run it
+        self._health: dict[str, Health] = {}
+        self._enforce_at_s = -float("inf")
+        self._stopped_at = ""
+        self._number = 0
+
+    def turn(self) -> bool:
+        """Do what is due; whether more waits. Without the server only the operator is listened to."""
+        more = False
+        self._journal.follow()
+        self._operator.take(())
+        self._operator.end_cancelled()
+        if not self._bus.is_connected:  # silence means nothing while this side hears nothing
+            self._placed, self._seen = None, {}
+            return False
+        with contextlib.suppress(BusLost):
+            self._pass_stop_on()
+            more = self._publisher.publish(self._ledger.seq)
+            more |= self._follow_lanes(self._read_cards())
+            self._relay()
+            if self._placed is None:
+                self._placed = self._read_placed()
+            self._place(self._placed)
+            self._enforce(self._placed)
+            self._end(self._placed)
+        return more
+
+    def close(self) -> None:
+        """Close what it opened."""
+        self._operator.close()
+        for replica in self._replicas.values():
+            replica.close()
+
+    def get_replica_root(self, lane: str) -> Path:
+        """Where the lane of a host is kept: a folder for `paos store check`."""
+        return self._workspace.root / "fleet" / lane
+
+    def _pass_stop_on(self) -> None:
+        latch = read_latch(self._workspace.signals.parent) if self._operator.is_stopped() else None
+        if latch is not None and latch.at != self._stopped_at:
+            self._stopped_at = latch.at
+            self._bus.put(Bucket.STOPS, "stop", msgspec.json.encode(latch))
+
+    def _read_cards(self) -> list[HostCard]:
+        """The hosts that have ever joined; the health of their targets is published."""
+        cards = [msgspec.json.decode(each, type=HostCard) for each in self._bus.view(Bucket.HOSTS).values()]
+        now_s, self._offering = self._clock.now_s(), defaultdict(set)
+        for card in cards:
+            if self._seen.get(card.host, (-1, 0.0))[0] != card.beat:
+                self._seen[card.host] = card.beat, now_s
+            for target in card.targets:
+                self._offering[target] |= {card.host} if self._is_alive(card.host) else set()
+        health = {target: Health.READY if hosts else Health.LOST for target, hosts in self._offering.items()}
+        if health != self._health:
+            self._health, at = health, self._clock.wall_iso()
+            now = {name: TargetHealth(state=each, since=at) for name, each in health.items()}
+            publish_health(self._workspace.target_registry, now)
+        return cards
+
+    def _is_alive(self, host: str) -> bool:
+        return host in self._seen and self._clock.now_s() - self._seen[host][1] < SILENCE_S
+
+    def _follow_lanes(self, cards: list[HostCard]) -> bool:
+        more = False
+        for card in cards:
+            if card.lane not in self._replicas:
+                self._replicas[card.lane] = LaneReplica(self.get_replica_root(card.lane), card.lane)
+                self._take_in(self._replicas[card.lane].start)
+            replica = self._replicas[card.lane]
+            end = self._bus.ends.get(card.lane, 0)
+            if end > replica.seq:
+                up_to = min(end, replica.seq + RECORDS_MAX)
+                self._take_in(replica.take(self._bus.read(card.lane, replica.seq, up_to)))
+                more |= up_to < end
+        return more
+
+    def _take_in(self, records: list[Record]) -> None:
+        for record in records:
+            id = SessionId(record.id)
+            if record.to in FINAL_STATES:
+                self._over.add(id)
+            if record.side == Side.RUNTIME and record.source is not None:
+                self._waiting[id].append(record)
+
+    def _relay(self) -> None:
+        """Record here what hosts have recorded, each session up to where its evidence is missing."""
+        for id in list(self._waiting):
+            records = self._waiting[id]
+            while records and self._relay_one(id, records[0]):
+                records.popleft()
+            if not records:
+                del self._waiting[id]
+
+    def _relay_one(self, id: SessionId, record: Record) -> bool:
+        """Whether this record is done with: recorded, or not to be recorded here."""
+        status = self._ledger.sessions.get(id)
+        if status is None or status.state in FINAL_STATES:
+            return True
+        trigger, body = record.ev, record.body
+        is_next = (status.state, status.epoch) == (record.source, (record.epoch or 0) - (trigger == CLAIM))
+        if status.state == _S.CANCELLING and trigger in _ENDS_A_CANCEL:  # whatever ended it there
+            trigger = "confirm_cancel"
+        elif not is_next and not (status.state == _S.CANCELLING and trigger == "lose"):
+            return True  # recorded before, or after it was fenced
+        if "execution" in (body or {}) and not self._fetched.is_done(self._workspace.evidence_of(id), id):
+            return False
+        self._record([Entry(id, trigger, dict(body) if body else None, status.epoch)], record.by)
+        return True
+
+    def _record(self, entries: list[Entry], by: str) -> None:
+        with contextlib.suppress(IllegalTransition, Fenced):  # agent or operator were faster
+            self._own.commit(entries, durable=False, by=by)
+        self._journal.follow(looks=False)
+
+    def _read_placed(self) -> dict[SessionId, Placed]:
+        """What was placed before, by this process or an earlier one."""
+        offers = (msgspec.json.decode(each, type=Offer) for each in self._bus.view(Bucket.OFFERS).values())
+        found = {each.contract.id: Placed(each, since_s=self._clock.now_s()) for each in offers}
+        self._number = max((each.offer.number for each in found.values()), default=self._number)
+        return found
+
+    def _place(self, placed: dict[SessionId, Placed]) -> None:
+        """Offer what waits, the senior first; resources are given to one session at a time."""
+        waiting = list(self._ledger.iter_pending())
+        held = [each.contract for each in self._ledger.live_sessions() if each.state not in _RESTING]
+        held += [each.contract for each in waiting if each.contract.id in placed]
+        taken = {name for each in held for name in each.resources}
+        for session in (each.contract for each in waiting):
+            if session.id in placed:
+                offer = placed[session.id].offer
+                lease_s = self._choose_lease(session)
+                wanted = msgspec.structs.replace(offer, contract=session, lease_s=lease_s)
+                if wanted != offer:  # amended, or another host offers its target now
+                    self._put(placed[session.id], wanted)
+            elif taken.isdisjoint(session.resources):
+                taken.update(session.resources)
+                self._open(placed, session)
+
+    def _choose_lease(self, session: Session) -> float:
+        """That of a target which several hosts offer is short; on any other one no host could go on with it."""
+        limits = session.limits
+        pinned_s = limits.queue_s + limits.timeout_s + limits.wall_timeout_s + PINNED_S
+        return self._lease_s if len(self._offering.get(session.target, ())) > 1 else max(self._lease_s, pinned_s)
+
+    def _open(self, placed: dict[SessionId, Placed], session: Session) -> None:
+        key = encode_key(session.id)
+        revision = self._bus.swap(Bucket.CLAIMS, key, msgspec.json.encode(Claim()), 0)
+        if revision is None:  # opened by an earlier process, before its offer was made
+            found = self._bus.get(Bucket.CLAIMS, key)
+            revision = found.revision if found is not None else 0
+        self._number += 1
+        lease_s = self._choose_lease(session)
+        offer = Offer(contract=session, number=self._number, revision=revision, lease_s=lease_s)
+        placed[session.id] = Placed(offer, since_s=self._clock.now_s())
+        self._put(placed[session.id], offer)
+
+    def _put(self, each: Placed, offer: Offer) -> None:
+        self._bus.put(Bucket.OFFERS, get_offer_key(offer.contract), msgspec.json.encode(offer))
+        each.offer = offer
+
+    def _enforce(self, placed: dict[SessionId, Placed]) -> None:
+        """Fence what was not renewed in time, and what no host has taken in time."""
+        claims, now_s = self._bus.view(Bucket.CLAIMS), self._clock.now_s()
+        if now_s < self._enforce_at_s:
+            return
+        self._enforce_at_s = now_s + ENFORCE_S
+        for id, each in placed.items():
+            status = self._ledger.sessions.get(id)
+            value = claims.get(encode_key(id), b"")
+            if status is None or status.state in _SETTLED or not value:
+                continue
+            if value != each.claim:
+                each.claim, each.since_s = value, now_s
+            claim = msgspec.json.decode(value, type=Claim)
+            patience_s = claim.lease_s + GRACE_S if claim.host else status.contract.limits.queue_s
+            if claim.is_fenced or (now_s - each.since_s > patience_s and self._fence(id, value)):
+                self._give_up(status, claim.host)
+
+    def _fence(self, id: SessionId, seen: bytes) -> bool:
+        """End the claim that was seen, unless it has changed; from here on no host may act under it."""
+        key = encode_key(id)
+        found = self._bus.get(Bucket.CLAIMS, key)
+        if found is None or found.value != seen:
+            return False
+        claim = msgspec.json.decode(seen, type=Claim)
+        fenced = msgspec.structs.replace(claim, epoch=claim.epoch + 1, is_fenced=True)
+        return self._bus.swap(Bucket.CLAIMS, key, msgspec.json.encode(fenced), found.revision) is not None
+
+    def _give_up(self, status: SessionStatus, host: str) -> None:
+        id, state, epoch = status.contract.id, status.state, status.epoch
+        if not host:
+            limit = status.contract.limits.queue_s
+            late = Problem("TIMED_OUT", f"{id}: limits.queue_s", expected=f"a host with a free target within {limit} s")
+            self._record([make_rejection(id, late)], BY)
+            return
+        why = f"host {host} did not renew its lease in time: it is lost, or cut off; its effect is unknown"
+        lost = Execution(ended=Ended.TARGET_LOST, evidence=f"evidence/{id}", code="TARGET_LOST", message=why)
+        entries = [Entry(id, CLAIM, None, epoch)] if state == _S.PENDING else []
+        epoch += len(entries)
+        entries += [Entry(id, "check", None, epoch)] if state in {_S.PENDING, _S.CLAIMED} else []
+        entries += [Entry(id, "lose", {"reason": why}, epoch)] if state != _S.OUTCOME_UNKNOWN else []
+        self._record([*entries, Entry(id, "reconcile", {"execution": msgspec.to_builtins(lost)}, epoch)], host)
+
+    def _end(self, placed: dict[SessionId, Placed]) -> None:
+        """Let hosts know of verdicts and cancellations, and forget what is over on both sides."""
+        for id, each in list(placed.items()):
+            status = self._ledger.sessions.get(id)
+            wanted = _build_end(each.offer, status)
+            if (status is None or status.state in FINAL_STATES) and self._is_over_there(id):
+                self._bus.remove(Bucket.OFFERS, get_offer_key(each.offer.contract))
+                self._bus.remove(Bucket.CLAIMS, encode_key(id))
+                del placed[id]
+                self._over.discard(id)
+            elif wanted != each.offer:
+                self._own.sync()  # the verdict that is passed on
+                self._put(each, wanted)
+
+    def _is_over_there(self, id: SessionId) -> bool:
+        """Whether no host will do anything more about it."""
+        if id in self._over:
+            return True
+        value = self._bus.view(Bucket.CLAIMS).get(encode_key(id), b"")
+        claim = msgspec.json.decode(value, type=Claim) if value else Claim()
+        return not claim.host and (claim.is_fenced or self._fence(id, value))
+
+
+def _build_end(offer: Offer, status: SessionStatus | None) -> Offer:
+    """The offer as it should be now."""
+    if status is None or offer.end:
+        return offer
+    state = SessionState(status.state)
+    if state in _VERDICTS and status.decision is not None:
+        verdict = EndEntry(_VERDICTS[state], {"attempt": msgspec.to_builtins(status.decision)})
+        return msgspec.structs.replace(offer, end=(EndEntry("verify"), verdict))
+    is_cancelled = state in {_S.CANCELLING, _S.CANCELLED}
+    return msgspec.structs.replace(offer, is_cancelled=is_cancelled) if is_cancelled else offer

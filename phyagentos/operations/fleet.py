@@ -1,0 +1,214 @@
+"""A fleet: its server, the hub beside the agent, hosts that join, what is there, and the stop for all of it."""
+
+import contextlib
+import os
+import secrets
+import select
+import shutil
+import sys
+from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
+from threading import Event
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from phyagentos.assembly.paths import open_project, serve_alone
+from phyagentos.assembly.planes import STOP_S, start_watch
+from phyagentos.clock import SystemClock
+from phyagentos.errors import DefinitionError, ExecutionError, needs_extra
+from phyagentos.fleet.bus import Bucket, Bus, HostCard
+from phyagentos.fleet.host import BEAT_S, BY, FleetHost
+from phyagentos.fleet.hub import LEASE_S, FleetHub
+from phyagentos.protocol.capabilities.registries import read_target_registry
+from phyagentos.protocol.sessions.estop import Latch
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.edits.edit_intake import EditIntake
+from phyagentos.store.journal import Journal, choose_partition
+from phyagentos.store.renderer import Views
+from phyagentos.store.watch import Watch
+
+if TYPE_CHECKING:
+    from phyagentos.fleet.nats_bus import NatsBus
+
+LISTEN = "127.0.0.1:4222"
+PAUSE_MS = 200.0
+ANSWER_S = 3.0
+_CONFIG = """server_name: paos
+listen: "{listen}"
+jetstream {{ store_dir: "{store}", sync_interval: always }}
+authorization {{ token: "{token}" }}
+"""
+
+
+class HostLine(msgspec.Struct, frozen=True, kw_only=True):
+    """One host as the server knows it, with the number of its records there; it is alive while it beats."""
+
+    card: HostCard
+    records: int
+    is_alive: bool
+
+
+class FleetServer(msgspec.Struct, frozen=True):
+    """What `paos fleet server` prints: the URL of a server, with its token, and the command that runs it."""
+
+    url: str
+    command: str
+
+
+class FleetStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """What `paos fleet status` prints; `offers` are sessions that wait for a host, run, or wait for their verdict."""
+
+    server: str
+    hosts: tuple[HostLine, ...]
+    offers: int
+
+
+class FleetStop(msgspec.Struct, frozen=True, kw_only=True):
+    """Which hosts have latched the stop, and which have not answered: these latch it when they are back."""
+
+    stopped: tuple[str, ...]
+    silent: tuple[str, ...]
+
+
+def prepare_server(store: Path, listen: str = LISTEN) -> tuple[str, list[str]]:
+    """The URL of a server of this fleet, and the command that runs it.
+
+    It demands a token, which is made at the first start and kept below `store`.
+    """
+    binary = shutil.which("nats-server", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"])))
+    if binary is None:
+        with needs_extra("fleet", "paos fleet server"):
+            raise ImportError("no nats-server")
+    store.mkdir(parents=True, exist_ok=True)
+    kept, config = store / "token", store / "nats.conf"
+    for path in (kept, config):
+        path.touch(mode=0o600)
+    token = kept.read_text(encoding="ascii") or secrets.token_urlsafe(24)
+    kept.write_text(token, encoding="ascii")
+    config.write_text(_CONFIG.format(listen=listen, store=store, token=token), encoding="utf-8")
+    return f"nats://{token}@{listen}", [binary, "-c", str(config)]
+
+
+def lead_fleet(root: Path, url: str, ends: Event, announce: Callable[[str], object], lease_s: float = LEASE_S) -> None:
+    """Place the sessions of this workspace on the hosts of a fleet, until `ends`.
+
+    Raises ExecutionError `BUSY` where a watchdog or another hub serves it, `CHANGED` where the server holds the lane of
+    another workspace.
+    """
+    workspace, clock = open_project(root), SystemClock()
+    busy = "a watchdog or another hub serves this workspace"
+    lock = become_sole(workspace.root / WATCHDOG_LOCK, clock, "BUSY", busy, patience_s=STOP_S)
+    with contextlib.ExitStack() as stack:
+        stack.callback(os.close, lock)
+        journal = stack.enter_context(contextlib.closing(Journal(root, side=Side.RUNTIME, by=BY, clock=clock)))
+        bus = stack.enter_context(open_bus(url, f"hub {journal.folder.name}"))
+        hub = stack.enter_context(contextlib.closing(FleetHub(workspace, journal, bus, clock, lease_s=lease_s)))
+        edits = stack.enter_context(contextlib.closing(EditIntake(workspace, clock)))
+        views = stack.enter_context(contextlib.closing(Views(workspace, journal.folder, clock, edits)))
+        announce(f"hub of {workspace.root} at {url}")
+        _run(lambda: hub.turn() | views.refresh(), bus, journal.folder, ends)
+
+
+def join_fleet(
+    root: Path,
+    url: str,
+    ends: Event,
+    announce: Callable[[str], object],
+    *,
+    name: str | None = None,
+    targets: Collection[str] = (),
+    pictures: bool = True,
+) -> None:
+    """Carry out sessions of a fleet on targets of this workspace, all or those named, until `ends`.
+
+    Raises DefinitionError `UNKNOWN_NAME`, `INVALID_VALUE`; ExecutionError `BUSY`, `CHANGED`, `NOT_RUNNING`.
+    """
+    workspace, clock = open_project(root), SystemClock()
+    known = read_target_registry(workspace.target_registry)
+    if missing := sorted(set(targets) - known.keys()):
+        raise DefinitionError.unknown("target", "--target", missing[0], known)
+    served = {each: tuple(sorted(known[each].actions)) for each in targets or known}
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(serve_alone(workspace, clock))
+        lane = _choose_lane(workspace, name)
+        journal = Journal(workspace.root, side=Side.AGENT, by=BY, clock=clock, partition=lane)
+        stack.enter_context(contextlib.closing(journal))
+        bus = stack.enter_context(open_bus(url, f"host {lane}", served))
+        host = FleetHost(workspace, journal, bus, clock, served)
+        watch = stack.enter_context(start_watch(workspace, pictures=pictures).running(clock))
+        announce(f"host {lane} at {url}: {', '.join(sorted(served))}")
+
+        def turn() -> bool:
+            if not watch.is_alive():
+                last = " ".join(watch.read_printed()[-1:])
+                raise ExecutionError("NOT_RUNNING", f"the watchdog of {workspace.root} ended: {last} Log: {watch.log}")
+            return host.turn()
+
+        _run(turn, bus, journal.folder, ends)
+
+
+def _choose_lane(workspace: Workspace, name: str | None) -> str:
+    found = choose_partition(workspace.sessions)
+    if name is None or name == found or not (workspace.sessions / found).is_dir():
+        return name or found
+    raise DefinitionError.of("INVALID_VALUE", "--name", name, f"{found!r}, as this workspace has been called so far")
+
+
+@contextlib.contextmanager
+def open_bus(url: str, name: str, targets: Collection[str] | None = None) -> Iterator["NatsBus"]:
+    """A connection to a fleet while the block runs; raises DefinitionError `EXTRA_MISSING`."""
+    with needs_extra("fleet", "paos fleet"):
+        from phyagentos.fleet.nats_bus import NatsBus
+    bus = NatsBus(url, name=name, targets=targets)
+    try:
+        yield bus
+    finally:
+        bus.close()
+
+
+def _run(turn: Callable[[], bool], bus: Bus, folder: Path, ends: Event) -> None:
+    """Take turns: at once after news or where more waits, else a few times a second."""
+    with Watch([folder]) as records:
+        poll = select.poll()
+        for each in (records.fileno(), bus.fileno()):
+            poll.register(each, select.POLLIN)
+        while not ends.is_set():
+            bus.drain()
+            records.drain()
+            if not turn():
+                poll.poll(PAUSE_MS)
+
+
+def read_status(url: str) -> FleetStatus:
+    """Hosts and open sessions of a fleet; a host is alive that beats while this looks."""
+    with open_bus(url, "status") as bus:
+        bus.wait(ANSWER_S)
+        before = _read_cards(bus)
+        SystemClock().sleep(2.0 * BEAT_S)
+        lines = [
+            HostLine(card=each, records=bus.count(each.lane), is_alive=before.get(name) != each)
+            for name, each in _read_cards(bus).items()
+        ]
+        return FleetStatus(server=url, hosts=tuple(lines), offers=len(bus.view(Bucket.OFFERS)))
+
+
+def stop_fleet(url: str, *, reason: str = "", by: str = "paos fleet stop") -> FleetStop:
+    """Latch the emergency stop on every host; each resets its own with `paos estop --reset`."""
+    clock = SystemClock()
+    with open_bus(url, by, ()) as bus:
+        bus.wait(ANSWER_S)
+        bus.put(Bucket.STOPS, "stop", msgspec.json.encode(Latch(by=by, reason=reason, at=clock.wall_iso())))
+        deadline_s = clock.now_s() + ANSWER_S
+        while any(not each.is_stopped for each in _read_cards(bus).values()) and clock.now_s() < deadline_s:
+            clock.sleep(0.02)
+        cards = _read_cards(bus)
+        stopped = {name for name, each in cards.items() if each.is_stopped}
+        return FleetStop(stopped=tuple(sorted(stopped)), silent=tuple(sorted(cards.keys() - stopped)))
+
+
+def _read_cards(bus: Bus) -> dict[str, HostCard]:
+    found = [msgspec.json.decode(each, type=HostCard) for each in bus.view(Bucket.HOSTS).values()]
+    return {each.host: each for each in sorted(found, key=lambda each: each.host)}

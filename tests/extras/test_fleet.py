@@ -1,0 +1,155 @@
+"""The port of a fleet over a real NATS server, which is killed meanwhile; a session from hub to host and back."""
+
+import math
+import os
+import subprocess
+from contextlib import closing
+
+import msgspec
+import pytest
+
+from benchmarks.fleet_parts.links import Link
+from benchmarks.fleet_parts.noop import sum_up, time_fleet
+from benchmarks.fleet_parts.stage import choose_port
+from phyagentos.clock import SystemClock
+from phyagentos.fleet.bus import Bucket, BusLost
+from phyagentos.fleet.host import BY, FleetHost
+from phyagentos.fleet.lanes import LanePublisher, LaneReplica
+from phyagentos.operations.fleet import open_bus, prepare_server, read_status, stop_fleet
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.estop import is_latched
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.testing import make_contract
+from tests.following import wait_until
+
+pytest.importorskip("nats", reason="needs the extra `fleet`: make test-extras")
+pytestmark = pytest.mark.extras
+CLOCK = SystemClock()
+
+
+class Server:
+    """A server that can be killed and started again."""
+
+    def __init__(self, store):
+        self.port = choose_port()
+        self.url, self._command = prepare_server(store, f"127.0.0.1:{self.port}")
+        self._store = store
+        self.start()
+
+    def start(self):
+        with (self._store / "log").open("ab") as log:
+            self._process = subprocess.Popen(self._command, stderr=log, stdout=log)
+
+    def kill(self):
+        self._process.kill()
+        self._process.wait()
+
+
+@pytest.fixture
+def server(tmp_path):
+    server = Server(tmp_path / "server")
+    yield server
+    server.kill()
+
+
+@pytest.fixture
+def bus(server):
+    with open_bus(server.url, "test") as bus:
+        bus.wait(20.0)
+        yield bus
+
+
+@pytest.fixture
+def journal(tmp_path):
+    with closing(Journal(tmp_path / "w", side=Side.AGENT, by="a", clock=CLOCK, partition="h.1")) as journal:
+        yield journal
+
+
+def fill(journal, *names):
+    for name in names:
+        contract = make_contract(id=f"g.{name}")
+        journal.commit([Entry(contract.id, "submit", dict(msgspec.to_builtins(contract)))])
+    return journal.read_new()[-1].seq
+
+
+def test_a_claim_is_taken_once_and_a_stale_revision_is_refused(bus):
+    first = bus.swap(Bucket.CLAIMS, "a", b"open", 0)
+    assert bus.swap(Bucket.CLAIMS, "a", b"open", 0) is None
+    second = bus.swap(Bucket.CLAIMS, "a", b"h1", first)
+    assert bus.swap(Bucket.CLAIMS, "a", b"h2", first) is None
+    assert bus.get(Bucket.CLAIMS, "a") == (b"h1", second)
+    wait_until(lambda: bus.view(Bucket.CLAIMS) == {"a": b"h1"})
+    bus.remove(Bucket.CLAIMS, "a")
+    assert bus.swap(Bucket.CLAIMS, "a", b"h2", second) is None
+    assert bus.get(Bucket.CLAIMS, "a") is None
+
+
+def test_a_lane_arrives_once_over_a_server_that_is_killed(bus, server, journal, tmp_path, read_with_node):
+    publisher = LanePublisher(journal, bus)
+    assert not publisher.publish(fill(journal, *"abc"))
+    server.kill()
+    last = fill(journal, *"def")
+    wait_until(lambda: not bus.is_connected)
+    with pytest.raises(BusLost):
+        publisher.publish(last)
+    server.start()
+    wait_until(lambda: bus.is_connected)
+    publisher.publish(last)
+    sent_before = bus.read("h.1", 2, last)
+    with pytest.raises(BusLost, match="wrong last sequence"):
+        bus.append("h.1", 2, sent_before)
+    wait_until(lambda: bus.ends["h.1"] == last)
+
+    replica = LaneReplica(tmp_path / "copy", "h.1")
+    replica.take(bus.read("h.1", 0, bus.count("h.1")))
+    replica.close()
+
+    own, copy = read_with_node(tmp_path / "w", tmp_path / "copy")
+    assert own["sha256"] == copy["sha256"]
+    assert copy["records"] == bus.count("h.1") == last
+
+
+def test_a_link_that_is_cut_is_noticed_and_mended(server):
+    link = Link(server.port)
+    with open_bus(server.url.replace(f":{server.port}", f":{link.port}"), "test") as bus:
+        bus.wait(20.0)
+        link.is_cut = True
+        with pytest.raises(BusLost):
+            bus.put(Bucket.HOSTS, "a", b"1")
+        link.mend()
+        wait_until(lambda: bus.is_connected)
+        bus.put(Bucket.HOSTS, "a", b"2")
+        assert bus.get(Bucket.HOSTS, "a").value == b"2"
+
+
+def test_an_object_is_kept_by_its_name(bus):
+    data = os.urandom(300_000)
+    assert bus.load("b") is None
+    bus.store("b", data)
+    bus.store("b", data)
+    assert bus.load("b") == data
+
+
+def test_the_stop_of_a_fleet_latches_on_a_host(server, bus, journal, tmp_path):
+    workspace = Workspace.create(tmp_path / "host", Library(()))
+    with closing(Journal(workspace.root, side=Side.AGENT, by=BY, clock=CLOCK, partition="h1")) as own:
+        host = FleetHost(workspace, own, bus, CLOCK, {"panda": ()})
+        host.turn()
+        begun_s = CLOCK.now_s()
+        bus.put(Bucket.STOPS, "stop", b'{"by": "me", "at": "2026-11-30T00:00:00Z"}')
+        wait_until(lambda: is_latched(workspace.signals.parent))
+        assert CLOCK.now_s() - begun_s < 2.0  # some milliseconds where nothing else runs
+        host.turn()
+        (line,) = read_status(server.url).hosts
+        assert (line.card.host, line.card.is_stopped, line.is_alive) == ("h1", True, False)
+        assert stop_fleet(server.url, reason="again").stopped == ("h1",)
+
+
+@pytest.mark.slow
+def test_sessions_go_to_a_host_and_come_back_with_their_evidence(tmp_path):
+    records = time_fleet(tmp_path, 6, ["t0", "t1"])
+    assert all(map(math.isfinite, sum_up(records, 6)))
+    bundles = list((tmp_path / "hub" / "evidence").glob("noop.*/execution.json"))
+    assert len(bundles) == 6

@@ -1,0 +1,105 @@
+"""A server in memory, and connections to it that break: what the port promises, without NATS."""
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+
+from phyagentos.fleet.bus import Bucket, BusLost, Frame, Stored
+
+
+class FakeServer:
+    """What the server holds; revisions grow over all buckets."""
+
+    def __init__(self):
+        self.values: dict[Bucket, dict[str, Stored]] = {bucket: {} for bucket in Bucket}
+        self.lanes: dict[str, list[Frame]] = defaultdict(list)
+        self.objects: dict[str, bytes] = {}
+        self.buses: list[FakeBus] = []
+        self.revision = 0
+
+    def write(self, bucket, key, value):
+        self.revision += 1
+        self.values[bucket][key] = Stored(value, self.revision)
+        for bus in self.buses:
+            if bus.is_connected and bucket in bus.acts:
+                bus.acts[bucket](value)
+        return self.revision
+
+
+class FakeBus:
+    """One connection; `loses_answers` lets a call arrive and fail."""
+
+    def __init__(self, server: FakeServer):
+        self.server, self.is_connected, self.loses_answers = server, True, False
+        self.acts: dict[Bucket, Callable[[bytes], None]] = {}
+        server.buses.append(self)
+
+    @property
+    def ends(self) -> Mapping[str, int]:
+        return {lane: len(frames) for lane, frames in self.server.lanes.items()}
+
+    def fileno(self) -> int:
+        return -1
+
+    def drain(self) -> None:
+        pass
+
+    def view(self, bucket: Bucket) -> Mapping[str, bytes]:
+        return {key: each.value for key, each in self.server.values[bucket].items()}
+
+    def on_change(self, bucket: Bucket, act: Callable[[bytes], None]) -> None:
+        self.acts[bucket] = act
+
+    def get(self, bucket: Bucket, key: str) -> Stored | None:
+        self._look()
+        return self.server.values[bucket].get(key)
+
+    def put(self, bucket: Bucket, key: str, value: bytes) -> None:
+        self._look()
+        self.server.write(bucket, key, value)
+        self._answer()
+
+    def swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
+        self._look()
+        found = self.server.values[bucket].get(key, Stored(b"", 0))
+        new = self.server.write(bucket, key, value) if found.revision == revision else None
+        self._answer()
+        return new
+
+    def remove(self, bucket: Bucket, key: str) -> None:
+        self._look()
+        self.server.values[bucket].pop(key, None)
+
+    def count(self, lane: str) -> int:
+        self._look()
+        return len(self.server.lanes[lane])
+
+    def append(self, lane: str, after: int, frames: Sequence[Frame]) -> None:
+        self._look()
+        for number, frame in enumerate(frames, after):
+            if number != len(self.server.lanes[lane]):
+                raise BusLost("wrong last sequence")
+            self.server.lanes[lane].append(frame)
+        self._answer()
+
+    def read(self, lane: str, after: int, up_to: int) -> list[Frame]:
+        self._look()
+        return self.server.lanes[lane][after:up_to]
+
+    def store(self, name: str, data: bytes) -> None:
+        self._look()
+        self.server.objects.setdefault(name, data)
+
+    def load(self, name: str) -> bytes | None:
+        self._look()
+        return self.server.objects.get(name)
+
+    def close(self) -> None:
+        pass
+
+    def _look(self):
+        if not self.is_connected:
+            raise BusLost("cut")
+
+    def _answer(self):
+        if self.loses_answers:
+            raise BusLost("no answer")

@@ -1,0 +1,307 @@
+"""Sessions on hosts that share nothing but the server: each is begun once, and a host that is cut off stops in time."""
+
+from concurrent.futures import wait
+from contextlib import closing
+
+import msgspec
+import pytest
+
+from phyagentos.errors import ExecutionError
+from phyagentos.fleet.bus import Bucket, Claim, HostCard, Offer, encode_key
+from phyagentos.fleet.host import BY, FleetHost
+from phyagentos.fleet.hub import GRACE_S, LEASE_S, FleetHub
+from phyagentos.operations.fleet import _choose_lane
+from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.estop import is_latched, reset
+from phyagentos.protocol.sessions.lease_files import ENDED_S, read_lease, write_lease
+from phyagentos.protocol.sessions.lifecycle import Side
+from phyagentos.protocol.sessions.session import Ended, Execution, Limits
+from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
+from phyagentos.protocol.workspace.workspace import Workspace
+from phyagentos.store.follower import Follower
+from phyagentos.store.journal import Entry, Journal
+from phyagentos.store.ledger import Ledger
+from phyagentos.testing import ManualClock, make_contract
+
+from .fake_bus import FakeBus, FakeServer
+
+DONE = Execution(ended=Ended.COMPLETED, evidence="evidence/g.a")
+VERDICT = Attempt(verdict=Verdict.SUCCESS, criteria=())
+
+
+class Place:
+    """One workspace with its journals; a host, or the hub."""
+
+    def __init__(self, root, server, clock, *, name, is_hub=False, targets=("panda",)):
+        self.workspace, self.clock, self.bus = Workspace.create(root, Library(())), clock, FakeBus(server)
+        self.agent = Journal(root, side=Side.AGENT, by=BY if not is_hub else "agent", clock=clock, partition=name)
+        self.runtime = Journal(root, side=Side.RUNTIME, by="watchdog", clock=clock, partition=name)
+        self.targets = dict.fromkeys(targets, ())
+        self.open(is_hub=is_hub)
+
+    def open(self, *, is_hub=False):
+        """Begin, also again: a process of this place after the one that was killed."""
+        if is_hub:
+            self.process = FleetHub(self.workspace, self.runtime, self.bus, self.clock)
+        else:
+            self.process = FleetHost(self.workspace, self.agent, self.bus, self.clock, self.targets)
+
+    def reopen(self):
+        self.agent.close()
+        self.agent = Journal(
+            self.workspace.root, side=Side.AGENT, by=BY, clock=self.clock, partition=self.agent.folder.name
+        )
+        self.open()
+
+    def run(self, id, *entries):
+        """What a watchdog would record."""
+        self.runtime.commit([Entry(id, *each) for each in entries])
+
+    def begin(self, id):
+        self.run(id, ("claim",), ("check", None, 1), ("start", None, 1))
+
+    def finish(self, id):
+        folder = self.workspace.evidence_of(id)
+        (folder / "shown").mkdir(parents=True)
+        (folder / "execution.json").write_text("{}")
+        (folder / "shown" / "a.md").write_text("b")
+        self.run(id, ("halt", None, 1), ("finish", {"execution": msgspec.to_builtins(DONE)}, 1))
+
+    def read_state(self, id="g.a"):
+        ledger, follower = Ledger(forgets=False), Follower(self.agent.folder)
+        ledger.extend(follower.read_new())
+        follower.close()
+        return ledger.sessions[id].state if id in ledger.sessions else None
+
+    def close(self):
+        for each in (self.agent, self.runtime, *([self.process] if isinstance(self.process, FleetHub) else [])):
+            each.close()
+
+
+class Fleet:
+    """A hub and two hosts with a target of one name."""
+
+    def __init__(self, root):
+        self.server, self.clock = FakeServer(), ManualClock(1e6)
+        self.hub = Place(root / "hub", self.server, self.clock, name="hub", is_hub=True)
+        self.hosts = [Place(root / name, self.server, self.clock, name=name) for name in ("h1", "h2")]
+
+    def submit(self, id="g.a", **facts):
+        contract = make_contract(id=id, **facts)
+        self.hub.agent.commit([Entry(id, "submit", dict(msgspec.to_builtins(contract)))])
+
+    def turn(self, *places, seconds=0.0):
+        """Some turns of these, all by default; time goes by between them."""
+        for _ in range(4):
+            for place in places or (self.hub, *self.hosts):
+                place.process.turn()
+                transfers = place.process._fetched if place is self.hub else place.process._transfers
+                wait(transfers.running.values())
+            self.clock.advance(seconds / 4)
+
+    def find_holder(self, id="g.a"):
+        (holder,) = (host for host in self.hosts if host.read_state(id) is not None)
+        return holder
+
+    def place(self):
+        """A session that runs on one of them; which, and the other."""
+        self.turn(seconds=2.0)
+        self.submit()
+        self.turn()
+        holder = self.find_holder()
+        holder.begin("g.a")
+        self.turn()
+        return holder, next(host for host in self.hosts if host is not holder)
+
+
+@pytest.fixture
+def fleet(tmp_path):
+    fleet = Fleet(tmp_path)
+    yield fleet
+    for place in (fleet.hub, *fleet.hosts):
+        place.close()
+
+
+def test_a_session_runs_on_one_host_and_its_verdict_comes_back_there(fleet):
+    holder, _ = fleet.place()
+    assert fleet.hub.read_state() == "running"
+    holder.finish("g.a")
+    fleet.turn()
+    assert fleet.hub.read_state() == "awaiting_verification"
+    assert (fleet.hub.workspace.evidence_of("g.a") / "shown" / "a.md").read_text() == "b"
+
+    body = {"attempt": msgspec.to_builtins(VERDICT)}
+    fleet.hub.agent.commit([Entry("g.a", "verify"), Entry("g.a", "accept", body)])
+    fleet.turn()
+
+    assert holder.read_state() == fleet.hub.read_state() == "succeeded"
+    assert not fleet.server.values[Bucket.OFFERS]
+    assert not fleet.server.values[Bucket.CLAIMS]
+    lane = holder.agent.folder.name
+    copy = fleet.hub.process.get_replica_root(lane) / "sessions" / lane
+    (segment,) = copy.glob("*.md")
+    assert segment.read_bytes() == (holder.agent.folder / segment.name).read_bytes()
+
+
+def test_a_host_that_is_cut_off_stops_within_its_lease_and_does_not_go_on_when_it_is_back(fleet):
+    holder, _ = fleet.place()
+    holder.bus.is_connected, cut_s = False, fleet.clock.now_s()
+    fleet.turn(seconds=2.0 * (LEASE_S + GRACE_S))  # the hub counts from when it looks
+    fleet.turn()
+
+    assert read_lease(holder.workspace.leases, "g.a") <= cut_s + LEASE_S
+    assert fleet.hub.read_state() == "awaiting_verification"  # lost with its target; the agent decides
+    claim = msgspec.json.decode(fleet.server.values[Bucket.CLAIMS]["g=2e=a"].value, type=Claim)
+    assert (claim.is_fenced, claim.epoch) == (True, 2)
+
+    holder.bus.is_connected = True
+    fleet.turn(seconds=4.0)
+    assert read_lease(holder.workspace.leases, "g.a") == ENDED_S
+    assert holder.read_state() == "cancelling"
+    holder.run("g.a", ("confirm_cancel", None, 1))
+    fleet.turn()
+    assert fleet.hub.read_state() == "awaiting_verification"  # what came after the fence changes nothing here
+
+
+def test_a_host_that_alone_has_the_target_finishes_while_it_is_cut_off(fleet):
+    _, other = fleet.hosts
+    other.bus.is_connected = False  # never joined
+    fleet.turn(fleet.hub, fleet.hosts[0], seconds=2.0)
+    fleet.submit(limits=Limits(timeout_s=60.0))
+    fleet.turn(fleet.hub, holder := fleet.hosts[0])
+    holder.begin("g.a")
+    holder.bus.is_connected = False
+    fleet.turn(seconds=LEASE_S + GRACE_S + 30.0)
+    assert read_lease(holder.workspace.leases, "g.a") > fleet.clock.now_s()
+    assert fleet.hub.read_state() == "pending"
+    holder.finish("g.a")
+
+    holder.bus.is_connected = True
+    fleet.turn()
+
+    assert fleet.hub.read_state() == "awaiting_verification"
+
+
+def test_of_two_hosts_that_claim_at_once_one_begins(fleet):
+    fleet.turn(seconds=2.0)
+    fleet.submit()
+    fleet.turn(fleet.hub)
+    (offer,) = (msgspec.json.decode(each, type=Offer) for each in fleet.hub.bus.view(Bucket.OFFERS).values())
+    for host in fleet.hosts:
+        host.process._take(offer)
+
+    assert [host.read_state() for host in fleet.hosts] == ["pending", None]
+
+
+def test_a_claim_whose_answer_was_lost_is_taken_up_by_its_own_host(fleet):
+    first, second = fleet.hosts
+    fleet.turn(seconds=2.0)
+    fleet.submit()
+    fleet.turn(fleet.hub)
+    first.bus.loses_answers = True
+    first.process._beat_at_s = first.process._clock.now_s() + 60.0  # the first call whose answer is lost is the claim
+    fleet.turn(first, second)
+    assert [host.read_state() for host in fleet.hosts] == [None, None]
+    first.bus.loses_answers = False
+    first.reopen()
+
+    fleet.turn()
+
+    assert [host.read_state() for host in fleet.hosts] == ["pending", None]
+
+
+def test_a_host_that_is_started_again_may_not_command_before_its_claim_is_confirmed(fleet):
+    holder, _ = fleet.place()
+    holder.bus.is_connected = False
+    write_lease(holder.workspace.leases, "g.a", 1e9)  # of the machine before it was started anew
+    holder.reopen()
+    assert read_lease(holder.workspace.leases, "g.a") == ENDED_S
+    holder.bus.is_connected = True
+
+    fleet.turn(seconds=1.0)
+
+    assert fleet.clock.now_s() < read_lease(holder.workspace.leases, "g.a") <= fleet.clock.now_s() + LEASE_S
+
+
+def test_what_no_host_takes_is_refused_in_time_and_taken_by_none_later(fleet):
+    fleet.submit(target="unknown", limits=Limits(queue_s=10.0))
+    fleet.turn(seconds=12.0)
+    fleet.turn(seconds=2.0)
+    assert fleet.hub.read_state() == "rejected"
+    assert not fleet.server.values[Bucket.OFFERS]
+
+
+def test_a_cancelled_session_is_cancelled_on_its_host(fleet):
+    holder, _ = fleet.place()
+    fleet.hub.agent.commit([Entry("g.a", "request_cancel", {"reason": "no more"})])
+    fleet.turn()
+    assert holder.read_state() == "cancelling"
+    holder.run("g.a", ("confirm_cancel", None, 1))
+
+    fleet.turn()
+
+    assert fleet.hub.read_state() == "cancelled"
+
+
+def test_a_session_that_finished_while_its_end_was_requested_is_cancelled_on_both_sides(fleet):
+    holder, _ = fleet.place()
+    holder.finish("g.a")
+    fleet.hub.agent.commit([Entry("g.a", "request_cancel", {"reason": "no more"})])
+
+    fleet.turn()
+
+    assert (fleet.hub.read_state(), holder.read_state()) == ("cancelled", "cancelled")
+
+
+def test_a_resource_is_given_to_one_session_at_a_time_on_whatever_host(fleet):
+    fleet.turn(seconds=2.0)
+    fleet.submit("g.a", resources=("tray",))
+    fleet.submit("g.b", resources=("tray",))
+    fleet.turn()
+    assert [fleet.hub.read_state(each) for each in ("g.a", "g.b")] == ["pending", "pending"]
+    assert len(fleet.server.values[Bucket.OFFERS]) == 1
+    holder = fleet.find_holder()
+    holder.begin("g.a")
+    holder.finish("g.a")
+
+    fleet.turn()
+
+    assert len(fleet.server.values[Bucket.OFFERS]) == 2
+
+
+def test_the_stop_latches_on_every_host_also_on_one_that_comes_back_and_each_resets_its_own(fleet):
+    here, away = fleet.hosts
+    away.bus.is_connected = False
+    stop = msgspec.json.encode({"by": "me", "reason": "smoke", "at": "2026-11-30T00:00:00Z"})
+    fleet.hub.bus.put(Bucket.STOPS, "stop", stop)
+    assert [is_latched(host.workspace.signals.parent) for host in fleet.hosts] == [True, False]
+
+    away.bus.is_connected = True
+    fleet.turn(seconds=2.0)
+    assert is_latched(away.workspace.signals.parent)
+    reset(here.workspace.signals.parent, "smoke is gone", here.clock)
+    fleet.turn(seconds=2.0)
+    assert not is_latched(here.workspace.signals.parent)
+
+
+def test_a_second_host_of_one_name_is_refused(fleet, tmp_path):
+    fleet.turn(seconds=2.0)
+    twin = Place(tmp_path / "twin", fleet.server, fleet.clock, name="h1")
+
+    def beat(seconds):
+        card = msgspec.json.decode(fleet.server.values[Bucket.HOSTS][encode_key("h1")].value, type=HostCard)
+        fleet.server.write(Bucket.HOSTS, "h1", msgspec.json.encode(msgspec.structs.replace(card, beat=card.beat + 1)))
+
+    twin.clock = twin.process._clock = ManualClock(1e6)
+    twin.clock.sleep = beat
+    with closing(twin), pytest.raises(ExecutionError, match="another host of the name 'h1'"):
+        twin.process.turn()
+
+
+def test_a_workspace_keeps_its_name(tmp_path):
+    workspace = Workspace.create(tmp_path / "w", Library(()))
+    assert _choose_lane(workspace, "h1") == "h1"
+    (workspace.sessions / "h1").mkdir()
+    assert _choose_lane(workspace, None) == "h1"
+    with pytest.raises(Exception, match="'h1', as this workspace has been called so far"):
+        _choose_lane(workspace, "h2")
