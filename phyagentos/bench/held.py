@@ -9,7 +9,6 @@ import hashlib
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -87,7 +86,7 @@ def _iter_settings(workspace: Workspace) -> Iterator[str]:
     return _iter_leaves("", contract | perception.model_dump(mode="json", include=SENSING))
 
 
-def _iter_leaves(path: str, value: Any) -> Iterator[str]:
+def _iter_leaves(path: str, value: object) -> Iterator[str]:
     if isinstance(value, dict):
         for key in sorted(value):
             yield from _iter_leaves(f"{path}.{key}" if path else key, value[key])

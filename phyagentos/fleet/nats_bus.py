@@ -11,7 +11,7 @@ import os
 import threading
 from collections.abc import Awaitable, Callable, Collection, Coroutine, Mapping, Sequence
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import msgspec
 import nats
@@ -34,6 +34,7 @@ TOGETHER = 64  # requests on their way at once
 SEGMENT = "Segment"
 LANE = "paos.lane."
 _WRONG_SEQUENCE = frozenset({10071, 10164})
+_Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 
@@ -148,7 +149,7 @@ class NatsBus:
         self._loop.close()
         os.close(self._news)
 
-    def _call(self, work: Callable[[], Coroutine[Any, Any, _Result]], timeout_s: float = CALL_S) -> _Result:
+    def _call(self, work: Callable[[], Coroutine[object, None, _Result]], timeout_s: float = CALL_S) -> _Result:
         if not self.is_connected:
             raise BusLost(f"the NATS server at {self._shown} does not answer{self._why}")
         future = asyncio.run_coroutine_threadsafe(work(), self._loop)
@@ -247,7 +248,7 @@ class NatsBus:
 
     async def _swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         try:
-            return await self._stores[bucket].update(key, value, last=revision)
+            return int(await self._stores[bucket].update(key, value, last=revision))
         except nats.js.errors.KeyWrongLastSequenceError:
             return None
 
@@ -262,7 +263,7 @@ class NatsBus:
         return stream
 
     async def _count(self, lane: str) -> int:
-        return (await self._js.stream_info(await self._provide(lane))).state.last_seq
+        return int((await self._js.stream_info(await self._provide(lane))).state.last_seq)
 
     async def _append(self, lane: str, after: int, frames: Sequence[Frame]) -> None:
         stream, subject = await self._provide(lane), f"{LANE}{encode_key(lane)}"
@@ -302,11 +303,11 @@ class NatsBus:
             return None
 
 
-async def _gather(items: Collection[Any], work: Callable[[Any], Awaitable[_Result]]) -> list[_Result]:
+async def _gather(items: Collection[_Item], work: Callable[[_Item], Awaitable[_Result]]) -> list[_Result]:
     """The results of the work for each, in order; begun in order, a bounded number at once."""
     slots, found = asyncio.Semaphore(TOGETHER), list[_Result]()
 
-    async def do(item: Any) -> _Result:
+    async def do(item: _Item) -> _Result:
         async with slots:
             return await work(item)
 

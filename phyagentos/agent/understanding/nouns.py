@@ -267,13 +267,8 @@ class Nouns(Discourse):
                 found = self._drop_named(found, plain, slot)
             if not kind:
                 return Named()
-        if slot is Slot.LOOSE and kind == "exactly":  # what is counted is at least so many
-            return Named(names=self.lack(RequestProblemKind.CAPABILITY, noun))
-        if slot is Slot.LOOSE and kind == "some":
-            return Named(names=self.ask(QuestionKind.HOW_MANY, noun, ()))
         if slot is Slot.LOOSE:
-            is_all = kind == "all" and not number
-            return Named(names=found, number=self._count_contents(found) if is_all else number)
+            return self._find_loose(noun, found, kind, number)
         found = tuple(name for name in found if name in self.among) or found
         found = self._find_pointed(quantities, found)
         is_pending = asked > 0 and any(has_token(each, "other") for each in quantities)  # than what is not yet chosen
@@ -299,12 +294,20 @@ class Nouns(Discourse):
         every = is_plural or (forbids and not quantities)  # `no crumb` is every one
         if kind == "same" or (len(found) > 1 and not every):
             own = [name for name in found if self._read_head(plain)[0] == name.split("_")[-1]]
-            if (
-                len(own) == 1 and kind == "the" and len(list_children(plain)) == 1
-            ):  # a bench is a table, `table` the one
+            is_bare = kind == "the" and len(list_children(plain)) == 1
+            if is_bare and len(own) == 1:  # a bench is a table, `table` the one
                 return replace(named, names=tuple(own))
             return Named(names=self.ask(QuestionKind.WHICH, noun, found, likely=self._guess(plain, found)))
         return replace(named, only=kind == "only")
+
+    def _find_loose(self, noun: Node, found: Sequence[str], kind: str, number: int) -> Named:
+        """Of what is counted in a vessel: at least so many."""
+        if kind == "exactly":
+            return Named(names=self.lack(RequestProblemKind.CAPABILITY, noun))
+        if kind == "some":
+            return Named(names=self.ask(QuestionKind.HOW_MANY, noun, ()))
+        is_all = kind == "all" and not number
+        return Named(names=tuple(found), number=self._count_contents(tuple(found)) if is_all else number)
 
     def _is_vague(self, plain: Node, found: Sequence[str]) -> bool:
         """Whether a size leaves open which of several are meant: `the little boxes`, `the small stuff`."""

@@ -178,6 +178,9 @@ class Base(Authored):
         return self
 
 
+WRIST_JOINTS = 3
+
+
 class Arm(Authored):
     """Joints and servo of an arm; all lists have one entry per joint, in chain order.
 
@@ -211,13 +214,13 @@ class Arm(Authored):
     position_noise_rad: float = pydantic.Field(default=0.0, ge=0.0)
     velocity_noise_rad_s: float = pydantic.Field(default=0.0, ge=0.0)
     state_delay_s: float = pydantic.Field(default=0.0, ge=0.0)
-    wrist_joints: int = pydantic.Field(default=3, ge=1)
+    wrist_joints: int = pydantic.Field(default=WRIST_JOINTS, ge=1)
 
     @pydantic.model_validator(mode="after")
     def _check_joints(self) -> Self:
         if twice := [each for index, each in enumerate(self.joints) if each in self.joints[:index]]:
             raise misfit("joints", "each joint once", f"{twice[0]!r} stands twice.")
-        if "wrist_joints" in self.model_fields_set and self.wrist_joints > (count := len(self.joints)):
+        if self.wrist_joints > max(count := len(self.joints), WRIST_JOINTS):  # what a registry repeats is no choice
             raise misfit("wrist_joints", f"at most {count}, the joints of the arm", f"Write {count} or less.")
         return self
 

@@ -4,7 +4,7 @@ Fixed bodies without jitter are part of the map. Of all others the scene file gi
 is measured.
 """
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -161,8 +161,7 @@ class Inventory:
 
 def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[str, Entity] = _NOTHING) -> Inventory:
     """As much of a scene file as is known before the first look, and the objects that are `given` by description."""
-    spec = add_described(spec, given)
-    surfaces = _Surfaces(spec, prior)
+    surfaces = _Surfaces(spec := add_described(spec, given), prior)
     objects: dict[str, ObjectModel] = {}
     articulated: dict[str, Articulated] = {}
     known: dict[str, Entity] = {}
@@ -194,8 +193,6 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
     of_objects = {color for item in objects.values() for color in item.colors}
     palette = np.array(list(surfaces.colors), dtype=np.float64).reshape(-1, 3)
     like_map = _find_lookalikes(palette, map_colors) if listed else frozenset(range(len(palette)))
-    loose = [item for item in objects.values() if item.template.movable]
-    thin = {color for item in loose if compute_sides(item.template)[0] <= THIN_M for color in item.colors}
     return Inventory(
         scene=spec.scene,
         prior=prior,
@@ -206,12 +203,18 @@ def build_inventory(spec: SceneSpec, prior: Prior = Prior.FULL, given: Mapping[s
         map=join_map(known, parts),
         map_colors=frozenset(map_colors),
         like_map=like_map,
-        thin=(like_map | map_colors) & thin,
+        thin=(like_map | map_colors) & _find_thin(objects.values()),
         palette=palette,
         is_of_object=np.isin(np.arange(256), [*of_objects, *balls]),
         balls={} if balls.keys() & (of_objects | map_colors) else balls,
         regions=_list_regions(spec, prior),
     )
+
+
+def _find_thin(objects: Iterable[ObjectModel]) -> set[int]:
+    """Colours of movable objects that are no higher than what noise may hide."""
+    loose = [item for item in objects if item.template.movable]
+    return {color for item in loose if compute_sides(item.template)[0] <= THIN_M for color in item.colors}
 
 
 def _find_shades(objects: Mapping[str, ObjectModel], palette: Array) -> dict[str, ObjectModel]:
