@@ -30,7 +30,7 @@ def test_a_life_counts_as_it_stood_at_its_end(tmp_path):
 
 def test_pairs_are_compared_by_what_memory_warned_of_and_by_days(tmp_path):
     def live(seed, arm, lost_to, steps, warned=("zombie",)):
-        return {"seed": seed, "arm": arm, "lost_to": lost_to, "steps": steps, "warned": warned, "achievements": []}
+        return {"seed": seed, "arm": arm, "lost_to": lost_to, "steps": steps, "warned": warned, "completed": []}
 
     lines = [live(1, "kept", "zombie", 300, ()), live(1, "erased", "zombie", 300, ())]
     for seed in range(2, 7):

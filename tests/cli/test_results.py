@@ -99,6 +99,9 @@ BY_TYPE = {  # command -> why none is called here: its result has the type of it
     "policy replay": "needs a policy",
     "memory promote": "simulates trials of a lesson",
     "bench report": "prints what `bench resume` does",
+    "fleet server": "needs NATS; tests/extras/test_fleet.py calls what stands behind it",
+    "fleet status": "needs NATS; tests/extras/test_fleet.py calls what stands behind it",
+    "fleet stop": "needs NATS; tests/extras/test_fleet.py calls what stands behind it",
 }
 TABLES = (ANYWHERE, IN_A_WORKSPACE, OF_A_JOURNAL, OF_A_RECORDED_RUN, ELSEWHERE, BY_TYPE)
 

@@ -232,7 +232,9 @@ class Clauses(FollowUps):
 
     def _read_bare_act(self, clause: Node, act: Node) -> Step:
         """`close`: the one object that can be, or a question which."""
+        kinds = read_lexicon()["meanings"][act.data].get("kinds")
         fitting = [each for each in self.list_fitting(Slot.OPENS) if act.data != "press" or each.opens == "slide"]
+        fitting = [each for each in fitting if kinds is None or each.kind in kinds]
         names = tuple(each.name for each in fitting)
         chosen = names if len(names) == 1 else self.ask(QuestionKind.WHICH, clause, names)
         return [read_lexicon()["meanings"][act.data]["form"].format(name) for name in chosen]

@@ -14,7 +14,7 @@ from phyagentos.agent.understanding.transfers import SEEN_SHARE, Transfers
 from phyagentos.agent.understanding.understanding import RequestProblemKind
 from phyagentos.agent.understanding.vocabulary import read_lexicon
 
-ACTS = ("open", "close", "press")  # verbs of what has a joint
+ACTS = ("open", "close", "press", "switch_on", "switch_off")  # verbs of what has a joint
 
 
 @dataclass(slots=True, kw_only=True)
@@ -38,7 +38,8 @@ class Keeping(Transfers):
             if rule == "clear" and item.contents:  # what it holds has no names
                 texts += self._fill(objects, Named(names=(name,)), self._find_receivers(objects, name))
                 continue
-            if rule == "press" and self.get(owner).opens != "slide":
+            is_switched = self.get(owner).kind in meaning.get("kinds", (self.get(owner).kind,))
+            if not is_switched or (rule == "press" and self.get(owner).opens != "slide"):
                 self.lack(RequestProblemKind.FIT, name)
             texts.append(meaning["form"].format(owner, at="inside" if item.has_interior else "on"))
         return self._keep(texts) if constraint else texts
