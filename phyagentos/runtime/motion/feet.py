@@ -29,16 +29,25 @@ def bears(floor: Sequence[Box], point_m: Array, feet_m: Array, reach_m: float) -
         return True
     around = np.concatenate([share * reach_m * WAYS for share in (0.3, 0.55, 0.8)]) if is_whole else feet_m
     borne = [off for off in around if any(is_beside(box, point_m + off, 0.0) for box in floor)]
-    return bool(borne) and bool(np.all((WAYS @ np.array(borne).T).max(axis=1) > TIPPED_M))
+    return bool(borne) and _surround(np.array(borne))
+
+
+def _surround(points_m: Array) -> bool:
+    """Whether points (n, 3) are on all sides of their origin as seen from above."""
+    return bool(np.all((WAYS @ points_m.T).max(axis=1) > TIPPED_M))
 
 
 def list_feet(held: Entity, turned: Array, middle_m: Array) -> Array:
-    """(n, 3) points of the feet of an entity in an attitude (3, 3), from a point of it; none if a foot is there."""
+    """(n, 3) points of the feet of an entity in an attitude (3, 3), from a point of it.
+
+    None if a foot is there, or if it does not stand on them: what is laid on an edge comes to lie on more.
+    """
     boxes = compute_shape_boxes(replace(held, pose=as_pose(turned, -turned @ middle_m)))
     feet = [box for box in boxes if box.bottom_m <= min(each.bottom_m for each in boxes) + LEVEL_BAND_M]
     if any(is_beside(box, np.zeros(3), 0.0) for box in feet):
         return np.zeros((0, 3))
-    return np.concatenate([_list_points(box) for box in feet])
+    points = np.concatenate([_list_points(box) for box in feet])
+    return points if _surround(points) else np.zeros((0, 3))
 
 
 def _list_points(box: Box) -> Array:
