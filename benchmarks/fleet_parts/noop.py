@@ -25,7 +25,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.fleet.bus import Bucket
 from phyagentos.fleet.host import BY, FleetHost
 from phyagentos.fleet.hub import FleetHub
-from phyagentos.operations.fleet import _run, open_bus, prepare_server
+from phyagentos.operations.fleet import open_bus, prepare_server, take_turns
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import SessionState, Side
 from phyagentos.protocol.sessions.session import Ended, Execution
@@ -105,7 +105,7 @@ def run_host(root: Path, url: str, name: str) -> None:
     runtime = Runtime(workspace, name)
     with open_bus(url, name, (name,)) as bus:
         host = FleetHost(workspace, journal, bus, SystemClock(), {name: ()})
-        _run(lambda: host.turn() | runtime.turn(), bus, journal.folder, ends)
+        take_turns(lambda: host.turn() | runtime.turn(), bus, journal.folder, ends)
 
 
 @contextlib.contextmanager
@@ -133,7 +133,7 @@ def time_fleet(folder: Path, sessions: int, hosts: list[str]) -> list[Record]:
         hub = stack.enter_context(contextlib.closing(FleetHub(workspace, journal, bus, SystemClock())))
         stack.callback(journal.close)
         stack.callback(agent.journal.close)
-        leading = threading.Thread(target=lambda: _run(hub.turn, bus, journal.folder, ends))
+        leading = threading.Thread(target=lambda: take_turns(hub.turn, bus, journal.folder, ends))
         leading.start()
         clock, begun_s = SystemClock(), SystemClock().now_s()
         while len(bus.view(Bucket.HOSTS)) < len(hosts) and clock.now_s() - begun_s < LIMIT_S:

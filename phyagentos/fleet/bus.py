@@ -6,16 +6,20 @@ fenced it. Whatever happens to the session then stands in that host's journal, i
 hub in order.
 """
 
+import contextlib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeVar
 
 import msgspec
 
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.documents.plain_data import Fields
+from phyagentos.protocol.sessions.evidence_manifest import FileName
 from phyagentos.protocol.sessions.session import Session
+
+_Struct = TypeVar("_Struct", bound=msgspec.Struct)
 
 
 class Bucket(StrEnum):
@@ -56,6 +60,9 @@ class Offer(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     is_cancelled: bool = False
     end: tuple[EndEntry, ...] = ()
 
+    def __post_init__(self) -> None:
+        msgspec.convert(self.contract.id, FileName)  # so are files of the host called
+
 
 class Claim(msgspec.Struct, frozen=True, kw_only=True):
     """Who holds a session.
@@ -86,7 +93,7 @@ class HostCard(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     host: str
-    lane: str
+    lane: FileName
     targets: dict[str, tuple[str, ...]]
     load: int = 0
     beat: int = 0
@@ -168,6 +175,18 @@ class Bus(Protocol):
 
     def close(self) -> None:
         """Let go of the connection."""
+
+
+def iter_read(values: Iterable[bytes], of: type[_Struct]) -> Iterator[_Struct]:
+    """What hub and hosts wrote; nothing else that stands there, as by a host of another version, ends this one."""
+    for value in values:
+        with contextlib.suppress(msgspec.DecodeError):
+            yield msgspec.json.decode(value, type=of)
+
+
+def hide_token(url: str) -> str:
+    """The address of a server, for people and logs."""
+    return url.rpartition("@")[2]
 
 
 def encode_key(text: str) -> str:

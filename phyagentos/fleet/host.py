@@ -13,7 +13,7 @@ import msgspec
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 from phyagentos.fleet.bundles import Transfers, send_bundle
-from phyagentos.fleet.bus import Bucket, Bus, BusLost, Claim, HostCard, Offer, Stored, encode_key
+from phyagentos.fleet.bus import Bucket, Bus, BusLost, Claim, HostCard, Offer, Stored, encode_key, iter_read
 from phyagentos.fleet.lanes import LanePublisher
 from phyagentos.protocol.sessions.estop import Latch, is_latched, latch
 from phyagentos.protocol.sessions.lease_files import ENDED_S, remove_lease, write_lease
@@ -113,8 +113,10 @@ class FleetHost:
         return (each for each in self._ledger.live_sessions() if each.asked_by == BY)
 
     def _follow_offers(self) -> None:
-        found = self._bus.view(Bucket.OFFERS).values()
-        self._offers = {each: self._offers.get(each) or msgspec.json.decode(each, type=Offer) for each in found}
+        found = {*self._bus.view(Bucket.OFFERS).values()}
+        new = [each for each in found if each not in self._offers]
+        read = {each: offer for each in new for offer in iter_read([each], Offer)}
+        self._offers = {each: offer for each, offer in (self._offers | read).items() if each in found}
         mine = [each for each in self._offers.values() if each.contract.target in self._card.targets]
         for offer in sorted(mine, key=lambda each: (-each.contract.priority, each.number)):
             id = offer.contract.id

@@ -15,7 +15,18 @@ import msgspec
 from phyagentos.clock import Clock
 from phyagentos.errors import Problem
 from phyagentos.fleet.bundles import Transfers, fetch_bundle
-from phyagentos.fleet.bus import Bucket, Bus, BusLost, Claim, EndEntry, HostCard, Offer, encode_key, get_offer_key
+from phyagentos.fleet.bus import (
+    Bucket,
+    Bus,
+    BusLost,
+    Claim,
+    EndEntry,
+    HostCard,
+    Offer,
+    encode_key,
+    get_offer_key,
+    iter_read,
+)
 from phyagentos.fleet.host import BY
 from phyagentos.fleet.lanes import LanePublisher, LaneReplica
 from phyagentos.protocol.capabilities.registries import publish_health
@@ -120,7 +131,7 @@ class FleetHub:
 
     def _read_cards(self) -> list[HostCard]:
         """The hosts that have ever joined; the health of their targets is published."""
-        cards = [msgspec.json.decode(each, type=HostCard) for each in self._bus.view(Bucket.HOSTS).values()]
+        cards = [*iter_read(self._bus.view(Bucket.HOSTS).values(), HostCard)]
         now_s, self._offering = self._clock.now_s(), defaultdict(set)
         for card in cards:
             if self._seen.get(card.host, (-1, 0.0))[0] != card.beat:
@@ -191,7 +202,7 @@ class FleetHub:
 
     def _read_placed(self) -> dict[SessionId, Placed]:
         """What was placed before, by this process or an earlier one."""
-        offers = (msgspec.json.decode(each, type=Offer) for each in self._bus.view(Bucket.OFFERS).values())
+        offers = iter_read(self._bus.view(Bucket.OFFERS).values(), Offer)
         found = {each.contract.id: Placed(each, since_s=self._clock.now_s()) for each in offers}
         self._number = max((each.offer.number for each in found.values()), default=self._number)
         return found

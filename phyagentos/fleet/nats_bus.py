@@ -13,7 +13,6 @@ from collections.abc import Awaitable, Callable, Collection, Coroutine, Mapping,
 from functools import partial
 from typing import TypeVar
 
-import msgspec
 import nats
 import nats.errors
 import nats.js.errors
@@ -24,7 +23,7 @@ from nats.js.kv import KeyValue
 from nats.js.object_store import ObjectStore
 
 from phyagentos.clock import SystemClock
-from phyagentos.fleet.bus import Bucket, BusLost, Frame, HostCard, Stored, encode_key
+from phyagentos.fleet.bus import Bucket, BusLost, Frame, HostCard, Stored, encode_key, hide_token, iter_read
 
 CALL_S = 5.0
 RETRY_S = 0.2
@@ -48,7 +47,7 @@ class NatsBus:
     """
 
     def __init__(self, url: str, *, name: str, targets: Collection[str] | None = None) -> None:
-        self._url, self._name, self._shown = url, name, url.rpartition("@")[2]  # without its token
+        self._url, self._name, self._shown = url, name, hide_token(url)
         offers = [">"] if targets is None else [f"{encode_key(each)}.>" for each in targets]
         self._wanted = {Bucket.OFFERS: offers, Bucket.HOSTS: [">"], Bucket.STOPS: [">"]}
         self._wanted |= {Bucket.CLAIMS: [">"]} if targets is None else {}
@@ -230,9 +229,8 @@ class NatsBus:
                 values = await _gather(names, partial(self._get, bucket))
                 found |= {name: each.value for name, each in zip(names, values, strict=True) if each is not None}
             self._views[bucket] = found
-        for value in self._views[Bucket.HOSTS].values():
-            lane = msgspec.json.decode(value, type=HostCard).lane
-            self._ends[lane] = await self._count(lane)
+        for card in iter_read(self._views[Bucket.HOSTS].values(), HostCard):
+            self._ends[card.lane] = await self._count(card.lane)
 
     async def _list_keys(self, bucket: Bucket, key: str) -> list[str]:
         prefix = f"$KV.paos_{bucket}."

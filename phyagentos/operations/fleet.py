@@ -17,7 +17,7 @@ from phyagentos.assembly.paths import open_project, serve_alone
 from phyagentos.assembly.planes import STOP_S, start_watch
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, needs_extra
-from phyagentos.fleet.bus import Bucket, Bus, HostCard
+from phyagentos.fleet.bus import Bucket, Bus, HostCard, hide_token, iter_read
 from phyagentos.fleet.host import BEAT_S, BY, FleetHost
 from phyagentos.fleet.hub import LEASE_S, FleetHub
 from phyagentos.protocol.capabilities.registries import read_target_registry
@@ -108,8 +108,8 @@ def lead_fleet(root: Path, url: str, ends: Event, announce: Callable[[str], obje
         hub = stack.enter_context(contextlib.closing(FleetHub(workspace, journal, bus, clock, lease_s=lease_s)))
         edits = stack.enter_context(contextlib.closing(EditIntake(workspace, clock)))
         views = stack.enter_context(contextlib.closing(Views(workspace, journal.folder, clock, edits)))
-        announce(f"hub of {workspace.root} at {url}")
-        _run(lambda: hub.turn() | views.refresh(), bus, journal.folder, ends)
+        announce(f"hub of {workspace.root} at {hide_token(url)}")
+        take_turns(lambda: hub.turn() | views.refresh(), bus, journal.folder, ends)
 
 
 def join_fleet(
@@ -139,7 +139,7 @@ def join_fleet(
         bus = stack.enter_context(open_bus(url, f"host {lane}", served))
         host = FleetHost(workspace, journal, bus, clock, served)
         watch = stack.enter_context(start_watch(workspace, pictures=pictures).running(clock))
-        announce(f"host {lane} at {url}: {', '.join(sorted(served))}")
+        announce(f"host {lane} at {hide_token(url)}: {', '.join(sorted(served))}")
 
         def turn() -> bool:
             if not watch.is_alive():
@@ -147,11 +147,13 @@ def join_fleet(
                 raise ExecutionError("NOT_RUNNING", f"the watchdog of {workspace.root} ended: {last} Log: {watch.log}")
             return host.turn()
 
-        _run(turn, bus, journal.folder, ends)
+        take_turns(turn, bus, journal.folder, ends)
 
 
 def _choose_lane(workspace: Workspace, name: str | None) -> str:
     found = choose_partition(workspace.sessions)
+    if name is not None and (Path(name).name != name or name == ".."):
+        raise DefinitionError.of("INVALID_VALUE", "--name", name, "a name without `/`: its lane is a folder")
     if name is None or name == found or not (workspace.sessions / found).is_dir():
         return name or found
     raise DefinitionError.of("INVALID_VALUE", "--name", name, f"{found!r}, as this workspace has been called so far")
@@ -169,7 +171,7 @@ def open_bus(url: str, name: str, targets: Collection[str] | None = None) -> Ite
         bus.close()
 
 
-def _run(turn: Callable[[], bool], bus: Bus, folder: Path, ends: Event) -> None:
+def take_turns(turn: Callable[[], bool], bus: Bus, folder: Path, ends: Event) -> None:
     """Take turns: at once after news or where more waits, else a few times a second."""
     with Watch([folder]) as records:
         poll = select.poll()
@@ -192,7 +194,7 @@ def read_status(url: str) -> FleetStatus:
             HostLine(card=each, records=bus.count(each.lane), is_alive=before.get(name) != each)
             for name, each in _read_cards(bus).items()
         ]
-        return FleetStatus(server=url, hosts=tuple(lines), offers=len(bus.view(Bucket.OFFERS)))
+        return FleetStatus(server=hide_token(url), hosts=tuple(lines), offers=len(bus.view(Bucket.OFFERS)))
 
 
 def stop_fleet(url: str, *, reason: str = "", by: str = "paos fleet stop") -> FleetStop:
@@ -210,5 +212,5 @@ def stop_fleet(url: str, *, reason: str = "", by: str = "paos fleet stop") -> Fl
 
 
 def _read_cards(bus: Bus) -> dict[str, HostCard]:
-    found = [msgspec.json.decode(each, type=HostCard) for each in bus.view(Bucket.HOSTS).values()]
+    found = iter_read(bus.view(Bucket.HOSTS).values(), HostCard)
     return {each.host: each for each in sorted(found, key=lambda each: each.host)}

@@ -6,7 +6,7 @@ from contextlib import closing
 import msgspec
 import pytest
 
-from phyagentos.errors import ExecutionError
+from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.fleet.bus import Bucket, Claim, HostCard, Offer, encode_key
 from phyagentos.fleet.host import BY, FleetHost
 from phyagentos.fleet.hub import GRACE_S, LEASE_S, FleetHub
@@ -305,3 +305,25 @@ def test_a_workspace_keeps_its_name(tmp_path):
     assert _choose_lane(workspace, None) == "h1"
     with pytest.raises(Exception, match="'h1', as this workspace has been called so far"):
         _choose_lane(workspace, "h2")
+
+
+def test_what_leads_out_of_a_workspace_or_has_another_form_is_not_followed_and_ends_nothing(fleet, tmp_path):
+    card = msgspec.to_builtins(HostCard(host="h3", lane="h3", targets={"panda": ()}))
+    offer = msgspec.to_builtins(Offer(contract=make_contract(id="g.b"), number=1, revision=0, lease_s=9.0))
+    offer["contract"]["id"] = "../../g.b"
+    for bucket, values in {
+        Bucket.HOSTS: [card | {"lane": "../../h3"}, card | {"lane": ".."}, {"other": 1}],
+        Bucket.OFFERS: [offer, {"other": 1}],
+    }.items():
+        for number, value in enumerate(values):
+            fleet.server.write(bucket, f"panda.x{number}", msgspec.json.encode(value))
+    before = {*tmp_path.rglob("*3"), *tmp_path.rglob("g.b*")}
+    holder, _ = fleet.place()
+    assert {*tmp_path.rglob("*3"), *tmp_path.rglob("g.b*")} == before
+    assert holder.read_state() is not None
+
+
+@pytest.mark.parametrize("name", ["../h3", "..", "a/b"])
+def test_a_host_is_called_by_the_name_of_a_folder(tmp_path, name):
+    with pytest.raises(DefinitionError, match="INVALID_VALUE"):
+        _choose_lane(Workspace.create(tmp_path / "w", Library(())), name)
