@@ -23,7 +23,7 @@ import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -32,6 +32,7 @@ from rich.console import Console
 from rich.table import Table
 from typer import Option
 
+from benchmarks.attacked import Attacked
 from benchmarks.chaos_planes import Planes, allow_writes, fill, prepare, refuse_writes, small_disk
 from benchmarks.runner import finish, run
 from phyagentos.bench.report import Threshold
@@ -73,26 +74,12 @@ ASKED = {
 }
 
 
-@dataclass(slots=True)
-class Case:
-    """One run: what was done to whom, and what came of it."""
+@dataclass(slots=True, kw_only=True)
+class Case(Attacked):
+    """One run, in which mode, and its commands."""
 
-    number: int
-    victim: str
-    attack: str
     mode: str
-    delay_s: float
-    verdict: str = ""
-    causes: list[str] = field(default_factory=list)
-    problems: Counter[str] = field(default_factory=Counter)
-    notes: list[str] = field(default_factory=list)
-    wall_s: float = 0.0
     commands: int = 0
-
-    def blame(self, what: str, note: str) -> None:
-        """Count one broken promise."""
-        self.problems[what] += 1
-        self.notes.append(f"{what}: {note}")
 
 
 def run_case(case: Case, folder: Path, keep: Path | None, clock: Clock) -> None:
@@ -286,7 +273,15 @@ def main(
     for index, moment in enumerate(moments):
         victim, kind = cells[index % len(cells)]
         mode = modes[sum(divmod(index, len(cells))) % len(modes)]  # each cell in every mode, modes side by side
-        cases.append(Case(1000 * seed + index, victim, kind, mode, delay_s=SPREAD_S[mode] * float(moment)))
+        cases.append(
+            Case(
+                number=1000 * seed + index,
+                victim=victim,
+                attack=kind,
+                mode=mode,
+                delay_s=SPREAD_S[mode] * float(moment),
+            )
+        )
     with tempfile.TemporaryDirectory(prefix="chaos-") as scratch:
 
         def run(case: Case) -> None:

@@ -18,7 +18,7 @@ import signal
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -26,6 +26,7 @@ import numpy as np
 from rich.console import Console
 from typer import Option
 
+from benchmarks.attacked import Attacked
 from benchmarks.fleet_parts.noop import measure_noop
 from benchmarks.fleet_parts.stage import HOSTS, LEASE_S, Stage
 from benchmarks.runner import finish, run
@@ -59,27 +60,13 @@ ASKED = {
 }
 
 
-@dataclass(slots=True)
-class Case:
-    """One run: what was done to whom, for how long, and what came of it."""
+@dataclass(slots=True, kw_only=True)
+class Case(Attacked):
+    """One run, on which host, for how long [s], and how many claims were fenced."""
 
-    number: int
-    victim: str
-    attack: str
     host: str
-    delay_s: float
     lasts_s: float
-    verdict: str = "none"
-    causes: list[str] = field(default_factory=list)
-    problems: Counter[str] = field(default_factory=Counter)
-    notes: list[str] = field(default_factory=list)
     fenced: int = 0
-    wall_s: float = 0.0
-
-    def blame(self, what: str, note: str) -> None:
-        """Count one broken promise."""
-        self.problems[what] += 1
-        self.notes.append(f"{what}: {note}")
 
 
 def run_case(case: Case, stage: Stage, clock: Clock) -> None:
@@ -233,7 +220,16 @@ def make_cases(runs: int, seed: int, cut_max_s: float, only: Sequence[str] = ())
         lasts_s = float(chance.uniform(1.0, cut_max_s if kind in {CUT, LOSE} else 25.0))
         lasts_s = LEASE_S + GRACE_S + 5.0 if kind == STOP else lasts_s
         host = str(chance.choice([*HOSTS]))
-        cases.append(Case(1000 * seed + index, victim, kind, host, float(chance.uniform(0.0, SPREAD_S)), lasts_s))
+        cases.append(
+            Case(
+                number=1000 * seed + index,
+                victim=victim,
+                attack=kind,
+                host=host,
+                delay_s=float(chance.uniform(0.0, SPREAD_S)),
+                lasts_s=lasts_s,
+            )
+        )
     return cases
 
 

@@ -165,7 +165,7 @@ class Bus(Protocol):
         """Add the records behind number `after`; each counts once, however often it is sent."""
 
     def read(self, lane: str, after: int, up_to: int) -> list[Frame]:
-        """The records behind `after`, up to a number that the server has."""
+        """The records behind `after` that the server has, up to a number."""
 
     def store(self, name: str, data: bytes) -> None:
         """Keep an object, unless it is kept already."""

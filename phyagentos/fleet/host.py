@@ -68,6 +68,7 @@ class FleetHost:
         self._transfers = Transfers(bus, send_bundle)
         self._sent: set[SessionId] = set()  # bundles
         self._offers: dict[bytes, Offer] = {}
+        self._lost: set[tuple[SessionId, int]] = set()  # claims that another host took, by their revision
         for status in self._iter_placed():  # leases of an earlier process, maybe before the machine started anew
             write_lease(self._leases, status.contract.id, ENDED_S)
         bus.on_change(Bucket.STOPS, self._stop)
@@ -135,7 +136,10 @@ class FleetHost:
     def _take(self, offer: Offer) -> None:
         """Claim a session; only the holder of the claim submits it to its own watchdog, under the lease."""
         id, begun_s = offer.contract.id, self._clock.now_s()
+        if (id, offer.revision) in self._lost:
+            return
         if not self._hold(id, Claim(host=self._card.host, epoch=1, lease_s=offer.lease_s), offer.revision):
+            self._lost.add((id, offer.revision))
             return
         write_lease(self._leases, id, begun_s + offer.lease_s)
         self._journal.commit([Entry(id, "submit", dict(msgspec.to_builtins(offer.contract)))])

@@ -11,6 +11,7 @@ import os
 import threading
 from collections.abc import Awaitable, Callable, Collection, Coroutine, Mapping, Sequence
 from functools import partial
+from itertools import takewhile
 from typing import TypeVar
 
 import nats
@@ -195,8 +196,9 @@ class NatsBus:
         )
         self._js = self._client.jetstream(timeout=CALL_S)
         for bucket, keys in self._wanted.items():
+            hear = self._hear_claim if bucket is Bucket.CLAIMS else partial(self._hear, bucket)
             for key in keys:
-                await self._client.subscribe(f"$KV.paos_{bucket}.{key}", cb=partial(self._hear, bucket))
+                await self._client.subscribe(f"$KV.paos_{bucket}.{key}", cb=hear)
         await self._client.subscribe(f"{LANE}>", cb=self._hear_lane)
 
     async def _provide_stores(self) -> None:
@@ -207,10 +209,19 @@ class NatsBus:
         self._objects = await self._js.create_object_store(bucket="paos_evidence")
 
     async def _hear(self, bucket: Bucket, message: Msg) -> None:
-        self._views[bucket][message.subject.removeprefix(f"$KV.paos_{bucket}.")] = message.data
+        key = message.subject.removeprefix(f"$KV.paos_{bucket}.")
+        self._views[bucket][key] = message.data
         with contextlib.suppress(KeyError, OSError):  # what an act did not do, the next look does
             self._acts[bucket](message.data)
         self._ring()
+
+    async def _hear_claim(self, message: Msg) -> None:
+        """A claim that the server refuses is heard, too: what stands there is asked for."""
+        key = message.subject.removeprefix(f"$KV.paos_{Bucket.CLAIMS}.")
+        with contextlib.suppress(nats.errors.Error, TimeoutError):  # the next look at everything finds it
+            if (found := await self._get(Bucket.CLAIMS, key)) is not None:
+                self._views[Bucket.CLAIMS][key] = found.value
+                self._ring()
 
     async def _hear_lane(self, message: Msg) -> None:
         lane, _, seq = (message.headers or {}).get("Nats-Msg-Id", "").rpartition(".")
@@ -282,11 +293,15 @@ class NatsBus:
     async def _read(self, lane: str, after: int, up_to: int) -> list[Frame]:
         stream = await self._provide(lane)
 
-        async def load(seq: int) -> Frame:
-            message = await self._js.get_msg(stream, seq=seq, direct=True)
+        async def load(seq: int) -> Frame | None:
+            try:
+                message = await self._js.get_msg(stream, seq=seq, direct=True)
+            except nats.js.errors.NotFoundError:  # it was heard, and refused
+                return None
             return Frame((message.headers or {}).get(SEGMENT, ""), message.data or b"")
 
-        return await _gather(range(after + 1, up_to + 1), load)
+        found = takewhile(bool, await _gather(range(after + 1, up_to + 1), load))
+        return [frame for frame in found if frame is not None]
 
     async def _store(self, name: str, data: bytes) -> None:
         try:

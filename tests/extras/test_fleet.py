@@ -153,3 +153,13 @@ def test_sessions_go_to_a_host_and_come_back_with_their_evidence(tmp_path):
     assert all(map(math.isfinite, sum_up(records, 6)))
     bundles = list((tmp_path / "hub" / "evidence").glob("noop.*/execution.json"))
     assert len(bundles) == 6
+
+
+def test_a_claim_that_was_refused_is_not_what_the_hub_sees(server, bus):
+    with open_bus(server.url, "host", ()) as host:
+        host.wait(20.0)
+        assert bus.swap(Bucket.CLAIMS, "a", b"first", 0)
+        for _ in range(3):
+            assert host.swap(Bucket.CLAIMS, "a", b"second", 0) is None
+        CLOCK.sleep(1.0)
+        assert bus.view(Bucket.CLAIMS)["a"] == b"first"

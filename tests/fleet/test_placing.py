@@ -327,3 +327,12 @@ def test_what_leads_out_of_a_workspace_or_has_another_form_is_not_followed_and_e
 def test_a_host_is_called_by_the_name_of_a_folder(tmp_path, name):
     with pytest.raises(DefinitionError, match="INVALID_VALUE"):
         _choose_lane(Workspace.create(tmp_path / "w", Library(())), name)
+
+
+def test_a_host_that_lost_a_claim_does_not_try_it_again(fleet, monkeypatch):
+    _, other = fleet.place()
+    tried = []
+    swap = other.bus.swap
+    monkeypatch.setattr(other.bus, "swap", lambda *call: tried.append(call) or swap(*call))
+    fleet.turn(seconds=1.0)
+    assert tried == []
