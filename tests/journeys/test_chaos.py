@@ -67,7 +67,7 @@ def check_bundles(planes, cubes) -> None:
     assert planes.stop() == []
     goal, sessions = planes.read_goal()
     assert goal.verdict == "success"
-    case = chaos.Case(1, "", "", "lockstep", 0.0)
+    case = chaos.Case(number=1, victim="", attack="", mode="lockstep", delay_s=0.0)
     chaos.judge(case, goal, sessions)
     chaos.judge_world(case, planes.root, sessions, cubes)
     chaos.judge_log(case, planes.root)
