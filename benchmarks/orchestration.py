@@ -35,7 +35,7 @@ HERE = Path(__file__).resolve().parent
 SHAPES = ("layered", "chain")
 STEP_M = 0.02  # by which one session moves the mark
 # how many times their rate is asked; of DBOS and LangGraph 65 % of what checks ahead of their turn had reached
-PEERS = {"prefect": 10.0, "dagster": 10.0, "luigi": 5.0, "dbos": 0.46, "langgraph": 0.73}
+PEERS = {"prefect": 10.0, "dagster": 10.0, "luigi": 5.0, "dbos": 0.46, "langgraph": 0.73, "temporal": 1.0}
 COMPARED = {"langgraph": ("chain",)}  # elsewhere both shapes; its layered form waits for the disk once a layer
 SLOW = frozenset({"prefect", "dagster"})  # run once; the others as often as we
 PEER_LIMIT_S = 900.0

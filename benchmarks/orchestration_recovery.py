@@ -30,7 +30,7 @@ from phyagentos.bench.report import Spread, Threshold
 from phyagentos.clock import SystemClock
 
 HERE = Path(__file__).resolve().parent
-PEERS = ("dbos", "langgraph", "luigi", "prefect")
+PEERS = ("dbos", "langgraph", "luigi", "prefect", "temporal")
 GOAL, LIMIT_S, LOOK_S = "chain", 300.0, 0.001
 
 
