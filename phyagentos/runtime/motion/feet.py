@@ -1,10 +1,12 @@
 """What bears an object, and what is beside it, by points of boxes as seen from above."""
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from phyagentos.geometry import as_pose
 from phyagentos.protocol.world.environment import Entity
@@ -23,13 +25,13 @@ def bears(floor: Sequence[Box], point_m: Array, feet_m: Array, reach_m: float) -
 
     Under its feet (n, 3) alone, where it stands on such; everything bears where the floor is not known.
     """
-    near = TIPPED_M * WAYS[::4]
     is_whole = not len(feet_m)
-    if not floor or (is_whole and any(all(is_beside(box, point_m + off, 0.0) for off in near) for box in floor)):
+    near = point_m + TIPPED_M * WAYS[::4]
+    if not floor or (is_whole and any(are_beside(box, near).all() for box in floor)):
         return True
     around = np.concatenate([share * reach_m * WAYS for share in (0.3, 0.55, 0.8)]) if is_whole else feet_m
-    borne = [off for off in around if any(is_beside(box, point_m + off, 0.0) for box in floor)]
-    return bool(borne) and _surround(np.array(borne))
+    borne = np.any([are_beside(box, point_m + around) for box in floor], axis=0)
+    return bool(borne.any()) and _surround(around[borne])
 
 
 def _surround(points_m: Array) -> bool:
@@ -42,6 +44,12 @@ def list_feet(held: Entity, turned: Array, middle_m: Array) -> Array:
 
     None if a foot is there, or if it does not stand on them: what is laid on an edge comes to lie on more.
     """
+    return _list_feet(held, turned.tobytes(), middle_m.tobytes())
+
+
+@lru_cache(maxsize=256)  # every site of a search asks again
+def _list_feet(held: Entity, attitude: bytes, middle: bytes) -> Array:
+    turned, middle_m = np.frombuffer(attitude).reshape(3, 3), np.frombuffer(middle)
     boxes = compute_shape_boxes(replace(held, pose=as_pose(turned, -turned @ middle_m)))
     feet = [box for box in boxes if box.bottom_m <= min(each.bottom_m for each in boxes) + LEVEL_BAND_M]
     if any(is_beside(box, np.zeros(3), 0.0) for box in feet):
@@ -72,4 +80,13 @@ def stand_among(boxes: Sequence[Box]) -> Callable[[Array, float], bool]:
 
 def is_beside(box: Box, point_m: Array, band_m: float) -> bool:
     """Whether a vertical line through a point (3,) passes a box as near as that."""
-    return box.compute_distance(np.array((point_m[0], point_m[1], box.pose[2, 3]))) <= band_m
+    return bool(are_beside(box, point_m[None], band_m)[0])
+
+
+def are_beside(box: Box, points_m: Array, band_m: float = 0.0) -> NDArray[np.bool_]:
+    """Of each point (n, 3), whether a vertical line through it passes a box as near as that."""
+    away = points_m - box.pose[:3, 3]
+    away[:, 2] = 0.0
+    outside = np.maximum(np.abs(away @ box.pose[:3, :3]) - box.half_m, 0.0)
+    near: NDArray[np.bool_] = (outside * outside).sum(axis=1) <= band_m * band_m
+    return near

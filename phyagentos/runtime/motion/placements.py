@@ -146,18 +146,12 @@ class _Search:
             job=job,
         )
         turned = {degrees: cache(partial(_turn, degrees, placing, self.tilt)) for degrees in attitudes}
-        found, avoided = list[Approach](), set(request.avoid)
+        found = list[Approach]()
         for fall_m, sites, release_m in product(_list_falls(placing), filter(None, groups), self.releases_m):
             ways = (
-                [
-                    way
-                    for way in _ways_to(site, turned, placing, release_m, fall_m)
-                    if not {way.label, site.name} & avoided
-                ]
-                for site in sites
-                if not (site.is_tight and fall_m)
+                _ways_to(site, turned, placing, release_m, fall_m) for site in sites if not (site.is_tight and fall_m)
             )
-            for batch in _iter_single(ways) if request.count == 1 else ways:
+            for batch in _iter_single(ways) if request.count == 1 else map(list, ways):
                 found += search(batch, count=request.count - len(found))
                 if len(found) >= request.count:
                     break
@@ -167,7 +161,7 @@ class _Search:
         return found
 
 
-def _iter_single(ways: Iterator[list[ApproachCandidate]]) -> Iterator[list[ApproachCandidate]]:
+def _iter_single(ways: Iterator[Iterator[ApproachCandidate]]) -> Iterator[list[ApproachCandidate]]:
     """Each way alone, where any will do: one yaw of some sites after the other, since all fail where walls are near."""
     while some := list(islice(ways, SITES_IN_TURN)):
         yield from ([way] for turn in zip_longest(*some) for way in turn if way is not None)
@@ -212,13 +206,19 @@ def _ways_to(
     release_m: float,
     fall_m: float,
 ) -> Iterator[ApproachCandidate]:
+    """The ways to a site that are not to be avoided, by yaw; each is posed when it is asked for."""
     request, above_m = placing.request, site.point_m + np.array((0.0, 0.0, DROP_M + fall_m))
+    if site.name in request.avoid:
+        return
     tolerate = frozenset((PAYLOAD, name) for name in placing.space.supports) if not fall_m else frozenset()
     fall = f".fall+{round(1e3 * fall_m):03d}" if fall_m else ""
     for degrees in turned if site.yaws is None else site.yaws:
+        label = str(SiteLabel(site.name, f"yaw+{degrees:03d}{fall}"))
+        if label in request.avoid:
+            continue
         entity, tool, back = turned[degrees]()
         yield ApproachCandidate(
-            label=str(SiteLabel(site.name, f"yaw+{degrees:03d}{fall}")),
+            label=label,
             end=move_pose(tool, above_m),
             hover_m=request.hover_m,
             openings_m=(min(request.payload.width_m, release_m), release_m),

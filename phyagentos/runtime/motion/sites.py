@@ -16,7 +16,7 @@ from phyagentos.geometry import compute_matrix, make_matrix, turn
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.world.entity_geometry import compute_centroid, compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity
-from phyagentos.runtime.motion.feet import LEVEL_BAND_M, TIPPED_M, bears, is_beside, list_feet, stand_among
+from phyagentos.runtime.motion.feet import LEVEL_BAND_M, TIPPED_M, are_beside, bears, is_beside, list_feet, stand_among
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.poses import move_pose
 from phyagentos.runtime.motion.requests import Array, FindPlacements
@@ -414,8 +414,8 @@ def _measure_hollow(space: Space, entity: Entity) -> float:
     boxes, depths_m = compute_shape_boxes(entity), []
     for way in (sign * space.rotation[:, axis] for axis in (0, 1) for sign in (-1.0, 1.0)):
         reach_m = compute_reach(entity, tuple(way.tolist()))
-        points = [space.center_m + away_m * way for away_m in np.arange(0.0, reach_m, HOLLOW_STEP_M)]
-        depths_m.append(_climb(space, [box for box in boxes if any(is_beside(box, each, 0.0) for each in points)]))
+        points = space.center_m + np.outer(np.arange(0.0, reach_m, HOLLOW_STEP_M), way)
+        depths_m.append(_climb(space, [box for box in boxes if are_beside(box, points).any()]))
     return min(depths_m)
 
 
@@ -428,9 +428,9 @@ def _measure_depth(space: Space, box: Box, entities: Sequence[Entity], beyond: f
     solids = [each for entity in entities for each in compute_shape_boxes(entity)]
     for axis, sign in product((0, 1), (-1.0, 1.0)):
         way, half_m = sign * space.rotation[:, axis], space.half_m[axis]
-        sides = [space.center_m + away_m * way for away_m in np.arange(half_m, half_m * (1.0 + beyond), HOLLOW_STEP_M)]
+        sides = space.center_m + np.outer(np.arange(half_m, half_m * (1.0 + beyond), HOLLOW_STEP_M), way)
         at_m = space.center_m + half_m * way
-        walls = [w for w in solids if is_beside(w, at_m, WALL_BAND_M) or any(is_beside(w, each, 0.0) for each in sides)]
+        walls = [each for each in solids if is_beside(each, at_m, WALL_BAND_M) or are_beside(each, sides).any()]
         lowest = min(lowest, _climb(space, walls))
     return lowest
 
