@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 _ARRAYS = (evidence.INITIAL, evidence.TERMINAL, evidence.TRAJECTORY)
 _TEXTS = (evidence.SCENE_XML, evidence.TRACE, evidence.HOLDS, evidence.EXECUTION)
-_OWN = tuple(name.replace(".npz", ".snapshot") for name in (evidence.INITIAL, evidence.TERMINAL))
-"""Snapshots in a format that only the driver reads."""
 
 
 class Rerun(msgspec.Struct, frozen=True, kw_only=True):
@@ -74,7 +72,7 @@ def rerun(root: Path, name: str) -> Rerun:
 
 def _find_start(folder: Path, profile: TargetProfile | None) -> Path:
     """The recorded start; a driver without snapshots, or without a promise of the same bits, leaves none to compare."""
-    start, own = folder / evidence.INITIAL, folder / _OWN[0]
+    start, own = folder / evidence.INITIAL, folder / evidence.OWN_SNAPSHOTS[evidence.INITIAL]
     if not start.is_file():
         if own.is_file() and profile is not None and profile.deterministic:
             return own
@@ -126,8 +124,10 @@ def find_differences(recorded: Path, repeated: Path) -> list[str]:
     What depends on the wall clock (timings, pictures, fingerprints) is left out on purpose. A file that a clean-up
     removed from the recorded bundle is compared by its hash.
     """
-    is_own = (recorded / _OWN[0]).exists()
-    arrays, texts = ((evidence.TRAJECTORY,), (*_OWN, *_TEXTS[1:])) if is_own else (_ARRAYS, _TEXTS)
+    is_own = (recorded / evidence.OWN_SNAPSHOTS[evidence.INITIAL]).exists()
+    arrays, texts = (
+        ((evidence.TRAJECTORY,), (*evidence.OWN_SNAPSHOTS.values(), *_TEXTS[1:])) if is_own else (_ARRAYS, _TEXTS)
+    )
     differences = [f"{name}: missing" for name in (*arrays, *texts) if not (repeated / name).exists()]
     if differences:
         return differences

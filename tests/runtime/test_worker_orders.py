@@ -10,7 +10,7 @@ import pytest
 from phyagentos.clock import SystemClock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.sessions.evidence import BEFORE
+from phyagentos.protocol.sessions.evidence import AFTER, BEFORE
 from phyagentos.protocol.sessions.evidence_manifest import check_bundle
 from phyagentos.protocol.sessions.heartbeats import find_heartbeat
 from phyagentos.protocol.sessions.session import Ended, Execution
@@ -71,8 +71,8 @@ class Steps:
     def enter(self, scene) -> None:
         pass
 
-    def load(self, scene, **_) -> None:
-        self.time_s = 7.0
+    def load(self, scene, snapshot=b"", **_) -> None:
+        self.time_s = float(snapshot) if snapshot else self.time_s or 7.0
 
     def observe(self, *_):
         if self.time_s is None:
@@ -90,14 +90,14 @@ class Steps:
 class Place:
     """A worker in a thread, and the watchdog's end of its channel."""
 
-    def __init__(self, root) -> None:
+    def __init__(self, root, world="") -> None:
         self.steps = Steps()
         self.ours, theirs = Pipe()
         self.root = root
         workspace = Workspace.create(root, Library(()))
         self.loop = WorkerLoop(
             control=Link(theirs, spin_s=0.0),
-            target=Embodiment(handle=self.steps, world=self.steps, profile=None, limits=None),
+            target=Embodiment(handle=self.steps, world=self.steps, profile=SimpleNamespace(world=world), limits=None),
             examiner=self.steps,
             runner=self.steps,
             heartbeat=HeartbeatWriter(workspace.heartbeats, "panda", SystemClock()),
@@ -188,6 +188,12 @@ def test_a_watchdog_that_goes_right_after_a_session_leaves_its_bundle_sealed(pla
     assert check_bundle(bundle) == []
 
 
+def write_belief(path, time_s) -> None:
+    cube = Entity(name="cube", kind="cube", pose=Pose())
+    world = Environment(time_s=time_s, scene="s", episode="e", revision=1, sensing="perceived", entities={"cube": cube})
+    path.write_bytes(msgspec.json.encode(world))
+
+
 @pytest.mark.parametrize(
     ("left", "told"),
     [
@@ -203,11 +209,49 @@ def test_a_new_worker_looks_at_what_a_lost_one_left_and_remembers_what_that_one_
     if left == "torn":
         (bundle / BEFORE).write_text('{"time_s": 6.5, "sce')
     elif left is not None:
-        cube = Entity(name="cube", kind="cube", pose=Pose())
-        world = Environment(
-            time_s=left, scene="s", episode="e", revision=1, sensing="perceived", entities={"cube": cube}
-        )
-        (bundle / BEFORE).write_bytes(msgspec.json.encode(world))
+        write_belief(bundle / BEFORE, left)
     place.ask(Reconcile(session=make_session("g.a"), epoch=2, evidence="evidence/g.a", reason="it was lost"))
     assert isinstance(place.hear(), Finished)
     assert place.steps.told == told
+
+
+def leave(place, id, **states) -> None:
+    """A bundle of a session with snapshots of a world; what stands in them is its time."""
+    bundle = place.root / "evidence" / id
+    bundle.mkdir(parents=True)
+    for name, time_s in states.items():
+        write_belief(bundle / {"initial": BEFORE, "terminal": AFTER}[name], time_s)
+        (bundle / f"{name}.npz").write_text(str(time_s))
+
+
+def test_a_world_that_began_anew_stands_again_where_its_latest_session_left_it(place):
+    scene = make_session("g.b").scene
+    leave(place, f"{scene.episode}.a", initial=8.0, terminal=9.5)
+    leave(place, f"{scene.episode}.b", initial=9.6)
+    place.ask(Reconcile(session=make_session("g.b"), epoch=2, evidence=f"evidence/{scene.episode}.b", reason="lost"))
+    place.hear()
+    assert place.steps.time_s == 9.6
+    assert place.steps.told == ["believe ['cube']", "look g.b"], "what was known then is known of it again"
+
+
+def test_between_two_sessions_a_world_that_began_anew_stands_where_the_last_one_ended(place):
+    leave(place, f"{make_session('g.a').scene.episode}.a", initial=8.0, terminal=9.5)
+    place.ask(check("g.b"))
+    place.hear()
+    assert place.steps.time_s == 9.5
+
+
+def test_a_world_that_lives_on_is_left_as_it_stands(place):
+    leave(place, f"{make_session('g.a').scene.episode}.a", initial=5.0, terminal=6.5)
+    place.ask(check("g.b"))
+    place.hear()
+    assert place.steps.time_s == 7.0
+
+
+def test_a_world_of_several_robots_is_left_to_those_that_may_be_at_work_in_it(tmp_path):
+    place = Place(tmp_path / "w", world="hall")
+    leave(place, f"{make_session('g.a').scene.episode}.a", initial=8.0, terminal=9.5)
+    place.ask(check("g.b"))
+    place.hear()
+    assert place.steps.time_s is None, "the check itself loads it"
+    place.close()

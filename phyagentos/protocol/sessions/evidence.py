@@ -27,6 +27,7 @@ SCENE_MODEL = "scene.mjb"  # compiled model, loadable by MuJoCo alone
 SCENE_XML = "scene.xml"  # the same, readable
 INITIAL = "initial.npz"  # state (mjSTATE_INTEGRATION), time, qpos, qvel, act
 TERMINAL = "terminal.npz"
+OWN_SNAPSHOTS = {name: name.replace(".npz", ".snapshot") for name in (INITIAL, TERMINAL)}  # what only a driver reads
 BEFORE = "environment_before.json"  # Environment
 AFTER = "environment_after.json"
 TRACE = "trace.jsonl"  # one TraceEvent per change of a node of the tree; grows while the session runs

@@ -186,7 +186,7 @@ class Pace:
     def compute_lag_s(self) -> float:
         """Wall time minus simulated time [s]; 0 while there is no world, and after time was lost."""
         lag_s = self._clock.now_s() - self._target.time_s - self._offset_s
-        if not lag_s < BEHIND_MAX_S:  # also: a scene was loaded, which begins at 0; or there is none
+        if not abs(lag_s) < BEHIND_MAX_S:  # also: a scene was loaded, at 0 or as a session left it; or there is none
             self._offset_s = self._clock.now_s() - self._target.time_s
             return 0.0
         return lag_s

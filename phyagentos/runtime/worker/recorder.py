@@ -92,7 +92,7 @@ class Recorder:
         is_start = role is LookRole.START
         if (snapshot := observation.snapshot) is not None:
             name = evidence.INITIAL if is_start else evidence.TERMINAL
-            self._write(name if snapshot.media_type == NPZ else name.replace(".npz", ".snapshot"), snapshot.data)
+            self._write(name if snapshot.media_type == NPZ else evidence.OWN_SNAPSHOTS[name], snapshot.data)
         self._write(evidence.BEFORE if is_start else evidence.AFTER, encode_json(environment))
 
     def write_looks(self, looks: Iterable[tuple[LookRole, Look]], samples: Mapping[SampleKey, HoldSample]) -> None:

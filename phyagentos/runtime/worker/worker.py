@@ -14,12 +14,10 @@ from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 from phyagentos.protocol.documents.markdown import publish
 from phyagentos.protocol.documents.plain_data import Fields
-from phyagentos.protocol.sessions.evidence import BEFORE
 from phyagentos.protocol.sessions.evidence_manifest import Sealer
 from phyagentos.protocol.sessions.looks import LookRole, read_looks
 from phyagentos.protocol.sessions.session import Ended, Execution, Scene
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.protocol.world.environment import Environment
 from phyagentos.runtime.actions.handle import CommandRefused
 from phyagentos.runtime.channel import Channel
 from phyagentos.runtime.execution.loop import LEASE_LOST, EndRequest
@@ -33,6 +31,7 @@ from phyagentos.runtime.worker import orders
 from phyagentos.runtime.worker.embodiment import Embodiment
 from phyagentos.runtime.worker.heartbeat import HeartbeatWriter
 from phyagentos.runtime.worker.recorder import read_execution
+from phyagentos.runtime.worker.resumption import find_left, read_belief
 from phyagentos.runtime.worker.runner import SessionRunner
 from phyagentos.store.views.environment import render_environment
 
@@ -57,6 +56,7 @@ class WorkerLoop:
     ) -> None:
         self._control, self._gate = control, gate
         self._handle, self._world = target.handle, target.world
+        self._shares_world = target.profile.world != ""
         self._handle.link.is_ending = self._is_ending
         self._handle.is_pausing = lambda: self._is_paused
         self._handle.on_frames = lambda: heartbeat.repeat("looking")
@@ -143,11 +143,13 @@ class WorkerLoop:
     def _check(self, order: orders.Check) -> orders.Checked:
         session = order.session
         self._granted, self._stop, self._leader, self._is_paused = {}, None, None, False
-        is_new = session.scene.episode != self._episode
+        is_first, is_new = not self._episode, session.scene.episode != self._episode
         self._episode = session.scene.episode
         self._heartbeat.beat(phase="loading", session=session.id, epoch=order.epoch, at_once=is_new)
-        if order.restore and (belief := _read_belief(Path(order.restore).parent)):
+        if order.restore and (belief := read_belief(Path(order.restore).parent)):
             self._world.restore(belief, _read_looks(Path(order.restore).parent))
+        elif is_first and not order.restore:
+            self._resume(session.scene, may_reset=order.may_reset)
         found = self._examiner.examine(
             session,
             snapshot=Path(order.restore).read_bytes() if order.restore else b"",
@@ -238,7 +240,9 @@ class WorkerLoop:
         self._stop = EndRequest(order.ended)
         try:
             self._handle.load(order.session.scene)
+            anew = self._resume(order.session.scene)
             self._remember(order)
+            order = msgspec.structs.replace(order, reason="; ".join(filter(None, (order.reason, anew))))
             return orders.Finished(session=order.session.id, execution=self._observe(order))
         except ExecutionError as error:
             reason = order.reason if str(error) in order.reason else f"{order.reason}; {error}"
@@ -246,11 +250,24 @@ class WorkerLoop:
             lost = msgspec.structs.replace(known, ended=Ended.TARGET_LOST, code=error.code, message=reason)
             return orders.Finished(session=order.session.id, execution=lost, is_target_lost=True)
 
+    def _resume(self, scene: Scene, *, may_reset: bool = True) -> str:
+        """Put a world that began anew where its latest session left it; says so, or nothing.
+
+        One of several targets is left alone: another of them may be at work in it.
+        """
+        left = None if self._shares_world else find_left(self._workspace.evidence, scene.episode)
+        with contextlib.suppress(ExecutionError, OSError):  # a target that cannot be put anywhere, as a real one
+            if left is not None:
+                self._handle.load(scene, may_reset=may_reset)
+                if self._handle.observe().time_s < left.time_s:
+                    self._handle.load(scene, left.snapshot.read_bytes())
+                    return f"its world began anew, and stands again as it did at {left.time_s:.2f} s"
+        return ""
+
     def _remember(self, order: orders.Reconcile) -> None:
         """Restore the belief at the start of the session: it holds what the arm hides now."""
-        belief, folder = None, self._workspace.root / order.evidence
-        with contextlib.suppress(msgspec.DecodeError, OSError):  # a bundle that its writer could not finish
-            belief = _read_belief(folder)
+        folder = self._workspace.root / order.evidence
+        belief = read_belief(folder)
         if belief is not None and belief.time_s <= self._handle.observe().time_s:  # else that world is gone
             self._world.restore(belief, _read_looks(folder))
 
@@ -263,12 +280,6 @@ class WorkerLoop:
             if refused.code != "STALE_TOKEN" or number + 1 == len(order.tokens):
                 raise
             return self._observe(order, number + 1)
-
-
-def _read_belief(folder: Path) -> Environment | None:
-    """The belief at the start of a session, from its bundle."""
-    path = folder / BEFORE
-    return msgspec.json.decode(path.read_bytes(), type=Environment) if path.is_file() else None
 
 
 def _read_looks(folder: Path) -> list[Look]:

@@ -111,6 +111,15 @@ def test_time_stands_only_where_the_world_is_not_ahead_already():
         assert pace.compute_lag_s() == before_s
 
 
+@pytest.mark.parametrize("time_s", [0.0, 42.0])
+def test_a_world_that_begins_at_another_time_than_the_one_before_it_goes_on_at_once(time_s):
+    arm, clock = Arm(), ManualClock()
+    arm.time_s = 12.0
+    pace = Pace(arm, clock)
+    arm.time_s = time_s
+    assert pace.compute_lag_s() == 0.0
+
+
 def test_a_world_that_is_far_ahead_looks_for_stops_in_every_period_all_the_same():
     arm, clock, waits = Arm(), ManualClock(), []
 
