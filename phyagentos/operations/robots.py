@@ -19,6 +19,7 @@ from phyagentos.scratch import open_scratch
 
 NEAR_M, FAR_M = 0.36, (0.66, 0.40)  # of what shipped scenes hold, the nearest, and the farthest along x and y
 LEAST, STEP, SPARE = 0.5, 0.05, 0.2  # how small scenes become, by which steps; of a band, what is left free before it
+SPARE_BEYOND = 0.05  # and at its end, where what is held is set down with more of the arm than it was taken
 CUBE_M = 0.04  # of shipped scenes
 HAND = "menagerie:robotiq_2f85/2f85.xml"
 
@@ -208,7 +209,8 @@ def _list_entries(near_m: float, far_m: float) -> dict[str, str]:
     scale = 1.0
     while True:  # trays become as small as what stands fixed, and hands do not: the largest scale that fits
         x, y = scale * FAR_M[0], scale * FAR_M[1]
-        nearer_m = min(math.sqrt(max(far_m**2 - y**2, 0.0)) - x, 0.0)
+        reach_m = far_m - SPARE_BEYOND * (far_m - near_m)
+        nearer_m = min(math.sqrt(max(reach_m**2 - y**2, 0.0)) - x, 0.0)
         if scale <= LEAST or nearer_m == 0.0 or scale * NEAR_M + nearer_m >= near_m + SPARE * (far_m - near_m):
             break
         scale -= STEP

@@ -204,8 +204,8 @@ def test_a_hand_too_small_for_the_cubes_of_the_shipped_scenes_is_said_before_a_r
 
 @pytest.mark.parametrize(
     ("band_m", "placement"),
-    [((0.1, 0.8), None), ((0.3, 1.0), None), ((0.1, 0.56), "{scale: 0.80, move_m: [-0.068, 0, 0]}"),
-     ((0.11, 0.34), "{scale: 0.50, move_m: [-0.055, 0, 0]}")],
+    [((0.1, 0.85), None), ((0.3, 1.0), None), ((0.1, 0.56), "{scale: 0.75, move_m: [-0.050, 0, 0]}"),
+     ((0.11, 0.34), "{scale: 0.50, move_m: [-0.069, 0, 0]}")],
 )  # fmt: skip
 def test_scenes_come_nearer_before_they_become_smaller_than_hands(band_m, placement):
     assert robots._list_entries(*band_m).get("placement") == placement

@@ -12,7 +12,7 @@ import yaml
 
 from phyagentos.errors import DefinitionError, Problem, format_names
 from phyagentos.protocol.capabilities.library import Library
-from phyagentos.protocol.capabilities.targets import FINGERTIP_CLEAR_M
+from phyagentos.protocol.capabilities.targets import FINGERTIP_CLEAR_M, Gripper
 from phyagentos.protocol.world.environment import Pose
 from phyagentos.runtime.models.compiling import compile_model
 from phyagentos.runtime.models.hand_drafting import (
@@ -164,7 +164,7 @@ class ProfileDraft:
             ", gripper_width",
             GUESSED_LOAD_KG,
             tool,
-            _list_gripper(hand, self.width_m, self.depth_m, self._find_grip(hand)),
+            _list_gripper(hand, self.width_m, self.depth_m, self._find_grip(hand), self._measure_inertia(hand)),
         )
 
     def _find_force(self, joint: str) -> float:
@@ -174,15 +174,23 @@ class ProfileDraft:
 
     def _find_grip(self, hand: HandDraft) -> float:
         """Of the drive [N]: a guess, no more than any of its joints has; and what the dry friction of all takes."""
-        model, top = self.compiled, int(self.compiled.jnt_bodyid[self.chain[-1]])
         forces = [self._find_force(name) / abs(share) for name, share in zip(hand.joints, hand.travel, strict=True)]
-        moved = [
-            float(model.dof_frictionloss[model.jnt_dofadr[k]])
+        friction = self.compiled.dof_frictionloss[self._find_moved(hand)]
+        return min([GUESSED_GRIP_N, *filter(None, forces)]) + float(friction.sum()) / sum(map(abs, hand.travel))
+
+    def _measure_inertia(self, hand: HandDraft) -> float:
+        """Of the fingers and what moves with them, against the drive [kg]."""
+        return float(self.compiled.dof_M0[self._find_moved(hand)].sum()) / sum(map(abs, hand.travel)) ** 2
+
+    def _find_moved(self, hand: HandDraft) -> list[int]:
+        """Degrees of freedom that move as the hand closes."""
+        model, top = self.compiled, int(self.compiled.jnt_bodyid[self.chain[-1]])
+        return [
+            int(model.jnt_dofadr[k])
             for k in range(model.njnt)
             if k not in self.chain and is_below(model, int(model.jnt_bodyid[k]), top)
             and model.joint(k).name not in hand.still
         ]  # fmt: skip
-        return min([GUESSED_GRIP_N, *filter(None, forces)]) + sum(moved) / sum(map(abs, hand.travel))
 
 
 def _list_mount(mount: Pose) -> list[str]:
@@ -194,8 +202,10 @@ def _list_mount(mount: Pose) -> list[str]:
     ]
 
 
-def _list_gripper(hand: HandDraft, width_m: float, depth_m: float, force_n: float) -> list[str]:
+def _list_gripper(hand: HandDraft, width_m: float, depth_m: float, force_n: float, inertia_kg: float) -> list[str]:
     stiffness_n_m = max(GUESSED_GRIP_N, force_n) / SQUEEZE_M
+    speed_m_s = np.sqrt(GUESSED_GRIP_N * SQUEEZE_M / inertia_kg)  # as they start, they lag half as far as in a grip
+    is_slow = speed_m_s < Gripper.model_fields["speed_m_s"].default
     pads = [
         f"    - {{name: pad_{index}, body: {_quote(body)}, {_place(pose)}, half_m: {_show(PAD_M)}}}"
         for index, (body, pose) in enumerate(hand.pads)
@@ -212,6 +222,11 @@ def _list_gripper(hand: HandDraft, width_m: float, depth_m: float, force_n: floa
         f"  stiffness_n_m: {stiffness_n_m:.4g}",
         f"  damping_ns_m: {GRIP_DAMPING_S * stiffness_n_m:.4g}",
         f"  force_n: {force_n:.3g}   # check: its data sheet",
+        *(
+            [f"  speed_m_s: {speed_m_s:.2g}   # check: its data sheet; the model's joints are as heavy"]
+            if is_slow
+            else []
+        ),
         f"  palm_depth_m: {depth_m:.3g}   # beyond it something else than the pads would touch",
         f"  palm_height_m: {max(hand.palm_m + hand.tip_m, 0.01):.3g}",
         f"  fingertip_m: {hand.tip_m + FINGERTIP_CLEAR_M:.3g}",

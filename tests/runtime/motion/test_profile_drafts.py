@@ -12,6 +12,7 @@ from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.settings.safety import read_safety
+from phyagentos.runtime.drivers.mujoco.world import MujocoDriver, SimulatedWorld
 from phyagentos.runtime.models.drafting import draft_profile, find_carried
 from phyagentos.runtime.models.hand import measure_hand
 from phyagentos.runtime.models.hand_drafting import find_flange
@@ -19,6 +20,7 @@ from phyagentos.runtime.models.robot import read_profile
 from phyagentos.runtime.models.sources import find_model
 from phyagentos.runtime.motion.draft_settling import settle_draft
 from phyagentos.runtime.motion.profile_checks import check_profile
+from phyagentos.runtime.targets import wire
 from tests.models_here import read_profile_here
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01"/></inertial>'
@@ -99,6 +101,29 @@ def test_the_drive_of_a_hand_has_the_force_that_the_friction_of_its_joints_takes
     assert profile.gripper.force_n == pytest.approx(50.0)
     assert profile.gripper.stiffness_n_m == pytest.approx(5000.0)
     assert measure_hand(profile, tmp_path / "robots" / "mine").widths_m[0] < 0.02
+    assert profile.gripper.speed_m_s == 0.1
+
+
+def test_what_the_friction_of_a_hand_takes_holds_its_fingers_back_no_more_than_it_is_a_grip(tmp_path):
+    profile, _, _ = draft(tmp_path, build_arm() + build_jaws().replace("</joint>", '<dynamics friction="30"/></joint>'))
+    driver = MujocoDriver(SimulatedWorld(Library.open()), profile, tmp_path / "robots" / "mine")
+    driver.load(wire.LoadScene(scene="hand/stand", seed=1, episode="e"))
+    physics, home = driver.physics, np.array(profile.arm.home_rad)
+    for width_m in np.linspace(profile.gripper.max_width_m, 0.03, 500).tolist():
+        physics.actuation.set_servos(home, np.zeros(6), width_m)
+        physics.step()
+    for _ in range(100):
+        physics.actuation.set_servos(home, np.zeros(6), 0.03)
+        physics.step()
+    assert physics.state.gripper_width_m == pytest.approx(0.03, abs=0.001)
+    assert physics.actuation.measure_grip() == 0.0
+
+
+def test_fingers_as_heavy_as_an_arm_close_as_fast_as_their_grip_moves_them(tmp_path):
+    heavy = build_jaws().replace('<mass value="1"/>', '<mass value="200"/>')
+    profile, settled, _ = draft(tmp_path, build_arm() + heavy)
+    assert profile.gripper.speed_m_s == pytest.approx(np.sqrt(20.0 * 0.01 / 100.0), rel=0.05)
+    assert "speed_m_s: 0.045   # check" in settled.render()
 
 
 @pytest.mark.parametrize(("low", "high", "side"), [(-1.6, 0.0, 1), (0.0, 1.6, -1), (-3.14, 3.14, 1)])

@@ -10,6 +10,7 @@ from phyagentos.runtime.models.robot import GRIPPER_ACTUATOR, name_actuator
 RIGID = 0.9999  # constraint impedance of what must not give way
 FREE = 6  # degrees of freedom of a body that nothing holds
 CLOSING_M_S = 0.05  # fingers that move faster press on nothing that stays
+FULL_LEAD_M = 0.001  # behind their set-point by so much, fingers get all that overcomes their friction
 FORCE_UNIT_N = 1.0  # of the grip force that follows from the motor's current; its scale error is not simulated
 
 
@@ -35,6 +36,7 @@ class Actuation:
         drives = [model.actuator(prefix + GRIPPER_ACTUATOR).id] if profile.gripper.joints else []
         self.servos, self.inputs = as_slice(servos), as_slice([*servos, *drives])
         self._drive = np.array(drives, dtype=np.intp)  # empty without a gripper
+        self._hand_friction_n = state.measure_hand_friction()
         self.lead_s = np.array(profile.arm.damping_nms_rad[own]) / np.array(profile.arm.stiffness_nm_rad[own])
         self.pads = [model.geom(prefix + name).id for name in profile.gripper.pads]
         gripping = model.geom_priority > model.geom_priority[self.pads].max(initial=0)  # whose own friction decides
@@ -67,8 +69,16 @@ class Actuation:
         servos, own = len(self.lead_s), self._state.servoed
         controls = np.empty((len(q_rad), servos + len(self._drive)))
         controls[:, :servos] = q_rad[:, own] + self.lead_s * qd_rad_s[:, own]
-        controls[:, servos:] = self._state.hand.compute_drive(gripper_width_m)[:, None]
+        controls[:, servos:] = self._overcome_friction(self._state.hand.compute_drive(gripper_width_m))[:, None]
         return controls
+
+    def _overcome_friction(self, drive: Array) -> Array:
+        """Set-points (n,) of the finger drive, further on by what the dry friction of the hand would hold back."""
+        if not self._hand_friction_n:
+            return drive
+        lead = self._hand_friction_n / self._state.profile.gripper.stiffness_n_m
+        behind = drive - float(self._data.actuator_length[self._drive].sum())
+        return drive + lead * np.clip(behind / FULL_LEAD_M, -1.0, 1.0)
 
     def lead_base(self, q_rad: Array, qd_rad_s: Array) -> None:
         """Pose and speeds of the base in the coming physics steps, first of those of all joints (n_joints,)."""
@@ -111,11 +121,14 @@ class Actuation:
         self.lead_base(q_rad, qd_rad_s)
 
     def measure_grip(self) -> float | None:
-        """Force that presses the fingers together [N], by the drive's current; while they move it is friction."""
+        """Force that presses the fingers together [N], by the drive's current less what the hand's own friction takes.
+
+        While they move it is none.
+        """
         if not len(self._drive):
             return None
         moves = abs(float(self._data.actuator_velocity[self._drive].sum())) > CLOSING_M_S
-        force_n = -float(self._data.actuator_force[self._drive].sum())
+        force_n = -float(self._data.actuator_force[self._drive].sum()) - self._hand_friction_n
         return 0.0 if moves else FORCE_UNIT_N * max(round(force_n / FORCE_UNIT_N), 0)
 
     def pull(

@@ -45,6 +45,15 @@ class RobotState:
         self._driven = self._find_places(profile.gripper.joints)
         self._travel = np.array(profile.gripper.travel or np.ones(len(self._driven)))
 
+    def measure_hand_friction(self) -> float:
+        """Dry friction of the joints of the hand against its drive, from closed to open [N]."""
+        hand = self.hand
+        if not hand.joints:
+            return 0.0
+        moved = np.abs(hand.postures[-1] - hand.postures[0]) / abs(hand.drive[-1] - hand.drive[0])
+        dofs = [int(self.model.joint(self.prefix + name).dofadr[0]) for name in hand.joints]
+        return float(moved @ self.model.dof_frictionloss[dofs])
+
     def _find_places(self, joints: Sequence[str]) -> NDArray[np.intp]:
         return np.array([int(self.model.joint(self.prefix + name).qposadr[0]) for name in joints], dtype=np.intp)
 
