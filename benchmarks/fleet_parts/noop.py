@@ -103,8 +103,8 @@ def run_host(root: Path, url: str, name: str) -> None:
     threading.Thread(target=lambda: (sys.stdin.read(), ends.set()), daemon=True).start()
     journal = Journal(root, side=Side.AGENT, by=BY, clock=SystemClock(), partition=name)
     runtime = Runtime(workspace, name)
-    with open_bus(url, name, (name,)) as bus:
-        host = FleetHost(workspace, journal, bus, SystemClock(), {name: ()})
+    with open_bus(url, name, name, (name,)) as bus:
+        host = FleetHost(workspace, journal, bus, SystemClock(), {name: ("pick_and_place",)})
         take_turns(lambda: host.turn() | runtime.turn(), bus, journal.folder, ends)
 
 

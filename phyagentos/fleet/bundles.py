@@ -16,27 +16,38 @@ from phyagentos.fleet.bus import Bus, BusLost, encode_key
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.sessions.session import SessionId
 
+TOGETHER = 8  # bundles on their way at once
+
 
 class Transfers:
-    """Transfers of bundles beside the turns of a host or hub: leases go on meanwhile."""
+    """Transfers of bundles beside the turns of a host or hub: leases go on meanwhile, and each end is news."""
 
-    def __init__(self, bus: Bus, transfer: Callable[[Path, SessionId, Bus], bool]) -> None:
-        self._bus, self._transfer, self._pool = bus, transfer, ThreadPoolExecutor(1)
+    def __init__(self, bus: Bus, transfer: Callable[[Path, SessionId, str, Bus], bool]) -> None:
+        self._bus, self._transfer, self._pool = bus, transfer, ThreadPoolExecutor(TOGETHER)
         self.running: dict[SessionId, Future[bool]] = {}
+        self._done: set[SessionId] = set()
 
-    def is_done(self, folder: Path, session: SessionId) -> bool:
+    def is_done(self, folder: Path, session: SessionId, lane: str = "") -> bool:
         """Whether a bundle has arrived; one that is not under way, or broke off, begins. Raises as the transfer."""
         begun = self.running.get(session)
+        if session in self._done:
+            return True
         if begun is None:
-            self.running[session] = self._pool.submit(self._transfer, folder, session, self._bus)
+            self.running[session] = begun = self._pool.submit(self._transfer, folder, session, lane, self._bus)
+            begun.add_done_callback(lambda _: self._bus.ring())
         elif begun.done():
             del self.running[session]
             with contextlib.suppress(BusLost):
-                return begun.result()
-        return False
+                self._done |= {session} if begun.result() else set()
+        return session in self._done
+
+    def forget(self, session: SessionId) -> None:
+        """It is over."""
+        self.running.pop(session, None)
+        self._done.discard(session)
 
 
-def send_bundle(folder: Path, session: SessionId, bus: Bus) -> bool:
+def send_bundle(folder: Path, session: SessionId, _lane: str, bus: Bus) -> bool:
     """Keep a bundle with the server; its list comes last, so a list that is found is one of files that are there."""
     files: dict[str, str] = {}
     for path in sorted(each for each in folder.rglob("*") if each.is_file() and not each.name.startswith(".")):
@@ -48,23 +59,32 @@ def send_bundle(folder: Path, session: SessionId, bus: Bus) -> bool:
     return True
 
 
-def fetch_bundle(folder: Path, session: SessionId, bus: Bus) -> bool:
-    """Write a bundle below this workspace; False while the server has no list of it.
+def fetch_bundle(folder: Path, session: SessionId, lane: str, bus: Bus) -> bool:
+    """Write a bundle of a lane below this workspace; False while the server has no list of it, or the disk is full.
 
     Raises ExecutionError `EVIDENCE_DAMAGED` for a file that is missing, another one, or named outside; BusLost.
     """
-    listed = bus.load(f"bundle.{encode_key(session)}")
+    listed = bus.load(lane, f"bundle.{encode_key(session)}")
     if listed is None:
         return False
-    for name, sha256 in msgspec.json.decode(listed, type=dict[str, str]).items():
-        if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
-            raise ExecutionError("EVIDENCE_DAMAGED", f"bundle of {session}: {name!r} leads out of it")
-        path = folder / name
-        if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
-            continue
-        data = bus.load(sha256)
-        if data is None or hashlib.sha256(data).hexdigest() != sha256:
-            raise ExecutionError("EVIDENCE_DAMAGED", f"bundle of {session}: {name} is not with the server as listed")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        replace_durably(path, data)
+    try:
+        for name, sha256 in msgspec.json.decode(listed, type=dict[str, str]).items():
+            _fetch_file(folder, name, sha256, lane, bus)
+    except (ValueError, FileExistsError, NotADirectoryError, IsADirectoryError) as error:
+        raise ExecutionError("EVIDENCE_DAMAGED", f"bundle of {session} from {lane}: {error}") from error
+    except OSError:
+        return False
     return True
+
+
+def _fetch_file(folder: Path, name: str, sha256: str, lane: str, bus: Bus) -> None:
+    if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
+        raise ValueError(f"{name!r} leads out of it")
+    path = folder / name
+    if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
+        return
+    data = bus.load(lane, sha256)
+    if data is None or hashlib.sha256(data).hexdigest() != sha256:
+        raise ValueError(f"{name} is not with the server as listed")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    replace_durably(path, data)

@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 
 from phyagentos.clock import Clock
-from phyagentos.errors import Problem
+from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.fleet.bundles import Transfers, fetch_bundle
 from phyagentos.fleet.bus import (
     Bucket,
@@ -24,6 +24,7 @@ from phyagentos.fleet.bus import (
     HostCard,
     Offer,
     encode_key,
+    find_read,
     get_offer_key,
     iter_read,
 )
@@ -82,11 +83,12 @@ class FleetHub:
         self._publisher = LanePublisher(journal, bus)
         self._fetched = Transfers(bus, fetch_bundle)
         self._replicas: dict[str, LaneReplica] = {}
-        self._waiting: dict[SessionId, deque[Record]] = defaultdict(deque)  # records of hosts, not recorded here yet
+        self._waiting: dict[SessionId, deque[tuple[str, Record]]] = defaultdict(deque)  # by lane, not recorded here yet
         self._over: set[SessionId] = set()  # final in the lane of its host
         self._placed: dict[SessionId, Placed] | None = None  # None: not read yet
         self._seen: dict[str, tuple[int, float]] = {}  # host -> beat, and since when [s]
-        self._offering: dict[str, set[str]] = {}  # target -> hosts that are alive and run it
+        self._cards: list[HostCard] = []
+        self._aside: dict[str, str] = {}  # lanes that cannot be followed, and why
         self._health: dict[str, Health] = {}
         self._enforce_at_s = -float("inf")
         self._stopped_at = ""
@@ -104,7 +106,8 @@ class FleetHub:
         with contextlib.suppress(BusLost):
             self._pass_stop_on()
             more = self._publisher.publish(self._ledger.seq)
-            more |= self._follow_lanes(self._read_cards())
+            self._read_cards()
+            more |= self._follow_lanes()
             self._relay()
             if self._placed is None:
                 self._placed = self._read_placed()
@@ -129,74 +132,108 @@ class FleetHub:
             self._stopped_at = latch.at
             self._bus.put(Bucket.STOPS, "stop", msgspec.json.encode(latch))
 
-    def _read_cards(self) -> list[HostCard]:
+    def _read_cards(self) -> None:
         """The hosts that have ever joined; the health of their targets is published."""
-        cards = [*iter_read(self._bus.view(Bucket.HOSTS).values(), HostCard)]
-        now_s, self._offering = self._clock.now_s(), defaultdict(set)
-        for card in cards:
+        found = {key: find_read(value, HostCard) for key, value in self._bus.view(Bucket.HOSTS).items()}
+        self._cards = [each for key, each in found.items() if each is not None and encode_key(each.host) == key]
+        now_s = self._clock.now_s()
+        for card in self._cards:
             if self._seen.get(card.host, (-1, 0.0))[0] != card.beat:
                 self._seen[card.host] = card.beat, now_s
-            for target in card.targets:
-                self._offering[target] |= {card.host} if self._is_alive(card.host) else set()
-        health = {target: Health.READY if hosts else Health.LOST for target, hosts in self._offering.items()}
+        ready = {target for card in self._cards if self._is_alive(card) for target in card.targets}
+        known = sorted({target for card in self._cards for target in card.targets})
+        health = {target: Health.READY if target in ready else Health.LOST for target in known}
         if health != self._health:
             self._health, at = health, self._clock.wall_iso()
             now = {name: TargetHealth(state=each, since=at) for name, each in health.items()}
             publish_health(self._workspace.target_registry, now)
-        return cards
 
-    def _is_alive(self, host: str) -> bool:
-        return host in self._seen and self._clock.now_s() - self._seen[host][1] < SILENCE_S
+    def _is_alive(self, card: HostCard) -> bool:
+        beats = card.host in self._seen and self._clock.now_s() - self._seen[card.host][1] < SILENCE_S
+        return beats and card.host not in self._aside
 
-    def _follow_lanes(self, cards: list[HostCard]) -> bool:
+    def _find_capable(self, session: Session) -> set[str]:
+        """Hosts that are alive and can carry out this skill on this target."""
+        return {card.host for card in self._cards if card.offers(session) and self._is_alive(card)}
+
+    def _follow_lanes(self) -> bool:
+        """Whether more waits; a lane that is damaged concerns its host alone."""
         more = False
-        for card in cards:
-            if card.lane not in self._replicas:
-                self._replicas[card.lane] = LaneReplica(self.get_replica_root(card.lane), card.lane)
-                self._take_in(self._replicas[card.lane].start)
-            replica = self._replicas[card.lane]
-            end = self._bus.ends.get(card.lane, 0)
-            if end > replica.seq:
-                up_to = min(end, replica.seq + RECORDS_MAX)
-                self._take_in(replica.take(self._bus.read(card.lane, replica.seq, up_to)))
-                more |= up_to < end
+        for lane in {card.host for card in self._cards} - self._aside.keys():
+            try:
+                more |= self._follow_lane(lane)
+            except BusLost:
+                raise
+            except ExecutionError as error:
+                self._aside[lane] = str(error)
         return more
 
-    def _take_in(self, records: list[Record]) -> None:
+    def _follow_lane(self, lane: str) -> bool:
+        if lane not in self._replicas:
+            self._replicas[lane] = LaneReplica(self.get_replica_root(lane), lane)
+            self._take_in(lane, self._replicas[lane].start)
+            self._replicas[lane].start.clear()
+        replica = self._replicas[lane]
+        end, before = self._bus.find_end(lane), replica.seq
+        if end > before:
+            self._take_in(lane, replica.take(self._bus.read(lane, before, min(end, before + RECORDS_MAX))))
+        return before < replica.seq < end
+
+    def _take_in(self, lane: str, records: list[Record]) -> None:
         for record in records:
             id = SessionId(record.id)
             if record.to in FINAL_STATES:
                 self._over.add(id)
             if record.side == Side.RUNTIME and record.source is not None:
-                self._waiting[id].append(record)
+                self._waiting[id].append((lane, record))
 
     def _relay(self) -> None:
         """Record here what hosts have recorded, each session up to where its evidence is missing."""
         for id in list(self._waiting):
             records = self._waiting[id]
-            while records and self._relay_one(id, records[0]):
+            while records and self._relay_one(id, *records[0]):
                 records.popleft()
             if not records:
                 del self._waiting[id]
 
-    def _relay_one(self, id: SessionId, record: Record) -> bool:
+    def _relay_one(self, id: SessionId, lane: str, record: Record) -> bool:
         """Whether this record is done with: recorded, or not to be recorded here."""
         status = self._ledger.sessions.get(id)
-        if status is None or status.state in FINAL_STATES:
+        if status is None or status.state in FINAL_STATES or not self._holds(lane, id):
             return True
-        trigger, body = record.ev, record.body
+        trigger, body = record.ev, dict(record.body or {})
         is_next = (status.state, status.epoch) == (record.source, (record.epoch or 0) - (trigger == CLAIM))
         if status.state == _S.CANCELLING and trigger in _ENDS_A_CANCEL:  # whatever ended it there
             trigger = "confirm_cancel"
         elif not is_next and not (status.state == _S.CANCELLING and trigger == "lose"):
             return True  # recorded before, or after it was fenced
-        if "execution" in (body or {}) and not self._fetched.is_done(self._workspace.evidence_of(id), id):
-            return False
-        self._record([Entry(id, trigger, dict(body) if body else None, status.epoch)], record.by)
+        if isinstance(execution := body.get("execution"), dict):
+            if not self._has_evidence(id, lane):
+                return False
+            body["execution"] = execution | {"evidence": f"evidence/{id}"}
+        self._record([Entry(id, trigger, body or None, status.epoch)], record.by)
         return True
 
+    def _holds(self, lane: str, id: SessionId) -> bool:
+        """Whether the host of a lane has claimed a session, fenced since or not: another one has no say in it."""
+        key = encode_key(id)
+        claim = find_read(self._bus.view(Bucket.CLAIMS).get(key), Claim)
+        if claim is None or claim.host != lane:  # its lane may be faster than the news of its claim
+            found = self._bus.get(Bucket.CLAIMS, key)
+            claim = find_read(found.value, Claim) if found is not None else None
+        return claim is not None and claim.host == lane
+
+    def _has_evidence(self, id: SessionId, lane: str) -> bool:
+        """Whether its bundle is here; what is damaged comes no more, which the verdict shows."""
+        try:
+            return self._fetched.is_done(self._workspace.evidence_of(id), id, lane)
+        except BusLost:
+            raise
+        except ExecutionError:
+            return True
+
     def _record(self, entries: list[Entry], by: str) -> None:
-        with contextlib.suppress(IllegalTransition, Fenced):  # agent or operator were faster
+        with contextlib.suppress(IllegalTransition, Fenced, DefinitionError):  # others were faster; or no such record
             self._own.commit(entries, durable=False, by=by)
         self._journal.follow(looks=False)
 
@@ -205,6 +242,9 @@ class FleetHub:
         offers = iter_read(self._bus.view(Bucket.OFFERS).values(), Offer)
         found = {each.contract.id: Placed(each, since_s=self._clock.now_s()) for each in offers}
         self._number = max((each.offer.number for each in found.values()), default=self._number)
+        for status in list(self._ledger.live_sessions()):
+            if status.contract.id not in found and status.state not in _RESTING:
+                self._give_up(status, "", "the server does not know its claim any more")
         return found
 
     def _place(self, placed: dict[SessionId, Placed]) -> None:
@@ -216,29 +256,31 @@ class FleetHub:
         for session in (each.contract for each in waiting):
             if session.id in placed:
                 offer = placed[session.id].offer
-                lease_s = self._choose_lease(session)
-                wanted = msgspec.structs.replace(offer, contract=session, lease_s=lease_s)
-                if wanted != offer:  # amended, or another host offers its target now
+                if (wanted := self._update(offer, session)) != offer:  # amended, or another host can take it now
                     self._put(placed[session.id], wanted)
             elif taken.isdisjoint(session.resources):
                 taken.update(session.resources)
                 self._open(placed, session)
 
-    def _choose_lease(self, session: Session) -> float:
-        """That of a target which several hosts offer is short; on any other one no host could go on with it."""
-        limits = session.limits
+    def _update(self, offer: Offer, session: Session) -> Offer:
+        """As it should be now: the lease of a session that several hosts can take is short, else one may finish it."""
+        limits, hosts = session.limits, len(self._find_capable(session))
         pinned_s = limits.queue_s + limits.timeout_s + limits.wall_timeout_s + PINNED_S
-        return self._lease_s if len(self._offering.get(session.target, ())) > 1 else max(self._lease_s, pinned_s)
+        lease_s = self._lease_s if hosts > 1 else max(self._lease_s, pinned_s)
+        return msgspec.structs.replace(offer, contract=session, lease_s=lease_s, hosts=hosts)
 
     def _open(self, placed: dict[SessionId, Placed], session: Session) -> None:
         key = encode_key(session.id)
         revision = self._bus.swap(Bucket.CLAIMS, key, msgspec.json.encode(Claim()), 0)
         if revision is None:  # opened by an earlier process, before its offer was made
             found = self._bus.get(Bucket.CLAIMS, key)
-            revision = found.revision if found is not None else 0
+            if found is None or find_read(found.value, Claim) != Claim():
+                taken = Problem("BUSY", f"{session.id}: the server has a claim of this name", expected="another goal id")
+                self._record([make_rejection(session.id, taken)], BY)
+                return
+            revision = found.revision
         self._number += 1
-        lease_s = self._choose_lease(session)
-        offer = Offer(contract=session, number=self._number, revision=revision, lease_s=lease_s)
+        offer = self._update(Offer(contract=session, number=self._number, revision=revision, lease_s=0.0), session)
         placed[session.id] = Placed(offer, since_s=self._clock.now_s())
         self._put(placed[session.id], offer)
 
@@ -259,10 +301,12 @@ class FleetHub:
                 continue
             if value != each.claim:
                 each.claim, each.since_s = value, now_s
-            claim = msgspec.json.decode(value, type=Claim)
+            claim = find_read(value, Claim) or Claim()
             patience_s = claim.lease_s + GRACE_S if claim.host else status.contract.limits.queue_s
-            if claim.is_fenced or (now_s - each.since_s > patience_s and self._fence(id, value)):
-                self._give_up(status, claim.host)
+            is_late = now_s - each.since_s > patience_s or claim.host in self._aside
+            if claim.is_fenced or (is_late and self._fence(id, value)):
+                why = self._aside.get(claim.host, f"host {claim.host} did not renew its lease in time: lost, or cut off")
+                self._give_up(status, claim.host, why)
 
     def _fence(self, id: SessionId, seen: bytes) -> bool:
         """End the claim that was seen, unless it has changed; from here on no host may act under it."""
@@ -270,24 +314,26 @@ class FleetHub:
         found = self._bus.get(Bucket.CLAIMS, key)
         if found is None or found.value != seen:
             return False
-        claim = msgspec.json.decode(seen, type=Claim)
+        claim = find_read(seen, Claim) or Claim()
         fenced = msgspec.structs.replace(claim, epoch=claim.epoch + 1, is_fenced=True)
         return self._bus.swap(Bucket.CLAIMS, key, msgspec.json.encode(fenced), found.revision) is not None
 
-    def _give_up(self, status: SessionStatus, host: str) -> None:
+    def _give_up(self, status: SessionStatus, host: str, why: str) -> None:
         id, state, epoch = status.contract.id, status.state, status.epoch
-        if not host:
+        if not host and state == _S.PENDING:
             limit = status.contract.limits.queue_s
             late = Problem("TIMED_OUT", f"{id}: limits.queue_s", expected=f"a host with a free target within {limit} s")
             self._record([make_rejection(id, late)], BY)
             return
-        why = f"host {host} did not renew its lease in time: it is lost, or cut off; its effect is unknown"
-        lost = Execution(ended=Ended.TARGET_LOST, evidence=f"evidence/{id}", code="TARGET_LOST", message=why)
+        why = f"{why}; its effect is unknown"
+        code = "HOST_LOST" if self._find_capable(status.contract) - {host} else "TARGET_LOST"
+        lost = Execution(ended=Ended.TARGET_LOST, evidence=f"evidence/{id}", code=code, message=why)
         entries = [Entry(id, CLAIM, None, epoch)] if state == _S.PENDING else []
         epoch += len(entries)
         entries += [Entry(id, "check", None, epoch)] if state in {_S.PENDING, _S.CLAIMED} else []
         entries += [Entry(id, "lose", {"reason": why}, epoch)] if state != _S.OUTCOME_UNKNOWN else []
-        self._record([*entries, Entry(id, "reconcile", {"execution": msgspec.to_builtins(lost)}, epoch)], host)
+        body = {"execution": msgspec.to_builtins(lost)}
+        self._record([*entries, Entry(id, "reconcile", body, epoch)], host or BY)
 
     def _end(self, placed: dict[SessionId, Placed]) -> None:
         """Let hosts know of verdicts and cancellations, and forget what is over on both sides."""
@@ -298,17 +344,18 @@ class FleetHub:
                 self._bus.remove(Bucket.OFFERS, get_offer_key(each.offer.contract))
                 self._bus.remove(Bucket.CLAIMS, encode_key(id))
                 del placed[id]
-                self._over.discard(id)
+                self._fetched.forget(id)
             elif wanted != each.offer:
                 self._own.sync()  # the verdict that is passed on
                 self._put(each, wanted)
+        self._over &= placed.keys()
 
     def _is_over_there(self, id: SessionId) -> bool:
         """Whether no host will do anything more about it."""
         if id in self._over:
             return True
         value = self._bus.view(Bucket.CLAIMS).get(encode_key(id), b"")
-        claim = msgspec.json.decode(value, type=Claim) if value else Claim()
+        claim = find_read(value, Claim) or Claim()
         return not claim.host and (claim.is_fenced or self._fence(id, value))
 
 

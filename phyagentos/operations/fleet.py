@@ -6,21 +6,24 @@ import secrets
 import select
 import shutil
 import sys
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING
 
 import msgspec
 
+from phyagentos.agent.goals.selector import find_lacks
 from phyagentos.assembly.paths import open_project, serve_alone
 from phyagentos.assembly.planes import STOP_S, start_watch
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, needs_extra
-from phyagentos.fleet.bus import Bucket, Bus, HostCard, hide_token, iter_read
+from phyagentos.fleet.bus import HUB, OPERATOR, Bucket, Bus, HostCard, hide_token, iter_read
 from phyagentos.fleet.host import BEAT_S, BY, FleetHost
 from phyagentos.fleet.hub import LEASE_S, FleetHub
-from phyagentos.protocol.capabilities.registries import read_target_registry
+from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.sessions.estop import Latch
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole
@@ -130,13 +133,14 @@ def join_fleet(
     known = read_target_registry(workspace.target_registry)
     if missing := sorted(set(targets) - known.keys()):
         raise DefinitionError.unknown("target", "--target", missing[0], known)
-    served = {each: tuple(sorted(known[each].actions)) for each in targets or known}
+    skills = read_skill_registry(workspace.skill_registry)
+    served = {each: _list_skills(skills, known[each]) for each in targets or known}
     with contextlib.ExitStack() as stack:
         stack.enter_context(serve_alone(workspace, clock))
         lane = _choose_lane(workspace, name)
         journal = Journal(workspace.root, side=Side.AGENT, by=BY, clock=clock, partition=lane)
         stack.enter_context(contextlib.closing(journal))
-        bus = stack.enter_context(open_bus(url, f"host {lane}", served))
+        bus = stack.enter_context(open_bus(url, f"host {lane}", lane, served))
         host = FleetHost(workspace, journal, bus, clock, served)
         watch = stack.enter_context(start_watch(workspace, pictures=pictures).running(clock))
         announce(f"host {lane} at {hide_token(url)}: {', '.join(sorted(served))}")
@@ -150,21 +154,25 @@ def join_fleet(
         take_turns(turn, bus, journal.folder, ends)
 
 
+def _list_skills(skills: Mapping[str, SkillRuntime], target: TargetProfile) -> tuple[str, ...]:
+    return tuple(sorted(name for name, skill in skills.items() if not any(find_lacks(skill, target))))
+
+
 def _choose_lane(workspace: Workspace, name: str | None) -> str:
     found = choose_partition(workspace.sessions)
-    if name is not None and (Path(name).name != name or name == ".."):
-        raise DefinitionError.of("INVALID_VALUE", "--name", name, "a name without `/`: its lane is a folder")
+    if name is not None and (Path(name).name != name or name in {"..", HUB, OPERATOR}):
+        raise DefinitionError.of("INVALID_VALUE", "--name", name, "a name without `/`, not of another part of a fleet")
     if name is None or name == found or not (workspace.sessions / found).is_dir():
         return name or found
     raise DefinitionError.of("INVALID_VALUE", "--name", name, f"{found!r}, as this workspace has been called so far")
 
 
 @contextlib.contextmanager
-def open_bus(url: str, name: str, targets: Collection[str] | None = None) -> Iterator["NatsBus"]:
+def open_bus(url: str, name: str, role: str = HUB, targets: Collection[str] | None = None) -> Iterator["NatsBus"]:
     """A connection to a fleet while the block runs; raises DefinitionError `EXTRA_MISSING`."""
     with needs_extra("fleet", "paos fleet"):
         from phyagentos.fleet.nats_bus import NatsBus
-    bus = NatsBus(url, name=name, targets=targets)
+    bus = NatsBus(url, name=name, role=role, targets=targets)
     try:
         yield bus
     finally:
@@ -186,12 +194,12 @@ def take_turns(turn: Callable[[], bool], bus: Bus, folder: Path, ends: Event) ->
 
 def read_status(url: str) -> FleetStatus:
     """Hosts and open sessions of a fleet; a host is alive that beats while this looks."""
-    with open_bus(url, "status") as bus:
+    with open_bus(url, "status", OPERATOR) as bus:
         bus.wait(ANSWER_S)
         before = _read_cards(bus)
         SystemClock().sleep(2.0 * BEAT_S)
         lines = [
-            HostLine(card=each, records=bus.count(each.lane), is_alive=before.get(name) != each)
+            HostLine(card=each, records=bus.count(each.host), is_alive=before.get(name) != each)
             for name, each in _read_cards(bus).items()
         ]
         return FleetStatus(server=hide_token(url), hosts=tuple(lines), offers=len(bus.view(Bucket.OFFERS)))
@@ -200,7 +208,7 @@ def read_status(url: str) -> FleetStatus:
 def stop_fleet(url: str, *, reason: str = "", by: str = "paos fleet stop") -> FleetStop:
     """Latch the emergency stop on every host; each resets its own with `paos estop --reset`."""
     clock = SystemClock()
-    with open_bus(url, by, ()) as bus:
+    with open_bus(url, by, OPERATOR) as bus:
         bus.wait(ANSWER_S)
         bus.put(Bucket.STOPS, "stop", msgspec.json.encode(Latch(by=by, reason=reason, at=clock.wall_iso())))
         deadline_s = clock.now_s() + ANSWER_S

@@ -33,14 +33,16 @@ class FakeBus:
         self.acts: dict[Bucket, Callable[[bytes], None]] = {}
         server.buses.append(self)
 
-    @property
-    def ends(self) -> Mapping[str, int]:
-        return {lane: len(frames) for lane, frames in self.server.lanes.items()}
+    def find_end(self, lane: str) -> int:
+        return len(self.server.lanes[lane])
 
     def fileno(self) -> int:
         return -1
 
     def drain(self) -> None:
+        pass
+
+    def ring(self) -> None:
         pass
 
     def view(self, bucket: Bucket) -> Mapping[str, bytes]:
@@ -89,7 +91,7 @@ class FakeBus:
         self._look()
         self.server.objects.setdefault(name, data)
 
-    def load(self, name: str) -> bytes | None:
+    def load(self, lane: str, name: str) -> bytes | None:
         self._look()
         return self.server.objects.get(name)
 

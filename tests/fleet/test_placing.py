@@ -36,7 +36,7 @@ class Place:
         self.workspace, self.clock, self.bus = Workspace.create(root, Library(())), clock, FakeBus(server)
         self.agent = Journal(root, side=Side.AGENT, by=BY if not is_hub else "agent", clock=clock, partition=name)
         self.runtime = Journal(root, side=Side.RUNTIME, by="watchdog", clock=clock, partition=name)
-        self.targets = dict.fromkeys(targets, ())
+        self.targets = dict.fromkeys(targets, ("pick_and_place",))
         self.open(is_hub=is_hub)
 
     def open(self, *, is_hub=False):
@@ -308,11 +308,11 @@ def test_a_workspace_keeps_its_name(tmp_path):
 
 
 def test_what_leads_out_of_a_workspace_or_has_another_form_is_not_followed_and_ends_nothing(fleet, tmp_path):
-    card = msgspec.to_builtins(HostCard(host="h3", lane="h3", targets={"panda": ()}))
+    card = msgspec.to_builtins(HostCard(host="h3", targets={"panda": ()}))
     offer = msgspec.to_builtins(Offer(contract=make_contract(id="g.b"), number=1, revision=0, lease_s=9.0))
     offer["contract"]["id"] = "../../g.b"
     for bucket, values in {
-        Bucket.HOSTS: [card | {"lane": "../../h3"}, card | {"lane": ".."}, {"other": 1}],
+        Bucket.HOSTS: [card | {"host": "../../h3"}, card | {"host": ".."}, {"other": 1}],
         Bucket.OFFERS: [offer, {"other": 1}],
     }.items():
         for number, value in enumerate(values):
@@ -336,3 +336,132 @@ def test_a_host_that_lost_a_claim_does_not_try_it_again(fleet, monkeypatch):
     monkeypatch.setattr(other.bus, "swap", lambda *call: tried.append(call) or swap(*call))
     fleet.turn(seconds=1.0)
     assert tried == []
+
+
+def test_a_session_whose_host_is_lost_is_tried_again_on_the_other_one(fleet):
+    holder, other = fleet.place()
+    holder.bus.is_connected = False
+    fleet.turn(seconds=2.0 * (LEASE_S + GRACE_S))
+    fleet.turn()
+    (status,) = fleet.hub.process._ledger.sessions.values()
+    assert status.execution.code == "HOST_LOST"
+    fleet.submit("g.a-2")
+    fleet.turn()
+    assert other.read_state("g.a-2") == "pending"
+
+
+def test_what_no_other_host_can_carry_out_is_lost_with_its_target(fleet):
+    holder, other = fleet.place()
+    other.process._card = msgspec.structs.replace(other.process._card, targets={"panda": ("push",)})
+    holder.bus.is_connected = False
+    fleet.turn(seconds=2.0 * (LEASE_S + GRACE_S))
+    fleet.turn()
+    (status,) = fleet.hub.process._ledger.sessions.values()
+    assert status.execution.code == "TARGET_LOST"
+
+
+def test_a_session_goes_to_a_host_that_has_its_skill_and_of_those_to_the_one_that_does_less(fleet):
+    first, second = fleet.hosts
+    first.process._card = msgspec.structs.replace(first.process._card, targets={"panda": ("push",), "ur5e": ("push",)})
+    second.process._card = msgspec.structs.replace(second.process._card, targets={"ur5e": ("push", "pick_and_place")})
+    fleet.turn(seconds=2.0)
+    fleet.submit("g.a", target="ur5e")
+    fleet.turn()
+    assert fleet.find_holder("g.a") is second
+    second.process._card = msgspec.structs.replace(second.process._card, targets={"panda": ("push",)})
+    fleet.turn(seconds=2.0)
+    fleet.submit("g.b", target="panda", skill="push")
+    fleet.turn(fleet.hub, second)
+    assert second.read_state("g.b") is None  # it has a session, and leaves this one to the other
+    fleet.turn(fleet.hub, first)
+    assert fleet.find_holder("g.b") is first
+
+
+def test_a_host_has_no_say_in_a_session_that_another_one_holds(fleet):
+    holder, other = fleet.place()
+    contract = make_contract(id="g.a")
+    other.agent.commit([Entry("g.a", "submit", dict(msgspec.to_builtins(contract)))])
+    other.begin("g.a")
+    other.finish("g.a")
+    fleet.turn()
+    assert fleet.hub.read_state() == "running"
+    assert not fleet.hub.workspace.evidence_of("g.a").exists()
+
+
+def test_evidence_is_where_the_hub_has_put_it_whatever_its_host_calls_it(fleet):
+    holder, _ = fleet.place()
+    (holder.workspace.evidence_of("g.a")).mkdir(parents=True)
+    elsewhere = msgspec.to_builtins(msgspec.structs.replace(DONE, evidence="../../other"))
+    holder.run("g.a", ("halt", None, 1), ("finish", {"execution": elsewhere}, 1))
+    fleet.turn()
+    (status,) = fleet.hub.process._ledger.sessions.values()
+    assert (status.state, status.execution.evidence) == ("awaiting_verification", "evidence/g.a")
+
+
+@pytest.mark.parametrize("listed", [b"no list", b'{"../x": "ab"}', b'{"a": "ab"}', b'{"": "ab"}'])
+def test_evidence_that_is_damaged_or_leads_out_ends_its_session_and_no_hub(fleet, listed):
+    holder, _ = fleet.place()
+    holder.bus.store = lambda name, data: fleet.server.objects.setdefault(name, listed)
+    holder.finish("g.a")
+    fleet.turn()
+    assert fleet.hub.read_state() == "awaiting_verification"
+
+
+def test_a_lane_that_is_damaged_concerns_its_host_alone(fleet):
+    holder, other = fleet.place()
+    lane = fleet.server.lanes[holder.agent.folder.name]
+    holder.run("g.a", ("halt", None, 1))
+    lane.append(lane[-1]._replace(data=b"no record"))
+    fleet.turn(fleet.hub, other, seconds=2.0)
+    (status,) = fleet.hub.process._ledger.sessions.values()
+    assert (status.state, status.execution.code) == ("awaiting_verification", "HOST_LOST")
+    assert "damaged" in status.execution.message
+
+
+def test_what_cannot_be_read_as_claim_or_stop_ends_nothing_and_stops_all(fleet):
+    fleet.turn(seconds=2.0)
+    fleet.submit(limits=Limits(queue_s=10.0))
+    fleet.turn(fleet.hub)
+    fleet.server.write(Bucket.CLAIMS, encode_key("g.a"), b"other")
+    fleet.server.write(Bucket.STOPS, "stop", b"other")
+    fleet.turn(seconds=20.0)
+    fleet.turn(seconds=2.0)
+    assert fleet.hub.read_state() == "rejected"
+    assert all(is_latched(host.workspace.signals.parent) for host in fleet.hosts)
+
+
+def test_what_runs_is_given_up_when_the_server_has_lost_its_claims(fleet):
+    fleet.place()
+    for bucket in Bucket:
+        fleet.server.values[bucket].clear()
+    fleet.hub.bus.is_connected = False
+    fleet.turn(fleet.hub)
+    fleet.hub.bus.is_connected = True
+    fleet.turn()
+    assert fleet.hub.read_state() == "awaiting_verification"
+
+
+def test_a_claim_of_an_earlier_session_of_the_same_name_is_not_taken_over(fleet):
+    fleet.turn(seconds=2.0)
+    fleet.server.write(Bucket.CLAIMS, encode_key("g.a"), msgspec.json.encode(Claim(host="h3", epoch=1)))
+    fleet.submit()
+    fleet.turn()
+    assert fleet.hub.read_state() == "rejected"
+    assert [host.read_state() for host in fleet.hosts] == [None, None]
+
+
+def test_a_host_of_another_name_than_its_key_does_not_count(fleet):
+    fleet.server.write(Bucket.HOSTS, "h9", msgspec.json.encode(HostCard(host="h1", targets={"panda": ()}, beat=7)))
+    fleet.turn(fleet.hub)
+    assert fleet.hub.process._cards == []
+
+
+def test_what_is_over_is_forgotten(fleet):
+    holder, other = fleet.place()
+    holder.finish("g.a")
+    fleet.turn()
+    fleet.hub.agent.commit([Entry("g.a", "verify"), Entry("g.a", "accept", {"attempt": msgspec.to_builtins(VERDICT)})])
+    fleet.turn()
+    hub = fleet.hub.process
+    assert not (hub._over or hub._waiting or hub._placed or hub._fetched._done)
+    assert not (other.process._lost or other.process._offers or holder.process._held or holder.process._transfers._done)
