@@ -25,6 +25,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.fleet.bus import Bucket
 from phyagentos.fleet.host import BY, FleetHost
 from phyagentos.fleet.hub import FleetHub
+from phyagentos.fleet.server import ALL
 from phyagentos.operations.fleet import open_bus, prepare_server, take_turns
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.lifecycle import SessionState, Side
@@ -111,16 +112,16 @@ def run_host(root: Path, url: str, name: str) -> None:
 @contextlib.contextmanager
 def open_fleet(folder: Path, hosts: list[str]) -> Iterator[str]:
     """A server and hosts in processes of their own; the URL."""
-    url, command = prepare_server(folder / "server", f"127.0.0.1:{choose_port()}")
+    prepared = prepare_server(folder / "server", f"127.0.0.1:{choose_port()}")
     module = [sys.executable, "-m", "benchmarks.fleet_parts.noop"]
     with contextlib.ExitStack() as stack, (folder / "log").open("ab") as log:
-        server = stack.enter_context(subprocess.Popen(command, stderr=log))
+        server = stack.enter_context(subprocess.Popen(prepared.command, stderr=log))
         stack.callback(server.terminate)
         for name in hosts:
-            arguments = [*module, str(folder / name), url, name]
+            arguments = [*module, str(folder / name), prepared.urls[ALL], name]
             host = stack.enter_context(subprocess.Popen(arguments, stdin=subprocess.PIPE, stderr=log))
             stack.callback(host.stdin.close)
-        yield url
+        yield prepared.urls[ALL]
 
 
 def time_fleet(folder: Path, sessions: int, hosts: list[str]) -> list[Record]:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from benchmarks.fleet_parts.links import Link
 from phyagentos.clock import Clock
+from phyagentos.fleet.server import ALL
 from phyagentos.operations.fleet import prepare_server
 from phyagentos.store.follower import Follower
 from phyagentos.store.ledger import Ledger
@@ -95,9 +96,10 @@ class Stage:
         self.folder, self._clock = folder, clock
         self.graph = prepare_project(folder / "project")
         self._port = port = choose_port()
-        self._url, server = prepare_server(folder / "server", f"127.0.0.1:{port}")
+        server = prepare_server(folder / "server", f"127.0.0.1:{port}")
+        self._url = server.urls[ALL]
         self.links = {name: Link(port) for name in ("hub", *HOSTS)}
-        self._commands = {"server": server, "hub": self._paos("hub", "lead", "--lease", str(LEASE_S))}
+        self._commands = {"server": [*server.command], "hub": self._paos("hub", "lead", "--lease", str(LEASE_S))}
         for host, target in HOSTS.items():
             own = ("--name", host, "--target", target, "--no-pictures", "--trust-python")
             self._commands[host] = self._paos(host, "join", *own)

@@ -19,7 +19,6 @@ from phyagentos.protocol.sessions.evidence_manifest import FileName
 from phyagentos.protocol.sessions.session import Session
 
 HUB, OPERATOR = "hub", "operator"  # who is no host
-CLAIM_SUBJECT = "$KV.paos_claims.{session}.{writer}"
 _Struct = TypeVar("_Struct", bound=msgspec.Struct)
 
 

@@ -25,18 +25,8 @@ from nats.js import JetStreamContext, api
 from nats.js.object_store import ObjectStore
 
 from phyagentos.clock import SystemClock
-from phyagentos.fleet.bus import (
-    CLAIM_SUBJECT,
-    HUB,
-    Bucket,
-    BusLost,
-    Frame,
-    HostCard,
-    Stored,
-    encode_key,
-    find_read,
-    hide_token,
-)
+from phyagentos.fleet.bus import HUB, Bucket, BusLost, Frame, HostCard, Stored, encode_key, find_read, hide_token
+from phyagentos.fleet.subjects import LANE, locate, locate_claim, name_evidence, name_inbox, name_lane, name_store
 
 CALL_S = 5.0
 RETRY_S = 0.2
@@ -44,7 +34,6 @@ PING_S = 2.0  # a peer that answers neither of two is gone: a cut cable closes n
 RESCAN_S = 5.0
 TOGETHER = 64  # requests on their way at once
 SEGMENT = "Segment"
-LANE = "paos.lane."
 _WRONG_SEQUENCE = frozenset({10071, 10164})
 _LAST, _OF = "Nats-Expected-Last-Subject-Sequence", "Nats-Expected-Last-Subject-Sequence-Subject"
 _Item = TypeVar("_Item")
@@ -62,8 +51,8 @@ class NatsBus:
     """
 
     def __init__(self, url: str, *, name: str, role: str = HUB, targets: Collection[str] | None = None) -> None:
-        self._url, self._name, self._shown, self._role = url, name, hide_token(url), encode_key(role)
-        self._is_hub = role == HUB
+        self._url, self._name, self._shown = url, name, hide_token(url)
+        self._role, self._token, self._is_hub = role, encode_key(role), role == HUB
         self._wanted = {Bucket.OFFERS: [">"], Bucket.HOSTS: [">"], Bucket.STOPS: [">"]}
         self._wanted |= {Bucket.CLAIMS: [">"]} if self._is_hub else {}
         if targets is not None:
@@ -119,7 +108,7 @@ class NatsBus:
 
     def put(self, bucket: Bucket, key: str, value: bytes) -> None:
         """As of the port."""
-        self._call(lambda: self._js.publish(f"{_locate(bucket)}{key}", value, timeout=CALL_S))
+        self._call(lambda: self._js.publish(f"{locate(bucket)}{key}", value, timeout=CALL_S))
 
     def swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         """As of the port."""
@@ -204,7 +193,7 @@ class NatsBus:
         self._client = await nats.connect(
             self._url.split(","),
             name=self._name,
-            inbox_prefix=f"_INBOX_{self._role}",
+            inbox_prefix=name_inbox(self._role),
             connect_timeout=2,
             allow_reconnect=True,
             max_reconnect_attempts=-1,
@@ -218,7 +207,7 @@ class NatsBus:
         for bucket, keys in self._wanted.items():
             hear = self._hear_claim if bucket is Bucket.CLAIMS else partial(self._hear, bucket)
             for key in keys:
-                await self._client.subscribe(f"{_locate(bucket)}{key}", cb=hear)
+                await self._client.subscribe(f"{locate(bucket)}{key}", cb=hear)
         if self._is_hub:
             await self._client.subscribe(f"{LANE}>", cb=self._hear_lane)
             await self._client.subscribe("$O.*.M.>", cb=self._hear_bundle)
@@ -227,7 +216,7 @@ class NatsBus:
         """After each break: the server may have come back without its disk. Rollups could empty a store: none here."""
         self._known_lanes = set()
         for bucket in Bucket:
-            await self._provide(f"KV_paos_{bucket}", [f"{_locate(bucket)}>"], max_msgs_per_subject=1)
+            await self._provide(name_store(bucket), [f"{locate(bucket)}>"], max_msgs_per_subject=1)
 
     async def _provide(self, stream: str, subjects: list[str], **settings: int | bool) -> None:
         replicas = min(3, len(self._url.split(",")))
@@ -235,7 +224,7 @@ class NatsBus:
         await self._js.add_stream(config, deny_delete=True, discard=api.DiscardPolicy.NEW, **settings)
 
     async def _hear(self, bucket: Bucket, message: Msg) -> None:
-        key = message.subject.removeprefix(_locate(bucket))
+        key = message.subject.removeprefix(locate(bucket))
         self._note(bucket, key, message.data)
         with contextlib.suppress(KeyError, OSError):  # what an act did not do, the next look does
             self._acts[bucket](message.data)
@@ -253,7 +242,7 @@ class NatsBus:
 
     async def _hear_claim(self, message: Msg) -> None:
         """A claim that the server refuses is heard, too: what stands there is asked for."""
-        key = message.subject.removeprefix(_locate(Bucket.CLAIMS)).split(".")[0]
+        key = message.subject.removeprefix(locate(Bucket.CLAIMS)).split(".")[0]
         with contextlib.suppress(nats.errors.Error, TimeoutError):  # the next look at everything finds it
             if (found := await self._get(Bucket.CLAIMS, key)) is not None:
                 self._note(Bucket.CLAIMS, key, found.value)
@@ -283,26 +272,23 @@ class NatsBus:
                 self._ends[encode_key(card.host)] = await self._count(card.host)
 
     async def _list_keys(self, bucket: Bucket, key: str) -> list[str]:
-        prefix = _locate(bucket)
-        info = await self._js.stream_info(f"KV_paos_{bucket}", subjects_filter=f"{prefix}{key}")
+        prefix = locate(bucket)
+        info = await self._js.stream_info(name_store(bucket), subjects_filter=f"{prefix}{key}")
         names = [each.removeprefix(prefix) for each in info.state.subjects or {}]
         return [*dict.fromkeys(each.split(".")[0] for each in names)] if bucket is Bucket.CLAIMS else names
 
     async def _get(self, bucket: Bucket, key: str) -> Stored | None:
         """As the leader has it: a copy may be behind."""
-        subject = f"{_locate(bucket)}{key}{'.*' if bucket is Bucket.CLAIMS else ''}"
         try:
-            found = await self._js.get_last_msg(f"KV_paos_{bucket}", subject)
+            found = await self._js.get_last_msg(name_store(bucket), _cover(bucket, key))
         except nats.js.errors.NotFoundError:
             return None
         return Stored(found.data or b"", found.seq or 0)
 
     async def _swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         """A claim stands under the subject of its writer; the latest of all is the one that counts."""
-        subject = scope = f"{_locate(bucket)}{key}"
-        if bucket is Bucket.CLAIMS:
-            subject, scope = CLAIM_SUBJECT.format(session=key, writer=self._role), f"{subject}.*"
-        headers = {_LAST: str(revision), _OF: scope}
+        subject = f"{locate(bucket)}{key}" if bucket is not Bucket.CLAIMS else locate_claim(key, self._token)
+        headers = {_LAST: str(revision), _OF: _cover(bucket, key)}
         try:
             return (await self._js.publish(subject, value, timeout=CALL_S, headers=headers)).seq
         except nats.js.errors.APIError as error:
@@ -311,17 +297,15 @@ class NatsBus:
             raise
 
     async def _remove(self, bucket: Bucket, key: str) -> None:
-        subject = f"{_locate(bucket)}{key}{'.*' if bucket is Bucket.CLAIMS else ''}"
-        await self._js.purge_stream(f"KV_paos_{bucket}", subject=subject)
+        await self._js.purge_stream(name_store(bucket), subject=_cover(bucket, key))
         self._note(bucket, key, None)
 
     async def _provide_lane(self, lane: str) -> str:
         """The stream of a lane, which the hub makes, with the store of its evidence."""
-        token = encode_key(lane)
-        stream = f"paos_lane_{token}"
+        token, stream = encode_key(lane), name_lane(lane)
         if self._is_hub and lane not in self._known_lanes:
             await self._provide(stream, [f"{LANE}{token}"])
-            objects = f"paos_evidence_{token}"
+            objects = name_evidence(token)
             await self._provide(f"OBJ_{objects}", [f"$O.{objects}.C.>", f"$O.{objects}.M.>"], allow_rollup_hdrs=True)
             self._known_lanes.add(lane)
         return stream
@@ -359,7 +343,7 @@ class NatsBus:
         return [frame for frame in found if frame is not None]
 
     async def _store(self, name: str, data: bytes) -> None:
-        objects = self._open_objects(self._role)
+        objects = self._open_objects(self._token)
         try:
             await objects.get_info(name)
         except nats.js.errors.NotFoundError:
@@ -372,11 +356,12 @@ class NatsBus:
             return None
 
     def _open_objects(self, token: str) -> ObjectStore:
-        return ObjectStore(name=f"paos_evidence_{token}", stream=f"OBJ_paos_evidence_{token}", js=self._js)
+        return ObjectStore(name=name_evidence(token), stream=f"OBJ_{name_evidence(token)}", js=self._js)
 
 
-def _locate(bucket: Bucket) -> str:
-    return f"$KV.paos_{bucket}."
+def _cover(bucket: Bucket, key: str) -> str:
+    """The subject of a value; of a claim, those of all its writers."""
+    return locate_claim(key, "*") if bucket is Bucket.CLAIMS else f"{locate(bucket)}{key}"
 
 
 async def _gather(items: Collection[_Item], work: Callable[[_Item], Awaitable[_Result]]) -> list[_Result]:

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import secrets
 import select
 import shutil
 import sys
@@ -21,9 +20,11 @@ from phyagentos.errors import DefinitionError, ExecutionError, needs_extra
 from phyagentos.fleet.bus import HUB, OPERATOR, Bucket, Bus, HostCard, hide_token, iter_read
 from phyagentos.fleet.host import BEAT_S, BY, FleetHost
 from phyagentos.fleet.hub import LEASE_S, FleetHub
+from phyagentos.fleet.server import FleetSettings, configure, configure_alone
 from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.sessions.estop import Latch
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole
@@ -39,11 +40,6 @@ if TYPE_CHECKING:
 LISTEN = "127.0.0.1:4222"
 PAUSE_MS = 200.0
 ANSWER_S = 3.0
-_CONFIG = """server_name: paos
-listen: "{listen}"
-jetstream {{ store_dir: "{store}", sync_interval: always }}
-authorization {{ token: "{token}" }}
-"""
 
 
 class HostLine(msgspec.Struct, frozen=True, kw_only=True):
@@ -55,10 +51,10 @@ class HostLine(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FleetServer(msgspec.Struct, frozen=True):
-    """What `paos fleet server` prints: the URL of a server, with its token, and the command that runs it."""
+    """What `paos fleet server` prints: for hub, operator and each host its URL, and the command that runs it."""
 
-    url: str
-    command: str
+    urls: Mapping[str, str]
+    command: tuple[str, ...]
 
 
 class FleetStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -76,23 +72,27 @@ class FleetStop(msgspec.Struct, frozen=True, kw_only=True):
     silent: tuple[str, ...]
 
 
-def prepare_server(store: Path, listen: str = LISTEN) -> tuple[str, list[str]]:
-    """The URL of a server of this fleet, and the command that runs it.
+def prepare_server(
+    store: Path, listen: str = LISTEN, *, settings: Path | None = None, member: str = ""
+) -> FleetServer:
+    """The URLs of a server of this fleet, and the command that runs it.
 
-    It demands a token, which is made at the first start and kept below `store`.
+    It demands a token, or where there are `settings` a password of each user; they are made at the first start and
+    kept. Raises DefinitionError `EXTRA_MISSING`, and of the settings.
     """
     binary = shutil.which("nats-server", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"])))
     if binary is None:
         with needs_extra("fleet", "paos fleet server"):
             raise ImportError("no nats-server")
     store.mkdir(parents=True, exist_ok=True)
-    kept, config = store / "token", store / "nats.conf"
-    for path in (kept, config):
-        path.touch(mode=0o600)
-    token = kept.read_text(encoding="ascii") or secrets.token_urlsafe(24)
-    kept.write_text(token, encoding="ascii")
-    config.write_text(_CONFIG.format(listen=listen, store=store, token=token), encoding="utf-8")
-    return f"nats://{token}@{listen}", [binary, "-c", str(config)]
+    if settings is None:
+        access = configure_alone(store, listen)
+    else:
+        access = configure(validate(FleetSettings, read_yaml(settings)), settings.resolve(), member, store)
+    config = store / "nats.conf"
+    config.touch(mode=0o600)
+    config.write_bytes(msgspec.json.format(msgspec.json.encode(access.config)))
+    return FleetServer(access.urls, (binary, "-c", str(config)))
 
 
 def lead_fleet(root: Path, url: str, ends: Event, announce: Callable[[str], object], lease_s: float = LEASE_S) -> None:

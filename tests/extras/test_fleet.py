@@ -1,5 +1,7 @@
 """The port of a fleet over a real NATS server, which is killed meanwhile; a session from hub to host and back."""
 
+import contextlib
+import json
 import math
 import os
 import subprocess
@@ -12,9 +14,10 @@ from benchmarks.fleet_parts.links import Link
 from benchmarks.fleet_parts.noop import sum_up, time_fleet
 from benchmarks.fleet_parts.stage import choose_port
 from phyagentos.clock import SystemClock
-from phyagentos.fleet.bus import Bucket, BusLost
+from phyagentos.fleet.bus import Bucket, BusLost, encode_key
 from phyagentos.fleet.host import BY, FleetHost
 from phyagentos.fleet.lanes import LanePublisher, LaneReplica
+from phyagentos.fleet.server import ALL
 from phyagentos.operations.fleet import open_bus, prepare_server, read_status, stop_fleet
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.estop import is_latched
@@ -22,6 +25,7 @@ from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.workspace.workspace import Workspace
 from phyagentos.store.journal import Entry, Journal
 from phyagentos.testing import make_contract
+from tests.certificates import make_certificate
 from tests.following import wait_until
 
 pytest.importorskip("nats", reason="needs the extra `fleet`: make test-extras")
@@ -30,17 +34,18 @@ CLOCK = SystemClock()
 
 
 class Server:
-    """A server that can be killed and started again."""
+    """A server that can be killed and started again; by settings a member of them."""
 
-    def __init__(self, store):
+    def __init__(self, store, **options):
         self.port = choose_port()
-        self.url, self._command = prepare_server(store, f"127.0.0.1:{self.port}")
+        self.prepared = prepare_server(store, f"127.0.0.1:{self.port}", **options)
+        self.url = self.prepared.urls.get(ALL, "")
         self._store = store
         self.start()
 
     def start(self):
         with (self._store / "log").open("ab") as log:
-            self._process = subprocess.Popen(self._command, stderr=log, stdout=log)
+            self._process = subprocess.Popen(self.prepared.command, stderr=log, stdout=log)
 
     def kill(self):
         self._process.kill()
@@ -164,3 +169,81 @@ def test_a_claim_that_was_refused_is_not_what_the_hub_sees(server, bus):
             assert host.swap(Bucket.CLAIMS, "a", b"second", 0) is None
         CLOCK.sleep(1.0)
         assert bus.view(Bucket.CLAIMS)["a"] == b"first"
+
+
+SETTINGS = """
+servers: {{a: {{listen: 127.0.0.1:{0}, cluster: 127.0.0.1:{1}}}, b: {{listen: 127.0.0.1:{2}, cluster: 127.0.0.1:{3}}},
+  c: {{listen: 127.0.0.1:{4}, cluster: 127.0.0.1:{5}}}}}
+hosts: [h.1, h2]
+tls: {{certificate: this.pem, key: this.key, ca: this.pem}}
+"""
+
+
+@pytest.fixture
+def cluster(tmp_path, monkeypatch):
+    """Three servers by name, over TLS, with users."""
+    _, certificate = make_certificate(tmp_path)
+    monkeypatch.setenv("SSL_CERT_FILE", str(certificate))
+    settings = tmp_path / "fleet.yaml"
+    settings.write_text(SETTINGS.format(*(choose_port() for _ in range(6))))
+    servers = {name: Server(tmp_path / name, settings=settings, member=name) for name in "abc"}
+    yield servers
+    for server in servers.values():
+        server.kill()
+
+
+def test_a_host_can_write_what_is_its_own_alone_and_a_leader_that_is_killed_loses_nothing(cluster, journal, tmp_path):
+    urls = cluster["a"].prepared.urls
+    with contextlib.ExitStack() as stack:
+        hub = stack.enter_context(open_bus(urls["hub"], "hub"))
+        host, other = (stack.enter_context(open_bus(urls[name], name, name, ("t",))) for name in ("h.1", "h2"))
+        for bus in (hub, host, other):
+            bus.wait(60.0)
+        lane = journal.folder.name
+        hub.count(lane)
+        revision = hub.swap(Bucket.CLAIMS, "s", b"open", 0)
+        check_rights(host, hub)
+        assert (held := host.swap(Bucket.CLAIMS, "s", b"h.1", revision))
+        assert other.swap(Bucket.CLAIMS, "s", b"h2", revision) is None
+        host.put(Bucket.HOSTS, encode_key(lane), b"card")
+        host.store("b", b"data")
+        publisher = LanePublisher(journal, host)
+        publisher.publish(fill(journal, *"abc"))
+        leader = json.loads(ask(hub, f"$JS.API.STREAM.INFO.paos_lane_{encode_key(lane)}").data)["cluster"]["leader"]
+        cluster[leader].kill()
+        last = fill(journal, *"def")
+        assert not retry(publisher.publish, last)
+        assert retry(hub.get, Bucket.CLAIMS, "s") == (b"h.1", held)
+        replica = LaneReplica(tmp_path / "copy", lane)
+        replica.take(retry(hub.read, lane, 0, last))
+        replica.close()
+        assert replica.seq == last
+        assert retry(other.swap, Bucket.CLAIMS, "s", b"h2", revision) is None
+        assert retry(hub.load, lane, "b") == b"data"
+
+
+def retry(call, *arguments):
+    """Until the servers have a leader again."""
+    for _ in range(100):
+        with contextlib.suppress(BusLost):
+            return call(*arguments)
+        CLOCK.sleep(0.2)
+    return call(*arguments)
+
+
+def ask(bus, subject, data=b""):
+    return bus._call(lambda: bus._client.request(subject, data, timeout=0.5))
+
+
+def check_rights(host, hub):
+    """What is another's is refused: nothing changes, whoever sends it."""
+    subjects = ["paos.lane.h2", "$KV.paos_hosts.h2", "$KV.paos_claims.s.h2", "$KV.paos_claims.s.hub"]
+    subjects += ["$KV.paos_offers.t.s", "$KV.paos_stops.stop", "$O.paos_evidence_h2.M.x", "$JS.API.STREAM.LIST"]
+    subjects += [f"$JS.API.STREAM.{verb}.KV_paos_claims" for verb in ("DELETE", "PURGE", "UPDATE", "MSG.DELETE")]
+    subjects += ["$JS.API.STREAM.CREATE.paos_lane_h=2e=1", "$JS.API.CONSUMER.CREATE.KV_paos_hosts"]
+    for subject in subjects:
+        with pytest.raises(BusLost, match="ermissions|Timeout"):
+            ask(host, subject, b"{}")
+    assert hub.get(Bucket.CLAIMS, "s").value == b"open"
+    assert hub.get(Bucket.HOSTS, "h2") is None
+    assert hub.get(Bucket.STOPS, "stop") is None
