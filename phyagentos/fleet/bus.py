@@ -50,6 +50,7 @@ class Offer(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         revision: Of the claim that a host may take.
         lease_s: How long a claim holds unless it is renewed [s].
         hosts: How many could take it.
+        home: The one in whose world its episode has begun, while that one is alive; empty for any.
         is_cancelled: Whether an end is requested.
         end: The verdict, once there is one.
     """
@@ -59,6 +60,7 @@ class Offer(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     revision: int
     lease_s: float
     hosts: int = 1
+    home: str = ""
     is_cancelled: bool = False
     end: tuple[EndEntry, ...] = ()
 

@@ -131,13 +131,16 @@ class FleetHost:
     def _find_delay(self, offer: Offer) -> float:
         """For how long this host leaves an offer to another one, the longer the more it does [s]."""
         load = sum(each.state not in UNJUDGED_STATES for each in self._iter_placed())
-        return PRECEDENCE_S * load if offer.hosts > 1 else 0.0
+        return PRECEDENCE_S * load if offer.hosts > 1 and not offer.home else 0.0
 
     def _may_take(self, offer: Offer) -> bool:
-        """Whether its target is free, and neither end nor stop was requested."""
+        """Whether it may go on here, its target is free, and neither end nor stop was requested."""
         held = (each for each in self._ledger.live_sessions() if each.state not in UNJUDGED_STATES)
         is_held = any(each.contract.target == offer.contract.target for each in held)
-        return not (is_held or offer.end or offer.is_cancelled or is_latched(self._workspace.signals.parent))
+        is_elsewhere = offer.home not in {"", self._card.host}
+        return not (
+            is_held or is_elsewhere or offer.end or offer.is_cancelled or is_latched(self._workspace.signals.parent)
+        )
 
     def _take(self, offer: Offer) -> None:
         """Claim a session; only the holder of the claim submits it to its own watchdog, under the lease."""

@@ -30,7 +30,7 @@ from phyagentos.fleet.bus import (
 )
 from phyagentos.fleet.host import BY
 from phyagentos.fleet.lanes import LanePublisher, LaneReplica
-from phyagentos.protocol.capabilities.registries import publish_health
+from phyagentos.protocol.capabilities.registries import publish_health, read_target_registry
 from phyagentos.protocol.capabilities.targets import Health, TargetHealth
 from phyagentos.protocol.sessions.estop import read_latch
 from phyagentos.protocol.sessions.lifecycle import CLAIM, FINAL_STATES, Fenced, IllegalTransition, SessionState, Side
@@ -46,6 +46,7 @@ SILENCE_S = 5.0  # a host that has not beaten for so long is shown as lost
 PINNED_S = 60.0  # a target of one host: its session may last as long as its contract, and this
 ENFORCE_S = 0.5  # between two looks at the claims
 RECORDS_MAX = 4096  # of a lane in one turn
+HOMES_MAX = 4096  # episodes, the latest
 _S = SessionState
 _VERDICTS = {_S.SUCCEEDED: "accept", _S.FAILED: "refuse", _S.REPLANNED: "replan", _S.UNVERIFIED: "skip"}
 _RESTING = frozenset({_S.PENDING, _S.AWAITING_VERIFICATION, _S.VERIFYING})  # these hold no resource
@@ -88,6 +89,9 @@ class FleetHub:
         self._placed: dict[SessionId, Placed] | None = None  # None: not read yet
         self._seen: dict[str, tuple[int, float]] = {}  # host -> beat, and since when [s]
         self._cards: list[HostCard] = []
+        self._homes: dict[tuple[str, str], tuple[str, str]] = {}  # world and episode -> since when, and on which host
+        targets = read_target_registry(workspace.target_registry)
+        self._world_of = {name: each.world or name for name, each in targets.items()}
         self._aside: dict[str, str] = {}  # lanes that cannot be followed, and why
         self._health: dict[str, Health] = {}
         self._enforce_at_s = -float("inf")
@@ -199,6 +203,8 @@ class FleetHub:
     def _relay_one(self, id: SessionId, lane: str, record: Record) -> bool:
         """Whether this record is done with: recorded, or not to be recorded here."""
         status = self._ledger.sessions.get(id)
+        if status is not None and record.ev == CLAIM:
+            self._note_home(status.contract, record.at, lane)
         if status is None or status.state in FINAL_STATES or not self._holds(lane, id):
             return True
         trigger, body = record.ev, dict(record.body or {})
@@ -213,6 +219,13 @@ class FleetHub:
             body["execution"] = execution | {"evidence": f"evidence/{id}"}
         self._record([Entry(id, trigger, body or None, status.epoch)], record.by)
         return True
+
+    def _note_home(self, session: Session, at: str, lane: str) -> None:
+        """Another host has another world, in which nothing of this episode has happened."""
+        key = self._world_of.get(session.target, session.target), session.scene.episode
+        self._homes[key] = max(self._homes.pop(key, ("", "")), (at, lane))
+        if len(self._homes) > HOMES_MAX:
+            del self._homes[next(iter(self._homes))]
 
     def _holds(self, lane: str, id: SessionId) -> bool:
         """Whether the host of a lane has claimed a session, fenced since or not: another one has no say in it."""
@@ -264,10 +277,14 @@ class FleetHub:
 
     def _update(self, offer: Offer, session: Session) -> Offer:
         """As it should be now: the lease of a session that several hosts can take is short, else one may finish it."""
-        limits, hosts = session.limits, len(self._find_capable(session))
+        limits, capable = session.limits, self._find_capable(session)
+        key = self._world_of.get(session.target, session.target), session.scene.episode
+        home, hosts = self._homes.get(key, ("", ""))[1], len(capable)
         pinned_s = limits.queue_s + limits.timeout_s + limits.wall_timeout_s + PINNED_S
         lease_s = self._lease_s if hosts > 1 else max(self._lease_s, pinned_s)
-        return msgspec.structs.replace(offer, contract=session, lease_s=lease_s, hosts=hosts)
+        return msgspec.structs.replace(
+            offer, contract=session, lease_s=lease_s, hosts=hosts, home=home if home in capable else ""
+        )
 
     def _open(self, placed: dict[SessionId, Placed], session: Session) -> None:
         key = encode_key(session.id)
@@ -275,7 +292,9 @@ class FleetHub:
         if revision is None:  # opened by an earlier process, before its offer was made
             found = self._bus.get(Bucket.CLAIMS, key)
             if found is None or find_read(found.value, Claim) != Claim():
-                taken = Problem("BUSY", f"{session.id}: the server has a claim of this name", expected="another goal id")
+                taken = Problem(
+                    "BUSY", f"{session.id}: the server has a claim of this name", expected="another goal id"
+                )
                 self._record([make_rejection(session.id, taken)], BY)
                 return
             revision = found.revision
@@ -305,7 +324,9 @@ class FleetHub:
             patience_s = claim.lease_s + GRACE_S if claim.host else status.contract.limits.queue_s
             is_late = now_s - each.since_s > patience_s or claim.host in self._aside
             if claim.is_fenced or (is_late and self._fence(id, value)):
-                why = self._aside.get(claim.host, f"host {claim.host} did not renew its lease in time: lost, or cut off")
+                why = self._aside.get(
+                    claim.host, f"host {claim.host} did not renew its lease in time: lost, or cut off"
+                )
                 self._give_up(status, claim.host, why)
 
     def _fence(self, id: SessionId, seen: bytes) -> bool:

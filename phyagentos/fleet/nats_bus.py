@@ -290,7 +290,7 @@ class NatsBus:
         subject = f"{locate(bucket)}{key}" if bucket is not Bucket.CLAIMS else locate_claim(key, self._token)
         headers = {_LAST: str(revision), _OF: _cover(bucket, key)}
         try:
-            return (await self._js.publish(subject, value, timeout=CALL_S, headers=headers)).seq
+            return int((await self._js.publish(subject, value, timeout=CALL_S, headers=headers)).seq)
         except nats.js.errors.APIError as error:
             if error.err_code in _WRONG_SEQUENCE:
                 return None

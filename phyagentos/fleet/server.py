@@ -69,7 +69,9 @@ def open_secrets(path: Path, names: Iterable[str]) -> dict[str, str]:
 def configure_alone(store: Path, listen: str) -> Access:
     """One server, one token."""
     token = open_secrets(store / "secrets", ["token"])["token"]
-    return Access(_describe("paos", listen, store) | {"authorization": {"token": token}}, {ALL: f"nats://{token}@{listen}"})
+    return Access(
+        _describe("paos", listen, store) | {"authorization": {"token": token}}, {ALL: f"nats://{token}@{listen}"}
+    )
 
 
 def configure(settings: FleetSettings, file: Path, member: str, store: Path) -> Access:
@@ -80,17 +82,13 @@ def configure(settings: FleetSettings, file: Path, member: str, store: Path) -> 
     roles = (HUB, OPERATOR, *settings.hosts)
     words = open_secrets(file.with_suffix(".secrets"), (*roles, _ROUTE))
     users = [{"user": each, "password": words[each], "permissions": list_rights(each)} for each in roles]
-    config = _describe(member, own.listen, store) | {"authorization": {"users": users}}
-    tls, scheme = settings.tls, "nats" if settings.tls is None else "tls"
-    if tls is not None:
-        files = {"cert_file": str(tls.certificate), "key_file": str(tls.key), "ca_file": str(tls.ca)}
-        config["tls"] = {name: str(file.parent / each) for name, each in files.items()}
+    tls, scheme = _describe_tls(settings.tls, file.parent), "nats" if settings.tls is None else "tls"
+    config = _describe(member, own.listen, store) | tls | {"authorization": {"users": users}}
     if own.cluster:
         others = [each.cluster for name, each in settings.servers.items() if name != member]
-        known = {"user": _ROUTE, "password": words[_ROUTE]}
         routes = [f"nats-route://{_ROUTE}:{words[_ROUTE]}@{each}" for each in others]
-        config["cluster"] = {"name": "paos", "listen": own.cluster, "authorization": known, "routes": routes}
-        config["cluster"] |= {"tls": config["tls"]} if tls is not None else {}
+        cluster = {"name": "paos", "listen": own.cluster, "routes": routes, "no_advertise": True}  # clients have URLs
+        config["cluster"] = cluster | tls | {"authorization": {"user": _ROUTE, "password": words[_ROUTE]}}
     urls = {
         role: ",".join(f"{scheme}://{role}:{words[role]}@{each.listen}" for each in settings.servers.values())
         for role in roles
@@ -98,9 +96,13 @@ def configure(settings: FleetSettings, file: Path, member: str, store: Path) -> 
     return Access(config, urls)
 
 
-def _describe(name: str, listen: str, store: Path) -> dict[str, dict[str, object] | object]:
-    return {
-        "server_name": name,
-        "listen": listen,
-        "jetstream": {"store_dir": str(store), "sync_interval": "always"},
-    }
+def _describe(name: str, listen: str, store: Path) -> dict[str, object]:
+    jetstream = {"store_dir": str(store), "sync_interval": "always"}
+    return {"server_name": name, "listen": listen, "jetstream": jetstream}
+
+
+def _describe_tls(tls: Encryption | None, folder: Path) -> dict[str, object]:
+    if tls is None:
+        return {}
+    files = {"cert_file": tls.certificate, "key_file": tls.key, "ca_file": tls.ca}
+    return {"tls": {name: str(folder / each) for name, each in files.items()}}

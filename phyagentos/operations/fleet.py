@@ -72,9 +72,7 @@ class FleetStop(msgspec.Struct, frozen=True, kw_only=True):
     silent: tuple[str, ...]
 
 
-def prepare_server(
-    store: Path, listen: str = LISTEN, *, settings: Path | None = None, member: str = ""
-) -> FleetServer:
+def prepare_server(store: Path, listen: str = LISTEN, *, settings: Path | None = None, member: str = "") -> FleetServer:
     """The URLs of a server of this fleet, and the command that runs it.
 
     It demands a token, or where there are `settings` a password of each user; they are made at the first start and
@@ -133,6 +131,7 @@ def join_fleet(
     known = read_target_registry(workspace.target_registry)
     if missing := sorted(set(targets) - known.keys()):
         raise DefinitionError.unknown("target", "--target", missing[0], known)
+    _refuse_half_a_world(known, {*targets} or {*known})
     skills = read_skill_registry(workspace.skill_registry)
     served = {each: _list_skills(skills, known[each]) for each in targets or known}
     with contextlib.ExitStack() as stack:
@@ -152,6 +151,16 @@ def join_fleet(
             return host.turn()
 
         take_turns(turn, bus, journal.folder, ends)
+
+
+def _refuse_half_a_world(known: Mapping[str, TargetProfile], served: Collection[str]) -> None:
+    """Two hosts have two worlds, in which different events happen: one world is on one host."""
+    worlds = {known[each].world for each in served if known[each].world}
+    if missing := sorted(name for name, each in known.items() if each.world in worlds and name not in served):
+        text = f"{', '.join(sorted(served))} without {missing[0]}"
+        raise DefinitionError.of(
+            "WORLD_CONFLICT", "--target", text, f"every target of the world {known[missing[0]].world!r}"
+        )
 
 
 def _list_skills(skills: Mapping[str, SkillRuntime], target: TargetProfile) -> tuple[str, ...]:

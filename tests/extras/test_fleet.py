@@ -242,7 +242,7 @@ def check_rights(host, hub):
     subjects += [f"$JS.API.STREAM.{verb}.KV_paos_claims" for verb in ("DELETE", "PURGE", "UPDATE", "MSG.DELETE")]
     subjects += ["$JS.API.STREAM.CREATE.paos_lane_h=2e=1", "$JS.API.CONSUMER.CREATE.KV_paos_hosts"]
     for subject in subjects:
-        with pytest.raises(BusLost, match="ermissions|Timeout"):
+        with pytest.raises(BusLost, match="Timeout"):
             ask(host, subject, b"{}")
     assert hub.get(Bucket.CLAIMS, "s").value == b"open"
     assert hub.get(Bucket.HOSTS, "h2") is None

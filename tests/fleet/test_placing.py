@@ -2,6 +2,7 @@
 
 from concurrent.futures import wait
 from contextlib import closing
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -10,7 +11,7 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.fleet.bus import Bucket, Claim, HostCard, Offer, encode_key
 from phyagentos.fleet.host import BY, FleetHost
 from phyagentos.fleet.hub import GRACE_S, LEASE_S, FleetHub
-from phyagentos.operations.fleet import _choose_lane
+from phyagentos.operations.fleet import _choose_lane, _refuse_half_a_world
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.estop import is_latched, reset
 from phyagentos.protocol.sessions.lease_files import ENDED_S, read_lease, write_lease
@@ -378,7 +379,7 @@ def test_a_session_goes_to_a_host_that_has_its_skill_and_of_those_to_the_one_tha
 
 
 def test_a_host_has_no_say_in_a_session_that_another_one_holds(fleet):
-    holder, other = fleet.place()
+    _, other = fleet.place()
     contract = make_contract(id="g.a")
     other.agent.commit([Entry("g.a", "submit", dict(msgspec.to_builtins(contract)))])
     other.begin("g.a")
@@ -462,6 +463,31 @@ def test_what_is_over_is_forgotten(fleet):
     fleet.turn()
     fleet.hub.agent.commit([Entry("g.a", "verify"), Entry("g.a", "accept", {"attempt": msgspec.to_builtins(VERDICT)})])
     fleet.turn()
-    hub = fleet.hub.process
-    assert not (hub._over or hub._waiting or hub._placed or hub._fetched._done)
-    assert not (other.process._lost or other.process._offers or holder.process._held or holder.process._transfers._done)
+    hub, host = fleet.hub.process, holder.process
+    left = [hub._over, hub._waiting, hub._placed, hub._fetched._done, other.process._lost, other.process._offers]
+    assert not any([*left, host._held, host._transfers._done])
+
+
+def test_an_episode_goes_on_in_the_world_of_its_host_while_that_one_is_alive(fleet):
+    holder, other = fleet.place()
+    holder.finish("g.a")
+    fleet.turn()
+    holder.process._card = msgspec.structs.replace(holder.process._card, load=5)
+    fleet.submit("g.b")
+    fleet.turn(fleet.hub, other)
+    assert other.read_state("g.b") is None
+    fleet.turn(fleet.hub, holder)
+    assert fleet.find_holder("g.b") is holder
+    holder.bus.is_connected = False
+    fleet.turn(seconds=2.0 * (LEASE_S + GRACE_S))
+    fleet.submit("g.c")
+    fleet.turn()
+    assert fleet.find_holder("g.c") is other
+
+
+def test_a_host_offers_a_shared_world_as_a_whole():
+    known = {name: SimpleNamespace(world=world) for name, world in {"l": "table", "r": "table", "p": ""}.items()}
+    _refuse_half_a_world(known, {"p"})
+    _refuse_half_a_world(known, {"l", "r"})
+    with pytest.raises(DefinitionError, match="l without r"):
+        _refuse_half_a_world(known, {"l"})
