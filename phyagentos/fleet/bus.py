@@ -7,7 +7,7 @@ hub in order.
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from typing import NamedTuple, Protocol, TypeVar
 
@@ -161,8 +161,14 @@ class Bus(Protocol):
     def swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         """Replace the value of this revision, 0 for none; the new one, or None where another one stands there."""
 
-    def remove(self, bucket: Bucket, key: str) -> None:
-        """Forget a key."""
+    def put_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> None:
+        """Replace several values, in the time of one."""
+
+    def open_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> dict[str, int | None]:
+        """Set what is not there; the revisions, None where something is."""
+
+    def remove_all(self, keys: Collection[tuple[Bucket, str]]) -> None:
+        """Forget several keys."""
 
     def find_end(self, lane: str) -> int:
         """Number of the last record of a lane, as far as that has arrived here."""
@@ -175,6 +181,9 @@ class Bus(Protocol):
 
     def read(self, lane: str, after: int, up_to: int) -> list[Frame]:
         """The records behind `after` that the server has, up to a number."""
+
+    def read_all(self, wanted: Mapping[str, tuple[int, int]]) -> dict[str, list[Frame]]:
+        """The same of several lanes, in the time of one."""
 
     def store(self, name: str, data: bytes) -> None:
         """Keep an object of the own lane, unless it is kept already."""

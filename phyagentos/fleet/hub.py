@@ -7,6 +7,7 @@ what follows.
 
 import contextlib
 from collections import defaultdict, deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -162,26 +163,27 @@ class FleetHub:
 
     def _follow_lanes(self) -> bool:
         """Whether more waits; a lane that is damaged concerns its host alone."""
-        more = False
+        wanted, more = dict[str, tuple[int, int]](), False
         for lane in {card.host for card in self._cards} - self._aside.keys():
-            try:
-                more |= self._follow_lane(lane)
-            except BusLost:
-                raise
-            except ExecutionError as error:
-                self._aside[lane] = str(error)
+            with self._set_aside(lane):
+                if lane not in self._replicas:
+                    self._replicas[lane] = LaneReplica(self.get_replica_root(lane), lane)
+                    self._take_in(lane, self._replicas[lane].start)
+                    self._replicas[lane].start.clear()
+                end, before = self._bus.find_end(lane), self._replicas[lane].seq
+                wanted |= {lane: (before, min(end, before + RECORDS_MAX))} if end > before else {}
+        for lane, frames in (self._bus.read_all(wanted) if wanted else {}).items():
+            with self._set_aside(lane):
+                self._take_in(lane, self._replicas[lane].take(frames))
+                more |= bool(frames) and self._replicas[lane].seq < self._bus.find_end(lane)
         return more
 
-    def _follow_lane(self, lane: str) -> bool:
-        if lane not in self._replicas:
-            self._replicas[lane] = LaneReplica(self.get_replica_root(lane), lane)
-            self._take_in(lane, self._replicas[lane].start)
-            self._replicas[lane].start.clear()
-        replica = self._replicas[lane]
-        end, before = self._bus.find_end(lane), replica.seq
-        if end > before:
-            self._take_in(lane, replica.take(self._bus.read(lane, before, min(end, before + RECORDS_MAX))))
-        return before < replica.seq < end
+    @contextlib.contextmanager
+    def _set_aside(self, lane: str) -> Iterator[None]:
+        try:
+            yield
+        except ExecutionError as error:
+            self._aside[lane] = str(error)
 
     def _take_in(self, lane: str, records: list[Record]) -> None:
         for record in records:
@@ -266,14 +268,15 @@ class FleetHub:
         held = [each.contract for each in self._ledger.live_sessions() if each.state not in _RESTING]
         held += [each.contract for each in waiting if each.contract.id in placed]
         taken = {name for each in held for name in each.resources}
+        changed, new = list[Offer](), list[Session]()
         for session in (each.contract for each in waiting):
             if session.id in placed:
                 offer = placed[session.id].offer
-                if (wanted := self._update(offer, session)) != offer:  # amended, or another host can take it now
-                    self._put(placed[session.id], wanted)
+                changed += [wanted] if (wanted := self._update(offer, session)) != offer else []  # or was amended
             elif taken.isdisjoint(session.resources):
                 taken.update(session.resources)
-                self._open(placed, session)
+                new.append(session)
+        self._put(placed, [*changed, *self._open(new)])
 
     def _update(self, offer: Offer, session: Session) -> Offer:
         """As it should be now: the lease of a session that several hosts can take is short, else one may finish it."""
@@ -286,26 +289,35 @@ class FleetHub:
             offer, contract=session, lease_s=lease_s, hosts=hosts, home=home if home in capable else ""
         )
 
-    def _open(self, placed: dict[SessionId, Placed], session: Session) -> None:
-        key = encode_key(session.id)
-        revision = self._bus.swap(Bucket.CLAIMS, key, msgspec.json.encode(Claim()), 0)
-        if revision is None:  # opened by an earlier process, before its offer was made
-            found = self._bus.get(Bucket.CLAIMS, key)
-            if found is None or find_read(found.value, Claim) != Claim():
+    def _open(self, sessions: list[Session]) -> list[Offer]:
+        """Offers of those whose claim is open: since now, or by an earlier process that ended before it offered it."""
+        keys = {encode_key(each.id): each for each in sessions}
+        opened = self._bus.open_all(Bucket.CLAIMS, dict.fromkeys(keys, msgspec.json.encode(Claim()))) if keys else {}
+        offers = []
+        for key, session in keys.items():
+            revision = opened[key]
+            if revision is None and (found := self._bus.get(Bucket.CLAIMS, key)) is not None:
+                revision = found.revision if find_read(found.value, Claim) == Claim() else None
+            if revision is None:
                 taken = Problem(
                     "BUSY", f"{session.id}: the server has a claim of this name", expected="another goal id"
                 )
                 self._record([make_rejection(session.id, taken)], BY)
-                return
-            revision = found.revision
-        self._number += 1
-        offer = self._update(Offer(contract=session, number=self._number, revision=revision, lease_s=0.0), session)
-        placed[session.id] = Placed(offer, since_s=self._clock.now_s())
-        self._put(placed[session.id], offer)
+                continue
+            self._number += 1
+            offer = Offer(contract=session, number=self._number, revision=revision, lease_s=0.0)
+            offers.append(self._update(offer, session))
+        return offers
 
-    def _put(self, each: Placed, offer: Offer) -> None:
-        self._bus.put(Bucket.OFFERS, get_offer_key(offer.contract), msgspec.json.encode(offer))
-        each.offer = offer
+    def _put(self, placed: dict[SessionId, Placed], offers: list[Offer]) -> None:
+        """Placed is what the server has confirmed: the rest is offered again."""
+        if offers:
+            self._bus.put_all(
+                Bucket.OFFERS, {get_offer_key(each.contract): msgspec.json.encode(each) for each in offers}
+            )
+        for each in offers:
+            known = placed.setdefault(each.contract.id, Placed(each, since_s=self._clock.now_s()))
+            known.offer = each
 
     def _enforce(self, placed: dict[SessionId, Placed]) -> None:
         """Fence what was not renewed in time, and what no host has taken in time."""
@@ -358,17 +370,22 @@ class FleetHub:
 
     def _end(self, placed: dict[SessionId, Placed]) -> None:
         """Let hosts know of verdicts and cancellations, and forget what is over on both sides."""
-        for id, each in list(placed.items()):
+        over, changed = [], []
+        for id, each in placed.items():
             status = self._ledger.sessions.get(id)
-            wanted = _build_end(each.offer, status)
             if (status is None or status.state in FINAL_STATES) and self._is_over_there(id):
-                self._bus.remove(Bucket.OFFERS, get_offer_key(each.offer.contract))
-                self._bus.remove(Bucket.CLAIMS, encode_key(id))
-                del placed[id]
-                self._fetched.forget(id)
-            elif wanted != each.offer:
-                self._own.sync()  # the verdict that is passed on
-                self._put(each, wanted)
+                over.append(each.offer.contract)
+            elif (wanted := _build_end(each.offer, status)) != each.offer:
+                changed.append(wanted)
+        if changed:
+            self._own.sync()  # the verdicts that are passed on
+            self._put(placed, changed)
+        if over:
+            keys = [(Bucket.OFFERS, get_offer_key(each)) for each in over]
+            self._bus.remove_all([*keys, *((Bucket.CLAIMS, encode_key(each.id)) for each in over)])
+        for contract in over:
+            del placed[contract.id]
+            self._fetched.forget(contract.id)
         self._over &= placed.keys()
 
     def _is_over_there(self, id: SessionId) -> bool:

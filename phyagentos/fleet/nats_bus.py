@@ -108,15 +108,24 @@ class NatsBus:
 
     def put(self, bucket: Bucket, key: str, value: bytes) -> None:
         """As of the port."""
-        self._call(lambda: self._js.publish(f"{locate(bucket)}{key}", value, timeout=CALL_S))
+        self.put_all(bucket, {key: value})
+
+    def put_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> None:
+        """As of the port."""
+        self._call(lambda: _gather(values, lambda key: self._put(bucket, key, values[key])))
+
+    def open_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> dict[str, int | None]:
+        """As of the port."""
+        found = self._call(lambda: _gather(values, lambda key: self._swap(bucket, key, values[key], 0)))
+        return dict(zip(values, found, strict=True))
 
     def swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         """As of the port."""
         return self._call(lambda: self._swap(bucket, key, value, revision))
 
-    def remove(self, bucket: Bucket, key: str) -> None:
+    def remove_all(self, keys: Collection[tuple[Bucket, str]]) -> None:
         """As of the port."""
-        self._call(lambda: self._remove(bucket, key))
+        self._call(lambda: _gather(keys, lambda each: self._remove(*each)))
 
     def count(self, lane: str) -> int:
         """As of the port."""
@@ -129,6 +138,11 @@ class NatsBus:
     def read(self, lane: str, after: int, up_to: int) -> list[Frame]:
         """As of the port."""
         return self._call(lambda: self._read(lane, after, up_to), 4 * CALL_S)
+
+    def read_all(self, wanted: Mapping[str, tuple[int, int]]) -> dict[str, list[Frame]]:
+        """As of the port."""
+        found = self._call(lambda: _gather(wanted, lambda lane: self._read(lane, *wanted[lane])), 4 * CALL_S)
+        return dict(zip(wanted, found, strict=True))
 
     def store(self, name: str, data: bytes) -> None:
         """As of the port."""
@@ -295,6 +309,9 @@ class NatsBus:
             if error.err_code in _WRONG_SEQUENCE:
                 return None
             raise
+
+    async def _put(self, bucket: Bucket, key: str, value: bytes) -> None:
+        await self._js.publish(f"{locate(bucket)}{key}", value, timeout=CALL_S)
 
     async def _remove(self, bucket: Bucket, key: str) -> None:
         await self._js.purge_stream(name_store(bucket), subject=_cover(bucket, key))

@@ -86,7 +86,7 @@ def test_a_claim_is_taken_once_and_a_stale_revision_is_refused(bus):
     assert bus.swap(Bucket.CLAIMS, "a", b"h2", first) is None
     assert bus.get(Bucket.CLAIMS, "a") == (b"h1", second)
     wait_until(lambda: bus.view(Bucket.CLAIMS) == {"a": b"h1"})
-    bus.remove(Bucket.CLAIMS, "a")
+    bus.remove_all([(Bucket.CLAIMS, "a")])
     assert bus.swap(Bucket.CLAIMS, "a", b"h2", second) is None
     assert bus.get(Bucket.CLAIMS, "a") is None
 

@@ -67,9 +67,17 @@ class FakeBus:
         self._answer()
         return new
 
-    def remove(self, bucket: Bucket, key: str) -> None:
+    def put_all(self, bucket, values) -> None:
+        for key, value in values.items():
+            self.put(bucket, key, value)
+
+    def open_all(self, bucket, values):
+        return {key: self.swap(bucket, key, value, 0) for key, value in values.items()}
+
+    def remove_all(self, keys) -> None:
         self._look()
-        self.server.values[bucket].pop(key, None)
+        for bucket, key in keys:
+            self.server.values[bucket].pop(key, None)
 
     def count(self, lane: str) -> int:
         self._look()
@@ -86,6 +94,9 @@ class FakeBus:
     def read(self, lane: str, after: int, up_to: int) -> list[Frame]:
         self._look()
         return self.server.lanes[lane][after:up_to]
+
+    def read_all(self, wanted):
+        return {lane: self.read(lane, *span) for lane, span in wanted.items()}
 
     def store(self, name: str, data: bytes) -> None:
         self._look()
