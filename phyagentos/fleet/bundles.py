@@ -3,7 +3,6 @@
 A transfer that breaks off goes on where it was: what is kept already is neither sent nor fetched again.
 """
 
-import contextlib
 import hashlib
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -25,25 +24,29 @@ class Transfers:
     def __init__(self, bus: Bus, transfer: Callable[[Path, SessionId, str, Bus], bool]) -> None:
         self._bus, self._transfer, self._pool = bus, transfer, ThreadPoolExecutor(TOGETHER)
         self.running: dict[SessionId, Future[bool]] = {}
+        self._since: dict[SessionId, int] = {}  # bundles at the server, before it was looked for the last time
         self._done: set[SessionId] = set()
 
     def is_done(self, folder: Path, session: SessionId, lane: str = "") -> bool:
         """Whether a bundle has arrived; one that is not under way, or broke off, begins. Raises as the transfer."""
         begun = self.running.get(session)
-        if session in self._done:
-            return True
-        if begun is None:
+        if begun is not None and begun.done():
+            del self.running[session]
+            try:
+                self._done |= {session} if begun.result() else set()
+            except (BusLost, OSError):  # no answer, or no room: again
+                del self._since[session]
+        is_vain = self._since.get(session) == self._bus.bundles  # until there is news
+        if session not in self._done | self.running.keys() and not is_vain:
+            self._since[session] = self._bus.bundles
             self.running[session] = begun = self._pool.submit(self._transfer, folder, session, lane, self._bus)
             begun.add_done_callback(lambda _: self._bus.ring())
-        elif begun.done():
-            del self.running[session]
-            with contextlib.suppress(BusLost):
-                self._done |= {session} if begun.result() else set()
         return session in self._done
 
     def forget(self, session: SessionId) -> None:
         """It is over."""
         self.running.pop(session, None)
+        self._since.pop(session, None)
         self._done.discard(session)
 
 
@@ -60,7 +63,7 @@ def send_bundle(folder: Path, session: SessionId, _lane: str, bus: Bus) -> bool:
 
 
 def fetch_bundle(folder: Path, session: SessionId, lane: str, bus: Bus) -> bool:
-    """Write a bundle of a lane below this workspace; False while the server has no list of it, or the disk is full.
+    """Write a bundle of a lane below this workspace; False while the server has no list of it.
 
     Raises ExecutionError `EVIDENCE_DAMAGED` for a file that is missing, another one, or named outside; BusLost.
     """
@@ -72,8 +75,6 @@ def fetch_bundle(folder: Path, session: SessionId, lane: str, bus: Bus) -> bool:
             _fetch_file(folder, name, sha256, lane, bus)
     except (ValueError, FileExistsError, NotADirectoryError, IsADirectoryError) as error:
         raise ExecutionError("EVIDENCE_DAMAGED", f"bundle of {session} from {lane}: {error}") from error
-    except OSError:
-        return False
     return True
 
 

@@ -146,6 +146,10 @@ class Bus(Protocol):
     def ring(self) -> None:
         """Make news; from any thread."""
 
+    @property
+    def bundles(self) -> int:
+        """How many bundles have arrived at the server, as far as this has been heard; it grows."""
+
     def view(self, bucket: Bucket) -> Mapping[str, bytes]:
         """The values of a bucket as far as they have arrived here."""
 

@@ -26,7 +26,7 @@ from nats.js.object_store import ObjectStore
 
 from phyagentos.clock import SystemClock
 from phyagentos.fleet.bus import HUB, Bucket, BusLost, Frame, HostCard, Stored, encode_key, find_read, hide_token
-from phyagentos.fleet.subjects import LANE, locate, locate_claim, name_evidence, name_inbox, name_lane, name_store
+from phyagentos.fleet.subjects import LANE, NEWS, locate, locate_claim, name_evidence, name_inbox, name_lane, name_store
 
 CALL_S = 5.0
 RETRY_S = 0.2
@@ -61,6 +61,7 @@ class NatsBus:
         self._changed: dict[Bucket, set[str]] = {bucket: set() for bucket in Bucket}  # since a look at all began
         self._acts: dict[Bucket, Callable[[bytes], None]] = {}
         self._ends: dict[str, int] = {}
+        self._bundles = 0
         self._news = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         self._client = Client()
         self._js: JetStreamContext
@@ -93,6 +94,11 @@ class NatsBus:
         """As of the port."""
         with contextlib.suppress(OSError):  # closed since
             os.eventfd_write(self._news, 1)
+
+    @property
+    def bundles(self) -> int:
+        """As of the port."""
+        return self._bundles
 
     def view(self, bucket: Bucket) -> Mapping[str, bytes]:
         """As of the port."""
@@ -190,6 +196,7 @@ class NatsBus:
                     await asyncio.wait_for(self._provide_stores(), CALL_S)
                 await asyncio.wait_for(self._rescan(), 2 * CALL_S)
                 self._is_ready = True
+                self._bundles += 1  # or so many: news may have been missed
                 self.ring()
                 await asyncio.sleep(RESCAN_S if self._client.is_connected else RETRY_S)
             except Exception as error:  # whatever a server answers: nothing else brings the connection back
@@ -219,12 +226,11 @@ class NatsBus:
         )
         self._js = self._client.jetstream(timeout=CALL_S)
         for bucket, keys in self._wanted.items():
-            hear = self._hear_claim if bucket is Bucket.CLAIMS else partial(self._hear, bucket)
             for key in keys:
-                await self._client.subscribe(f"{locate(bucket)}{key}", cb=hear)
+                await self._client.subscribe(f"{NEWS}{locate(bucket)}{key}", cb=partial(self._hear, bucket))
         if self._is_hub:
-            await self._client.subscribe(f"{LANE}>", cb=self._hear_lane)
-            await self._client.subscribe("$O.*.M.>", cb=self._hear_bundle)
+            await self._client.subscribe(f"{NEWS}{LANE}>", cb=self._hear_lane)
+            await self._client.subscribe(f"{NEWS}$O.>", cb=self._hear_bundle)
 
     async def _provide_stores(self) -> None:
         """After each break: the server may have come back without its disk. Rollups could empty a store: none here."""
@@ -233,13 +239,15 @@ class NatsBus:
             await self._provide(name_store(bucket), [f"{locate(bucket)}>"], max_msgs_per_subject=1)
 
     async def _provide(self, stream: str, subjects: list[str], **settings: int | bool) -> None:
+        """A stream that makes news of what it has taken: what it refused is not heard, nor anything too early."""
         replicas = min(3, len(self._url.split(",")))
         config = api.StreamConfig(name=stream, subjects=subjects, num_replicas=replicas, allow_direct=True)
-        await self._js.add_stream(config, deny_delete=True, discard=api.DiscardPolicy.NEW, **settings)
+        news = api.RePublish(src=subjects[0], dest=f"{NEWS}{subjects[0]}")
+        await self._js.add_stream(config, deny_delete=True, discard=api.DiscardPolicy.NEW, republish=news, **settings)
 
     async def _hear(self, bucket: Bucket, message: Msg) -> None:
-        key = message.subject.removeprefix(locate(bucket))
-        self._note(bucket, key, message.data)
+        key = message.subject.removeprefix(f"{NEWS}{locate(bucket)}")
+        self._note(bucket, key.split(".")[0] if bucket is Bucket.CLAIMS else key, message.data)
         with contextlib.suppress(KeyError, OSError):  # what an act did not do, the next look does
             self._acts[bucket](message.data)
         if self._is_hub and bucket is Bucket.HOSTS and (card := find_read(message.data, HostCard)) is not None:
@@ -254,21 +262,13 @@ class NatsBus:
             self._views[bucket][key] = value
         self.ring()
 
-    async def _hear_claim(self, message: Msg) -> None:
-        """A claim that the server refuses is heard, too: what stands there is asked for."""
-        key = message.subject.removeprefix(locate(Bucket.CLAIMS)).split(".")[0]
-        with contextlib.suppress(nats.errors.Error, TimeoutError):  # the next look at everything finds it
-            if (found := await self._get(Bucket.CLAIMS, key)) is not None:
-                self._note(Bucket.CLAIMS, key, found.value)
-
     async def _hear_lane(self, message: Msg) -> None:
-        """The subject says whose it is; the number may be of a record that is refused."""
-        lane, seq = message.subject.removeprefix(LANE), (message.headers or {}).get("Nats-Msg-Id", "")
-        if (number := seq.rpartition(".")[2]).isdecimal():
-            self._ends[lane] = max(self._ends.get(lane, 0), int(number))
-            self.ring()
+        lane, seq = message.subject.removeprefix(f"{NEWS}{LANE}"), (message.headers or {}).get("Nats-Sequence", "0")
+        self._ends[lane] = max(self._ends.get(lane, 0), int(seq))
+        self.ring()
 
     async def _hear_bundle(self, _: Msg) -> None:
+        self._bundles += 1
         self.ring()
 
     async def _rescan(self) -> None:
@@ -323,7 +323,7 @@ class NatsBus:
         if self._is_hub and lane not in self._known_lanes:
             await self._provide(stream, [f"{LANE}{token}"])
             objects = name_evidence(token)
-            await self._provide(f"OBJ_{objects}", [f"$O.{objects}.C.>", f"$O.{objects}.M.>"], allow_rollup_hdrs=True)
+            await self._provide(f"OBJ_{objects}", [f"$O.{objects}.M.>", f"$O.{objects}.C.>"], allow_rollup_hdrs=True)
             self._known_lanes.add(lane)
         return stream
 
@@ -367,8 +367,12 @@ class NatsBus:
             await objects.put(name, data)
 
     async def _load(self, lane: str, name: str) -> bytes | None:
+        objects, stream = self._open_objects(encode_key(lane)), name_evidence(encode_key(lane))
         try:
-            return (await self._open_objects(encode_key(lane)).get(name)).data or b""
+            info = await objects.get_info(name)
+            if info.chunks == 1:  # in one round trip, where a consumer takes several
+                return (await self._js.get_last_msg(f"OBJ_{stream}", f"$O.{stream}.C.{info.nuid}")).data or b""
+            return (await objects.get(name)).data or b""
         except nats.js.errors.NotFoundError:
             return None
 

@@ -6,6 +6,7 @@ A rollup or a change of a stream could undo what others wrote: only the hub may 
 from phyagentos.fleet.bus import HUB, OPERATOR, Bucket, encode_key
 
 LANE = "paos.lane."
+NEWS = "paos.news."  # then the subject of what a stream has taken; the server alone writes here
 _READ = ("STREAM.INFO", "STREAM.MSG.GET", "DIRECT.GET")
 
 
@@ -51,5 +52,5 @@ def list_rights(role: str) -> dict[str, dict[str, list[str]]]:
     streams = [*map(name_store, Bucket), *([name_lane(role), f"OBJ_{objects}"] if role != OPERATOR else ["*"])]
     asked = [f"$JS.API.{verb}.{stream}" for verb in _READ for stream in streams]
     written = [f"{locate(Bucket.STOPS)}stop"] if role == OPERATOR else own
-    news = [f"{locate(bucket)}>" for bucket in heard]
+    news = [f"{NEWS}{locate(bucket)}>" for bucket in heard]
     return {"publish": {"allow": [*written, *asked]}, "subscribe": {"allow": [*news, f"{name_inbox(role)}.>"]}}

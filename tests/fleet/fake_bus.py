@@ -45,6 +45,10 @@ class FakeBus:
     def ring(self) -> None:
         pass
 
+    @property
+    def bundles(self) -> int:
+        return len(self.server.objects)
+
     def view(self, bucket: Bucket) -> Mapping[str, bytes]:
         return {key: each.value for key, each in self.server.values[bucket].items()}
 
