@@ -134,6 +134,7 @@ class Stage:
             own = ("--name", host, "--target", target, "--no-pictures", "--trust-python")
             self._commands[host] = self._paos(host, "join", *own)
         self._shifted: set[str] = set()
+        self._shifted_path = os.pathsep.join((str(folder / "shifted"), os.environ.get("PYTHONPATH", "")))
         (folder / "shifted").mkdir()
         (folder / "shifted" / "sitecustomize.py").write_text(SHIFTED.replace("SHIFT", str(CLOCK_OFF_S)))
         self.mounted = [host for host in HOSTS if mount_disk(folder / host)]
@@ -188,7 +189,7 @@ class Stage:
                 name, 0.0
             ):
                 self._not_before_s[name] = self._clock.now_s() + 1.0
-                others = {"PYTHONPATH": str(self.folder / "shifted")} if name in self._shifted else {}
+                others = {"PYTHONPATH": self._shifted_path} if name in self._shifted else {}
                 self._processes[name] = subprocess.Popen(
                     command,
                     stdout=self._log,
