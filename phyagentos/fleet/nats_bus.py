@@ -170,11 +170,19 @@ class NatsBus:
         """As of the port."""
         self._keeper.cancel()
         with contextlib.suppress(Exception):
-            asyncio.run_coroutine_threadsafe(self._client.close(), self._loop).result(CALL_S)
+            asyncio.run_coroutine_threadsafe(self._let_go(), self._loop).result(CALL_S)
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
         os.close(self._news)
+
+    async def _let_go(self) -> None:
+        with contextlib.suppress(Exception):
+            await self._client.close()
+        left = asyncio.all_tasks() - {asyncio.current_task()}
+        for each in left:
+            each.cancel()
+        await asyncio.gather(*left, return_exceptions=True)
 
     def _call(self, work: Callable[[], Coroutine[object, None, _Result]], timeout_s: float = CALL_S) -> _Result:
         if not self.is_connected:
