@@ -9,7 +9,7 @@ hub in order.
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
-from typing import NamedTuple, Protocol, TypeVar
+from typing import Annotated, NamedTuple, Protocol, TypeVar
 
 import msgspec
 
@@ -19,6 +19,7 @@ from phyagentos.protocol.sessions.evidence_manifest import FileName
 from phyagentos.protocol.sessions.session import Session
 
 HUB, OPERATOR = "hub", "operator"  # who is no host
+HOST_NAME = r"^(?!\.\.?$)[^/\x00-\x1f]{1,60}$"  # also that of a folder
 _Struct = TypeVar("_Struct", bound=msgspec.Struct)
 
 
@@ -96,7 +97,7 @@ class HostCard(msgspec.Struct, frozen=True, kw_only=True):
         is_stopped: Whether its emergency stop is latched.
     """
 
-    host: FileName
+    host: Annotated[str, msgspec.Meta(pattern=HOST_NAME)]
     targets: dict[str, tuple[str, ...]]
     load: int = 0
     beat: int = 0

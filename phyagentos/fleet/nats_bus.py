@@ -174,7 +174,8 @@ class NatsBus:
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
-        os.close(self._news)
+        news, self._news = self._news, -1  # its number may be another file's soon
+        os.close(news)
 
     async def _let_go(self) -> None:
         with contextlib.suppress(Exception):

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import select
 import shutil
 import sys
@@ -17,7 +18,7 @@ from phyagentos.assembly.paths import open_project, serve_alone
 from phyagentos.assembly.planes import STOP_S, start_watch
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, needs_extra
-from phyagentos.fleet.bus import HUB, OPERATOR, Bucket, Bus, HostCard, hide_token, iter_read
+from phyagentos.fleet.bus import HOST_NAME, HUB, OPERATOR, Bucket, Bus, HostCard, hide_token, iter_read
 from phyagentos.fleet.host import BEAT_S, BY, FleetHost
 from phyagentos.fleet.hub import LEASE_S, FleetHub
 from phyagentos.fleet.server import FleetSettings, configure, configure_alone
@@ -169,8 +170,9 @@ def _list_skills(skills: Mapping[str, SkillRuntime], target: TargetProfile) -> t
 
 def _choose_lane(workspace: Workspace, name: str | None) -> str:
     found = choose_partition(workspace.sessions)
-    if name is not None and (Path(name).name != name or name in {"..", HUB, OPERATOR}):
-        raise DefinitionError.of("INVALID_VALUE", "--name", name, "a name without `/`, not of another part of a fleet")
+    if not re.match(HOST_NAME, name or found) or name in {HUB, OPERATOR}:
+        expected = f"at most 60 letters, no `/`, and none of {HUB}, {OPERATOR}"
+        raise DefinitionError.of("INVALID_VALUE", "--name", name or found, expected)
     if name is None or name == found or not (workspace.sessions / found).is_dir():
         return name or found
     raise DefinitionError.of("INVALID_VALUE", "--name", name, f"{found!r}, as this workspace has been called so far")

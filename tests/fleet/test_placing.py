@@ -313,7 +313,7 @@ def test_what_leads_out_of_a_workspace_or_has_another_form_is_not_followed_and_e
     offer = msgspec.to_builtins(Offer(contract=make_contract(id="g.b"), number=1, revision=0, lease_s=9.0))
     offer["contract"]["id"] = "../../g.b"
     for bucket, values in {
-        Bucket.HOSTS: [card | {"host": "../../h3"}, card | {"host": ".."}, {"other": 1}],
+        Bucket.HOSTS: [card | {"host": "../../h3"}, card | {"host": ".."}, card | {"host": "h\0003"}, {"other": 1}],
         Bucket.OFFERS: [offer, {"other": 1}],
     }.items():
         for number, value in enumerate(values):
@@ -324,7 +324,7 @@ def test_what_leads_out_of_a_workspace_or_has_another_form_is_not_followed_and_e
     assert holder.read_state() is not None
 
 
-@pytest.mark.parametrize("name", ["../h3", "..", "a/b"])
+@pytest.mark.parametrize("name", ["../h3", "..", "a/b", "hub", "h" * 99])
 def test_a_host_is_called_by_the_name_of_a_folder(tmp_path, name):
     with pytest.raises(DefinitionError, match="INVALID_VALUE"):
         _choose_lane(Workspace.create(tmp_path / "w", Library(())), name)
