@@ -73,13 +73,16 @@ class FleetHost:
         bus.on_change(Bucket.STOPS, self._stop)
 
     def turn(self) -> bool:
-        """Do what is due; whether more waits. Without the server, nothing: leases end by themselves."""
+        """Do what is due, leases first, each part whatever becomes of the others; whether more waits."""
         more = False
+        self._ledger.extend(self._journal.read_new())
         with contextlib.suppress(BusLost):
-            self._ledger.extend(self._journal.read_new())
-            self._announce()
-            more = self._publisher.publish(self._ledger.seq)
             self._renew()
+        with contextlib.suppress(BusLost):
+            self._announce()
+        with contextlib.suppress(BusLost):
+            more = self._publisher.publish(self._ledger.seq)
+        with contextlib.suppress(BusLost):
             self._follow_offers()
         return more
 

@@ -110,10 +110,13 @@ class FleetHub:
             return False
         with contextlib.suppress(BusLost):
             self._pass_stop_on()
+        with contextlib.suppress(BusLost):
             more = self._publisher.publish(self._ledger.seq)
-            self._read_cards()
+        self._read_cards()
+        with contextlib.suppress(BusLost):
             more |= self._follow_lanes()
             self._relay()
+        with contextlib.suppress(BusLost):
             if self._placed is None:
                 self._placed = self._read_placed()
             self._place(self._placed)

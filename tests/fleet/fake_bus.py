@@ -15,6 +15,7 @@ class FakeServer:
         self.objects: dict[str, bytes] = {}
         self.buses: list[FakeBus] = []
         self.revision = 0
+        self.lost: set[Bucket] = set()  # without a leader: nothing can be written there
 
     def write(self, bucket, key, value):
         self.revision += 1
@@ -61,6 +62,8 @@ class FakeBus:
 
     def put(self, bucket: Bucket, key: str, value: bytes) -> None:
         self._look()
+        if bucket in self.server.lost:
+            raise BusLost("no leader")
         self.server.write(bucket, key, value)
         self._answer()
 

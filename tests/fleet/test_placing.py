@@ -491,3 +491,15 @@ def test_a_host_offers_a_shared_world_as_a_whole():
     _refuse_half_a_world(known, {"l", "r"})
     with pytest.raises(DefinitionError, match="l without r"):
         _refuse_half_a_world(known, {"l"})
+
+
+def test_a_store_without_a_leader_keeps_no_lease_from_being_renewed(fleet):
+    holder, _ = fleet.place()
+    fleet.server.lost = {Bucket.HOSTS, Bucket.STOPS}
+    fleet.turn(seconds=2.0 * (LEASE_S + GRACE_S))
+    fleet.turn()
+    assert read_lease(holder.workspace.leases, "g.a") > fleet.clock.now_s()
+    assert fleet.hub.read_state() == "running"
+    holder.finish("g.a")
+    fleet.turn()
+    assert fleet.hub.read_state() == "awaiting_verification"
