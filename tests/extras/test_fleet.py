@@ -14,7 +14,7 @@ from benchmarks.fleet_parts.links import Link
 from benchmarks.fleet_parts.noop import sum_up, time_fleet
 from benchmarks.fleet_parts.stage import choose_port
 from phyagentos.clock import SystemClock
-from phyagentos.fleet.bus import Bucket, BusLost, encode_key
+from phyagentos.fleet.bus import Bucket, BusLost, HostCard, encode_key
 from phyagentos.fleet.host import BY, FleetHost
 from phyagentos.fleet.lanes import LanePublisher, LaneReplica
 from phyagentos.fleet.server import ALL
@@ -206,7 +206,11 @@ def test_a_host_can_write_what_is_its_own_alone_and_a_leader_that_is_killed_lose
         check_rights(host, hub)
         assert (held := host.swap(Bucket.CLAIMS, "s", b"h.1", revision))
         assert other.swap(Bucket.CLAIMS, "s", b"h2", revision) is None
-        host.put(Bucket.HOSTS, encode_key(lane), b"card")
+        card = HostCard(host=lane, targets={"t": ()}, is_stopped=True)
+        host.put(Bucket.HOSTS, encode_key(lane), msgspec.json.encode(card))
+        assert read_status(urls["operator"]).hosts[0].card == card
+        assert stop_fleet(urls["operator"]).stopped == (lane,)
+        wait_until(lambda: host.view(Bucket.STOPS) and hub.view(Bucket.STOPS))
         host.store("b", b"data")
         publisher = LanePublisher(journal, host)
         publisher.publish(fill(journal, *"abc"))
