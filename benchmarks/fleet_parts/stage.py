@@ -11,8 +11,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import nats
-
 from benchmarks.fleet_parts.links import Link
 from phyagentos.clock import Clock
 from phyagentos.operations.fleet import prepare_server
@@ -150,6 +148,8 @@ class Stage:
 
     def find_leader(self, *, steps_down: bool = False) -> str:
         """The server that leads the claims; as it was, where it steps down."""
+        import nats  # of the extra `fleet`
+
         subject = "$JS.API.STREAM.LEADER.STEPDOWN.KV_paos_claims" if steps_down else ""
 
         async def ask() -> str:
