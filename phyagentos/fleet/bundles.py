@@ -6,6 +6,7 @@ A transfer that breaks off goes on where it was: what is kept already is neither
 import hashlib
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path, PurePosixPath
 
 import msgspec
@@ -15,7 +16,7 @@ from phyagentos.fleet.bus import Bus, BusLost, encode_key
 from phyagentos.protocol.documents.durable_files import replace_durably
 from phyagentos.protocol.sessions.session import SessionId
 
-TOGETHER = 8  # bundles on their way at once
+TOGETHER = 8  # bundles on their way at once, and files of each
 
 
 class Transfers:
@@ -52,14 +53,19 @@ class Transfers:
 
 def send_bundle(folder: Path, session: SessionId, _lane: str, bus: Bus) -> bool:
     """Keep a bundle with the server; its list comes last, so a list that is found is one of files that are there."""
-    files: dict[str, str] = {}
-    for path in sorted(each for each in folder.rglob("*") if each.is_file() and not each.name.startswith(".")):
-        data = path.read_bytes()
-        sha256 = hashlib.sha256(data).hexdigest()
-        bus.store(sha256, data)
-        files[path.relative_to(folder).as_posix()] = sha256
+    paths = sorted(each for each in folder.rglob("*") if each.is_file() and not each.name.startswith("."))
+    with ThreadPoolExecutor(TOGETHER) as pool:
+        sums = pool.map(partial(_send_file, bus), paths)
+        files = {path.relative_to(folder).as_posix(): sha256 for path, sha256 in zip(paths, sums, strict=True)}
     bus.store(f"bundle.{encode_key(session)}", msgspec.json.encode(files))
     return True
+
+
+def _send_file(bus: Bus, path: Path) -> str:
+    data = path.read_bytes()
+    sha256 = hashlib.sha256(data).hexdigest()
+    bus.store(sha256, data)
+    return sha256
 
 
 def fetch_bundle(folder: Path, session: SessionId, lane: str, bus: Bus) -> bool:
@@ -71,14 +77,15 @@ def fetch_bundle(folder: Path, session: SessionId, lane: str, bus: Bus) -> bool:
     if listed is None:
         return False
     try:
-        for name, sha256 in msgspec.json.decode(listed, type=dict[str, str]).items():
-            _fetch_file(folder, name, sha256, lane, bus)
+        files = msgspec.json.decode(listed, type=dict[str, str])
+        with ThreadPoolExecutor(TOGETHER) as pool:
+            list(pool.map(partial(_fetch_file, folder, lane, bus), files, files.values()))
     except (ValueError, FileExistsError, NotADirectoryError, IsADirectoryError) as error:
         raise ExecutionError("EVIDENCE_DAMAGED", f"bundle of {session} from {lane}: {error}") from error
     return True
 
 
-def _fetch_file(folder: Path, name: str, sha256: str, lane: str, bus: Bus) -> None:
+def _fetch_file(folder: Path, lane: str, bus: Bus, name: str, sha256: str) -> None:
     if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
         raise ValueError(f"{name!r} leads out of it")
     path = folder / name
