@@ -149,7 +149,7 @@ class FleetHub:
             if self._seen.get(card.host, (-1, 0.0))[0] != card.beat:
                 self._seen[card.host] = card.beat, now_s
         ready = {target for card in self._cards if self._is_alive(card) for target in card.targets}
-        known = sorted({target for card in self._cards for target in card.targets})
+        known = sorted({target for card in self._cards for target in card.targets} & self._world_of.keys())
         health = {target: Health.READY if target in ready else Health.LOST for target in known}
         if health != self._health:
             self._health, at = health, self._clock.wall_iso()
@@ -208,9 +208,10 @@ class FleetHub:
     def _relay_one(self, id: SessionId, lane: str, record: Record) -> bool:
         """Whether this record is done with: recorded, or not to be recorded here."""
         status = self._ledger.sessions.get(id)
-        if status is not None and record.ev == CLAIM:
-            self._note_home(status.contract, record.at, lane)
-        if status is None or status.state in FINAL_STATES or not self._holds(lane, id):
+        is_over = status is None or status.state in FINAL_STATES
+        if status is not None and record.ev == CLAIM and (is_over or self._holds(lane, id)):
+            self._note_home(status, lane)
+        if status is None or is_over or not self._holds(lane, id):
             return True
         trigger, body = record.ev, dict(record.body or {})
         is_next = (status.state, status.epoch) == (record.source, (record.epoch or 0) - (trigger == CLAIM))
@@ -225,10 +226,11 @@ class FleetHub:
         self._record([Entry(id, trigger, body or None, status.epoch)], record.by)
         return True
 
-    def _note_home(self, session: Session, at: str, lane: str) -> None:
-        """Another host has another world, in which nothing of this episode has happened."""
-        key = self._world_of.get(session.target, session.target), session.scene.episode
-        self._homes[key] = max(self._homes.pop(key, ("", "")), (at, lane))
+    def _note_home(self, status: SessionStatus, lane: str) -> None:
+        """Another host has another world, in which nothing of this episode has happened; the latest by this clock."""
+        target, episode = status.contract.target, status.contract.scene.episode
+        key = self._world_of.get(target, target), episode
+        self._homes[key] = max(self._homes.pop(key, ("", "")), (status.updated_at, lane))
         if len(self._homes) > HOMES_MAX:
             del self._homes[next(iter(self._homes))]
 

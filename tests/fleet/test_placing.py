@@ -485,6 +485,17 @@ def test_an_episode_goes_on_in_the_world_of_its_host_while_that_one_is_alive(fle
     assert fleet.find_holder("g.c") is other
 
 
+def test_a_target_that_is_unknown_here_keeps_no_other_one_from_being_shown(fleet, monkeypatch):
+    shown = []
+    monkeypatch.setattr("phyagentos.fleet.hub.publish_health", lambda path, health: shown.append(set(health)))
+    hub = fleet.hub.process
+    hub._world_of = {"panda": "panda"}
+    first = fleet.hosts[0].process
+    first._card = msgspec.structs.replace(first._card, targets={"panda": (), "of_another_project": ()})
+    fleet.turn(seconds=2.0)
+    assert shown == [{"panda"}]
+
+
 def test_a_host_offers_a_shared_world_as_a_whole():
     known = {name: SimpleNamespace(world=world) for name, world in {"l": "table", "r": "table", "p": ""}.items()}
     _refuse_half_a_world(known, {"p"})
