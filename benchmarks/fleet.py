@@ -3,11 +3,13 @@
     python benchmarks/fleet.py --runs 40                      # attacks on one fleet, a goal each
     python benchmarks/fleet.py --runs 0 --noop 2000 --hosts 16 # sessions without work, beside one host and none
 
-Two hosts share a target, a third one has its own. Host, server, hub and agent are killed (`kill -9`), the process of
-a host is stopped for longer than its lease, links are cut, delayed by 200 ms, or lose the server's answers, after which
-everything is sent once more. Then the goal must come to its end. What is promised: no record is lost (each lane is byte
-by byte the same on the hub), no session is carried out twice, no command is accepted after its claim was fenced, no
-session stays open, every goal ends in success or in a failure with a coded cause.
+Two hosts share a target, a third one has its own; three servers are a cluster whose users have least rights. Host,
+servers, their leader, hub and agent are killed (`kill -9`), the leader steps down, the process of a host is stopped for
+longer than its lease, links are cut, delayed by 200 ms, lose one message in twenty, double each, or lose the server's
+answers, a host's clock is an hour off, its disk is full (where small disks may be mounted). Then the goal must come to
+its end. What is promised: no record is lost (each lane is byte by byte the same on the hub), no session is carried out
+twice, no command is accepted after its claim was fenced, no session stays open, every goal ends in success or in a
+failure with a coded cause.
 """
 
 import contextlib
@@ -28,7 +30,7 @@ from typer import Option
 
 from benchmarks.attacked import Attacked
 from benchmarks.fleet_parts.noop import measure_noop
-from benchmarks.fleet_parts.stage import HOSTS, LEASE_S, Stage
+from benchmarks.fleet_parts.stage import CLOCK_OFF_S, HOSTS, LEASE_S, SERVERS, Stage
 from benchmarks.runner import finish, run
 from benchmarks.runner import show as show_table
 from phyagentos.bench.report import Threshold
@@ -39,19 +41,27 @@ from phyagentos.operations.store import check_journal
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, SessionState
 from phyagentos.protocol.sessions.session import SessionStatus
 
-KILL, STOP, CUT, DELAY, LOSE = "kill -9", "SIGSTOP", "cut", "200 ms", "answers lost"
+KILL, STOP, CUT, DELAY, LOSE, CHANGE = "kill -9", "SIGSTOP", "cut", "200 ms", "answers lost", "steps down"
+LOSSY, TWICE, CLOCK_OFF, FULL = "5 % lost", "doubled", "clock off 1 h", "disk full"
 CELLS = (
     ("host", KILL),
-    ("server", KILL),
+    ("every server", KILL),
     ("host", CUT),
     ("hub", KILL),
+    ("leader", CHANGE),
     ("process of a host", KILL),
     ("host", LOSE),
+    ("every link", LOSSY),
     ("process of a host", STOP),
     ("hub", CUT),
+    ("leader", KILL),
+    ("every link", TWICE),
     ("agent", KILL),
     ("every link", DELAY),
+    ("host", CLOCK_OFF),
+    ("host", FULL),
 )
+LOSS = 0.05
 START_S, LIMIT_S, SETTLE_S, SPREAD_S = 90.0, 240.0, 60.0, 6.0
 DELAY_S = 0.2
 ASKED = {
@@ -98,18 +108,31 @@ def wait(stage: Stage, is_done: object, limit_s: float, clock: Clock) -> None:
 def attack(case: Case, stage: Stage, clock: Clock) -> None:
     """Strike, wait, and let go."""
     name = case.host if "host" in case.victim else case.victim
-    links = [stage.links[name]] if name in stage.links else list(stage.links.values())
+    links = [each for name in ([name] if name in stage.links else stage.links) for each in stage.links[name]]
     if case.attack == KILL:
-        stage.kill(name, case.lasts_s, alone=case.victim == "process of a host")
+        victims = [*SERVERS] if name == "every server" else [stage.find_leader() if name == "leader" else name]
+        for each in victims:
+            stage.kill(each, case.lasts_s, alone=case.victim == "process of a host")
         return
     if case.attack == STOP:
         stage.send(name, signal.SIGSTOP)
+    elif case.attack == CHANGE:
+        stage.find_leader(steps_down=True)
+    elif case.attack == CLOCK_OFF:
+        stage.shift_clock(name, is_off=True)
+    elif case.attack == FULL:
+        stage.fill_disk(name)
     for link in links:
         link.is_cut, link.loses_answers = case.attack == CUT, case.attack == LOSE
         link.delay_s = DELAY_S if case.attack == DELAY else 0.0
+        link.loss, link.copies = LOSS if case.attack == LOSSY else 0.0, 2 if case.attack == TWICE else 1
     wait(stage, lambda: False, case.lasts_s, clock)
     if case.attack == STOP:
         stage.send(name, signal.SIGCONT)
+    elif case.attack == CLOCK_OFF:
+        stage.shift_clock(name, is_off=False)
+    elif case.attack == FULL:
+        stage.empty_disk(name)
     for link in links:
         link.mend()
 
@@ -173,8 +196,9 @@ def judge(case: Case, stage: Stage) -> None:
 
 
 def read_time(text: str) -> float:
-    """Wall time [s]; hub and hosts of this benchmark have one clock."""
-    return datetime.datetime.fromisoformat(text).timestamp()
+    """Wall time [s]; hub and hosts of this benchmark have one clock, but for one that was set ahead."""
+    at_s, now_s = (datetime.datetime.fromisoformat(each).timestamp() for each in (text, SystemClock().wall_iso()))
+    return at_s - (CLOCK_OFF_S if at_s > now_s + CLOCK_OFF_S / 2 else 0)
 
 
 def read_commands(stage: Stage) -> dict[str, list[tuple[str, int, float]]]:

@@ -153,6 +153,9 @@ STALE_TOKEN     A command came under a claim that is no longer in force.
 TARGET_LIMIT    The target itself refused a command.
 TARGET_LOST     The target does not answer any more, or its worker cannot be started.
 """,
+    ("target", "agent", "elsewhere"): """
+HOST_LOST The host of a fleet that held the session fell silent; another one offers its target.
+""",
 }
 
 # Codes of earlier releases, which documents still hold: what each is called now.

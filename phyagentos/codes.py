@@ -59,6 +59,8 @@ class Retry(StrEnum):
     """As a child session, compiled from the world as it is now."""
     OBSERVED = "observed"
     """Only after a fresh observation: what happened is not known."""
+    ELSEWHERE = "elsewhere"
+    """On another host, which observes its own world before it begins."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,11 +22,13 @@ import numpy as np
 from benchmarks.fleet_parts.stage import choose_port
 from benchmarks.runner import show
 from phyagentos.clock import SystemClock
-from phyagentos.fleet.bus import Bucket
+from phyagentos.fleet.bus import Bucket, Bus
 from phyagentos.fleet.host import BY, FleetHost
 from phyagentos.fleet.hub import FleetHub
+from phyagentos.fleet.server import ALL
 from phyagentos.operations.fleet import open_bus, prepare_server, take_turns
 from phyagentos.protocol.capabilities.library import Library
+from phyagentos.protocol.sessions.estop import Latch, is_latched
 from phyagentos.protocol.sessions.lifecycle import SessionState, Side
 from phyagentos.protocol.sessions.session import Ended, Execution
 from phyagentos.protocol.sessions.verdicts import Attempt, Verdict
@@ -37,7 +39,7 @@ from phyagentos.store.records import Record
 from phyagentos.store.watch import Watch
 from phyagentos.testing import make_contract
 
-LIMIT_S = 1500.0
+LIMIT_S, STOP_LIMIT_S = 1500.0, 10.0
 ATTEMPT = {"attempt": msgspec.to_builtins(Attempt(verdict=Verdict.SUCCESS, criteria=()))}
 
 
@@ -103,28 +105,38 @@ def run_host(root: Path, url: str, name: str) -> None:
     threading.Thread(target=lambda: (sys.stdin.read(), ends.set()), daemon=True).start()
     journal = Journal(root, side=Side.AGENT, by=BY, clock=SystemClock(), partition=name)
     runtime = Runtime(workspace, name)
-    with open_bus(url, name, (name,)) as bus:
-        host = FleetHost(workspace, journal, bus, SystemClock(), {name: ()})
+    with open_bus(url, name, name, (name,)) as bus:
+        host = FleetHost(workspace, journal, bus, SystemClock(), {name: ("pick_and_place",)})
         take_turns(lambda: host.turn() | runtime.turn(), bus, journal.folder, ends)
 
 
 @contextlib.contextmanager
 def open_fleet(folder: Path, hosts: list[str]) -> Iterator[str]:
     """A server and hosts in processes of their own; the URL."""
-    url, command = prepare_server(folder / "server", f"127.0.0.1:{choose_port()}")
+    prepared = prepare_server(folder / "server", f"127.0.0.1:{choose_port()}")
     module = [sys.executable, "-m", "benchmarks.fleet_parts.noop"]
     with contextlib.ExitStack() as stack, (folder / "log").open("ab") as log:
-        server = stack.enter_context(subprocess.Popen(command, stderr=log))
+        server = stack.enter_context(subprocess.Popen(prepared.command, stderr=log))
         stack.callback(server.terminate)
         for name in hosts:
-            arguments = [*module, str(folder / name), url, name]
+            arguments = [*module, str(folder / name), prepared.urls[ALL], name]
             host = stack.enter_context(subprocess.Popen(arguments, stdin=subprocess.PIPE, stderr=log))
             stack.callback(host.stdin.close)
-        yield url
+        yield prepared.urls[ALL]
 
 
-def time_fleet(folder: Path, sessions: int, hosts: list[str]) -> list[Record]:
-    """Every record of the hub's lane, and of the hosts' as the hub has them."""
+def time_stop(folder: Path, hosts: list[str], bus: Bus) -> float:
+    """From the operator's stop to the latch on the disk of the last host [ms]."""
+    clock, left = SystemClock(), {Workspace(folder / name).signals.parent for name in hosts}
+    begun_s = clock.now_s()
+    bus.put(Bucket.STOPS, "stop", msgspec.json.encode(Latch(by="benchmark", at=clock.wall_iso())))
+    while left and clock.now_s() - begun_s < STOP_LIMIT_S:
+        left -= {each for each in left if is_latched(each)}
+    return 1e3 * (clock.now_s() - begun_s) if not left else math.inf
+
+
+def time_fleet(folder: Path, sessions: int, hosts: list[str]) -> tuple[list[Record], float]:
+    """Every record of the hub's lane, and of the hosts' as the hub has them; the stop of all [ms]."""
     workspace, ends = Workspace.create(folder / "hub", Library(())), threading.Event()
     agent = Agent(workspace, "hub", hosts, sessions)
     journal = Journal(workspace.root, side=Side.RUNTIME, by=BY, clock=SystemClock(), partition="hub")
@@ -142,7 +154,8 @@ def time_fleet(folder: Path, sessions: int, hosts: list[str]) -> list[Record]:
         agent.run()
         ends.set()
         leading.join()
-        return [*read(journal.folder), *(each for name in hosts for each in read_replica(hub, name))]
+        records = [*read(journal.folder), *(each for name in hosts for each in read_replica(hub, name))]
+        return records, time_stop(folder, hosts, bus)
 
 
 def time_alone(folder: Path, sessions: int) -> list[Record]:
@@ -206,11 +219,17 @@ def measure_noop(folder: Path, sessions: int, hosts: int) -> dict[str, float]:
         place = folder / name
         place.mkdir()
         some = sessions if count != 1 else max(1, sessions // max(1, hosts))
-        records = time_fleet(place, some, [f"t{n}" for n in range(count)]) if count else time_alone(place, some)
+        names = [f"t{n}" for n in range(count)]
+        records, stop_ms = time_fleet(place, some, names) if count else (time_alone(place, some), 0.0)
         rate, median_ms, p99_ms = sum_up(records, some)
         figures |= {f"noop_per_s_{name}": rate, f"claim_ms_{name}": median_ms, f"claim_p99_ms_{name}": p99_ms}
-        rows.append((name, count, some, f"{rate:.1f}", f"{median_ms:.1f}", f"{p99_ms:.1f}"))
-    show("sessions without work", ("fleet", "hosts", "sessions", "1/s", "to the claim [ms]", "p99 [ms]"), rows)
+        figures |= {f"stop_ms_{name}": stop_ms} if count else {}
+        rows.append((name, count, some, f"{rate:.1f}", f"{median_ms:.1f}", f"{p99_ms:.1f}", f"{stop_ms:.0f}"))
+    show(
+        "sessions without work",
+        ("fleet", "hosts", "sessions", "1/s", "to the claim [ms]", "p99 [ms]", "stop of all [ms]"),
+        rows,
+    )
     return figures
 
 

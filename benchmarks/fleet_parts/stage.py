@@ -1,6 +1,8 @@
-"""A fleet of processes with a folder each and no path in common: server, hub, hosts; restarted as a manager would."""
+"""A fleet of processes with a folder each and no path in common: servers, hub, hosts; restarted as a manager would."""
 
+import asyncio
 import contextlib
+import json
 import os
 import shutil
 import signal
@@ -18,6 +20,22 @@ from phyagentos.store.records import Record
 
 LIBRARY = Path(__file__).resolve().parents[1] / "library"
 HOSTS = {"h1": "counter", "h2": "counter", "h3": "solo"}  # two share a target, one has its own
+SERVERS = "abc"
+SETTINGS = """
+servers:
+  a: {{listen: {}, cluster: {}}}
+  b: {{listen: {}, cluster: {}}}
+  c: {{listen: {}, cluster: {}}}
+hosts: {}
+"""
+DISK_BYTES = 48 << 20  # of a host whose disk can be filled
+FILLER = "filler"
+SHIFTED = """import time
+
+for name, unit in {"time": 1, "time_ns": 10**9}.items():
+    setattr(time, name, lambda real=getattr(time, name), unit=unit: real() + SHIFT * unit)
+"""
+CLOCK_OFF_S = 3600
 LEASE_S = 4.0  # shorter than a session, so that one which goes on under a lost claim shows
 SLOWLY = """
 import threading
@@ -81,6 +99,13 @@ def prepare_project(folder: Path) -> Path:
     return graph
 
 
+def mount_disk(folder: Path) -> bool:
+    """A small disk of its own, where this is permitted."""
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", f"size={DISK_BYTES}", "none", str(folder)]
+    return subprocess.run(command, check=False, capture_output=True).returncode == 0
+
+
 def choose_port() -> int:
     """One that is free now."""
     with socket.socket() as probe:
@@ -89,26 +114,72 @@ def choose_port() -> int:
 
 
 class Stage:
-    """Processes by name: `server`, `hub`, one for each host, and the `agent` of the present goal."""
+    """Processes by name: the servers, `hub`, one for each host, and the `agent` of the present goal."""
 
     def __init__(self, folder: Path, clock: Clock) -> None:
         self.folder, self._clock = folder, clock
         self.graph = prepare_project(folder / "project")
-        self._port = port = choose_port()
-        self._url, server = prepare_server(folder / "server", f"127.0.0.1:{port}")
-        self.links = {name: Link(port) for name in ("hub", *HOSTS)}
-        self._commands = {"server": server, "hub": self._paos("hub", "lead", "--lease", str(LEASE_S))}
+        addresses = [f"127.0.0.1:{choose_port()}" for _ in range(2 * len(SERVERS))]
+        settings = folder / "fleet.yaml"
+        settings.write_text(SETTINGS.format(*addresses, [*HOSTS]))
+        servers = {each: prepare_server(folder / each, settings=settings, member=each) for each in SERVERS}
+        ports = [int(each.rpartition(":")[2]) for each in addresses[::2]]
+        self._urls = servers["a"].urls
+        self.links = {name: [Link(port) for port in ports] for name in ("hub", *HOSTS)}
+        self._commands = {name: [*each.command] for name, each in servers.items()}
+        self._commands["hub"] = self._paos("hub", "lead", "--lease", str(LEASE_S))
         for host, target in HOSTS.items():
             own = ("--name", host, "--target", target, "--no-pictures", "--trust-python")
             self._commands[host] = self._paos(host, "join", *own)
+        self._shifted: set[str] = set()
+        self._shifted_path = os.pathsep.join((str(folder / "shifted"), os.environ.get("PYTHONPATH", "")))
+        (folder / "shifted").mkdir()
+        (folder / "shifted" / "sitecustomize.py").write_text(SHIFTED.replace("SHIFT", str(CLOCK_OFF_S)))
+        self.mounted = [host for host in HOSTS if mount_disk(folder / host)]
         self._log = (folder / "processes.log").open("ab")
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._not_before_s: dict[str, float] = {}
 
     def _paos(self, name: str, verb: str, *options: str) -> list[str]:
-        url = self._url.replace(f":{self._port}", f":{self.links[name].port}")
+        user = self._urls[name].split("@")[0]
+        url = ",".join(f"{user}@127.0.0.1:{link.port}" for link in self.links[name])
         place = ("--workspace", str(self.folder / name), "--server", url)
         return [sys.executable, "-m", "phyagentos", "fleet", verb, *place, *options]
+
+    def find_leader(self, *, steps_down: bool = False) -> str:
+        """The server that leads the claims; as it was, where it steps down."""
+        import nats  # of the extra `fleet`
+
+        subject = "$JS.API.STREAM.LEADER.STEPDOWN.KV_paos_claims" if steps_down else ""
+
+        async def ask() -> str:
+            client = await nats.connect(self._urls["hub"].split(","), connect_timeout=2)
+            try:
+                found = await client.request("$JS.API.STREAM.INFO.KV_paos_claims", timeout=2.0)
+                if subject:
+                    await client.request(subject, timeout=2.0)
+                return str(json.loads(found.data)["cluster"]["leader"])
+            finally:
+                await client.close()
+
+        with contextlib.suppress(nats.errors.Error, OSError, KeyError, TimeoutError):
+            return asyncio.run(ask())
+        return SERVERS[0]
+
+    def shift_clock(self, name: str, *, is_off: bool) -> None:
+        """Start a process anew with a clock that is off, or right again."""
+        self._shifted = self._shifted | {name} if is_off else self._shifted - {name}
+        self.kill(name, 0.0)
+
+    def fill_disk(self, name: str) -> None:
+        """Use up the disk of a host."""
+        with contextlib.suppress(OSError), (self.folder / name / FILLER).open("wb", buffering=0) as file:
+            while True:
+                file.write(bytes(1 << 16))
+
+    def empty_disk(self, name: str) -> None:
+        """Let it have room again."""
+        (self.folder / name / FILLER).unlink(missing_ok=True)
 
     def tend(self) -> None:
         """Start what does not run and may."""
@@ -118,8 +189,14 @@ class Stage:
                 name, 0.0
             ):
                 self._not_before_s[name] = self._clock.now_s() + 1.0
+                others = {"PYTHONPATH": self._shifted_path} if name in self._shifted else {}
                 self._processes[name] = subprocess.Popen(
-                    command, stdout=self._log, stderr=self._log, cwd=self.folder / "project", start_new_session=True
+                    command,
+                    stdout=self._log,
+                    stderr=self._log,
+                    cwd=self.folder / "project",
+                    start_new_session=True,
+                    env=os.environ | others,
                 )
 
     def pursue(self, number: int) -> None:
@@ -191,4 +268,6 @@ class Stage:
                 process.wait(20)
             self.kill(name, 1e9)
             process.wait()
+        for host in self.mounted:
+            subprocess.run(["umount", "-l", str(self.folder / host)], check=False)
         self._log.close()

@@ -23,11 +23,14 @@ Space = Annotated[Path, typer.Option("--workspace", "-w", help="Its own folder; 
 
 def server(
     store: Annotated[Path, typer.Option(help="Folder of the server.")] = Path("fleet"),
-    listen: Annotated[str, typer.Option(help="Address and port.")] = fleet.LISTEN,
+    listen: Annotated[str, typer.Option(help="Address and port; with --settings as they say.")] = fleet.LISTEN,
+    settings: Annotated[Path | None, typer.Option(help="Servers, hosts, TLS: see docs/howto/fleet.md.")] = None,
+    member: Annotated[str, typer.Option(help="Which of the servers of --settings this is.")] = "",
 ) -> Reply[FleetServer]:
-    """Prepare a NATS server with JetStream for one fleet: its URL, and the command that runs it."""
-    url, command = fleet.prepare_server(store.resolve(), listen)
-    return Reply(FleetServer(url, shlex.join(command)), f"{shlex.join(command)}\n{url}", folds=False)
+    """Prepare a NATS server with JetStream for one fleet: its URLs, and the command that runs it."""
+    found = fleet.prepare_server(store.resolve(), listen, settings=settings, member=member)
+    lines = [shlex.join(found.command), *(f"{role}: {url}" for role, url in found.urls.items())]
+    return Reply(found, "\n".join(lines), folds=False)
 
 
 def lead(

@@ -6,11 +6,10 @@ fenced it. Whatever happens to the session then stands in that host's journal, i
 hub in order.
 """
 
-import contextlib
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
-from typing import NamedTuple, Protocol, TypeVar
+from typing import Annotated, NamedTuple, Protocol, TypeVar
 
 import msgspec
 
@@ -19,6 +18,8 @@ from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.evidence_manifest import FileName
 from phyagentos.protocol.sessions.session import Session
 
+HUB, OPERATOR = "hub", "operator"  # who is no host
+HOST_NAME = r"^(?!\.\.?$)[^/\x00-\x1f]{1,60}$"  # also that of a folder
 _Struct = TypeVar("_Struct", bound=msgspec.Struct)
 
 
@@ -49,6 +50,8 @@ class Offer(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         number: Of its submission; a lower one comes first among equal priorities.
         revision: Of the claim that a host may take.
         lease_s: How long a claim holds unless it is renewed [s].
+        hosts: How many could take it.
+        home: The one in whose world its episode has begun, while that one is alive; empty for any.
         is_cancelled: Whether an end is requested.
         end: The verdict, once there is one.
     """
@@ -57,6 +60,8 @@ class Offer(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     number: int
     revision: int
     lease_s: float
+    hosts: int = 1
+    home: str = ""
     is_cancelled: bool = False
     end: tuple[EndEntry, ...] = ()
 
@@ -85,19 +90,22 @@ class HostCard(msgspec.Struct, frozen=True, kw_only=True):
     """What a host says of itself.
 
     Attributes:
-        lane: Its partition of the journal.
-        targets: Those that it runs, each with the kinds of actions that it offers.
+        host: Its name, and that of its partition of the journal: its lane.
+        targets: Those that it runs, each with the skills that it can carry out.
         load: Sessions that it holds.
         beat: Grows with each renewal.
         is_stopped: Whether its emergency stop is latched.
     """
 
-    host: str
-    lane: FileName
+    host: Annotated[str, msgspec.Meta(pattern=HOST_NAME)]
     targets: dict[str, tuple[str, ...]]
     load: int = 0
     beat: int = 0
     is_stopped: bool = False
+
+    def offers(self, session: Session) -> bool:
+        """Whether it can carry out this skill on this target."""
+        return session.skill in self.targets.get(session.target, ())
 
 
 class Frame(NamedTuple):
@@ -136,6 +144,13 @@ class Bus(Protocol):
     def drain(self) -> None:
         """Forget the news so far; call it before looking."""
 
+    def ring(self) -> None:
+        """Make news; from any thread."""
+
+    @property
+    def bundles(self) -> int:
+        """How many bundles have arrived at the server, as far as this has been heard; it grows."""
+
     def view(self, bucket: Bucket) -> Mapping[str, bytes]:
         """The values of a bucket as far as they have arrived here."""
 
@@ -151,12 +166,17 @@ class Bus(Protocol):
     def swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         """Replace the value of this revision, 0 for none; the new one, or None where another one stands there."""
 
-    def remove(self, bucket: Bucket, key: str) -> None:
-        """Forget a key."""
+    def put_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> None:
+        """Replace several values, in the time of one."""
 
-    @property
-    def ends(self) -> Mapping[str, int]:
-        """Lane -> number of its last record, as far as that has arrived here."""
+    def open_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> dict[str, int | None]:
+        """Set what is not there; the revisions, None where something is."""
+
+    def remove_all(self, keys: Collection[tuple[Bucket, str]]) -> None:
+        """Forget several keys."""
+
+    def find_end(self, lane: str) -> int:
+        """Number of the last record of a lane, as far as that has arrived here."""
 
     def count(self, lane: str) -> int:
         """Number of the last record of a lane that the server has."""
@@ -167,26 +187,35 @@ class Bus(Protocol):
     def read(self, lane: str, after: int, up_to: int) -> list[Frame]:
         """The records behind `after` that the server has, up to a number."""
 
-    def store(self, name: str, data: bytes) -> None:
-        """Keep an object, unless it is kept already."""
+    def read_all(self, wanted: Mapping[str, tuple[int, int]]) -> dict[str, list[Frame]]:
+        """The same of several lanes, in the time of one."""
 
-    def load(self, name: str) -> bytes | None:
-        """An object."""
+    def store(self, name: str, data: bytes) -> None:
+        """Keep an object of the own lane, unless it is kept already."""
+
+    def load(self, lane: str, name: str) -> bytes | None:
+        """An object of a lane."""
 
     def close(self) -> None:
         """Let go of the connection."""
 
 
+def find_read(value: bytes | None, of: type[_Struct]) -> _Struct | None:
+    """What a hub or host wrote; None for anything else, as by one of another version: that ends no process."""
+    try:
+        return msgspec.json.decode(value or b"", type=of)
+    except msgspec.DecodeError:
+        return None
+
+
 def iter_read(values: Iterable[bytes], of: type[_Struct]) -> Iterator[_Struct]:
-    """What hub and hosts wrote; nothing else that stands there, as by a host of another version, ends this one."""
-    for value in values:
-        with contextlib.suppress(msgspec.DecodeError):
-            yield msgspec.json.decode(value, type=of)
+    """The values that can be read."""
+    return (found for value in values if (found := find_read(value, of)) is not None)
 
 
 def hide_token(url: str) -> str:
-    """The address of a server, for people and logs."""
-    return url.rpartition("@")[2]
+    """The addresses of servers, for people and logs."""
+    return ",".join(each.rpartition("@")[2] for each in url.split(","))
 
 
 def encode_key(text: str) -> str:

@@ -13,7 +13,7 @@ import msgspec
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 from phyagentos.fleet.bundles import Transfers, send_bundle
-from phyagentos.fleet.bus import Bucket, Bus, BusLost, Claim, HostCard, Offer, Stored, encode_key, iter_read
+from phyagentos.fleet.bus import Bucket, Bus, BusLost, Claim, HostCard, Offer, Stored, encode_key, find_read
 from phyagentos.fleet.lanes import LanePublisher
 from phyagentos.protocol.sessions.estop import Latch, is_latched, latch
 from phyagentos.protocol.sessions.lease_files import ENDED_S, remove_lease, write_lease
@@ -32,6 +32,7 @@ from phyagentos.store.journal import Entry, Journal
 BY = "fleet"  # who submits in the journal of a host
 BEAT_S = 1.0
 RENEWALS = 0.2  # a lease is renewed when this share of it has passed
+PRECEDENCE_S = 0.1  # a host that holds sessions waits for so long with each, so that a free one takes the next
 
 
 @dataclass(slots=True)
@@ -51,7 +52,7 @@ class FleetHost:
         journal: Of that workspace, opened for the agent's side by `BY`.
         bus: To the server.
         clock: For leases; wall clocks play no part.
-        targets: Those that it runs, with their kinds of actions.
+        targets: Those that it runs, with the skills that they can carry out.
     """
 
     def __init__(
@@ -61,26 +62,27 @@ class FleetHost:
         self._leases = workspace.leases
         self._ledger = journal.open_ledger()
         self._publisher = LanePublisher(journal, bus)
-        lane = journal.folder.name
-        self._card = HostCard(host=lane, lane=lane, targets=dict(targets))
+        self._card = HostCard(host=journal.folder.name, targets=dict(targets))
         self._beat_at_s = -float("inf")
         self._held: dict[SessionId, HeldClaim] = {}
         self._transfers = Transfers(bus, send_bundle)
-        self._sent: set[SessionId] = set()  # bundles
-        self._offers: dict[bytes, Offer] = {}
+        self._offers: dict[bytes, tuple[Offer | None, float]] = {}  # and since when they are seen [s]
         self._lost: set[tuple[SessionId, int]] = set()  # claims that another host took, by their revision
         for status in self._iter_placed():  # leases of an earlier process, maybe before the machine started anew
             write_lease(self._leases, status.contract.id, ENDED_S)
         bus.on_change(Bucket.STOPS, self._stop)
 
     def turn(self) -> bool:
-        """Do what is due; whether more waits. Without the server, nothing: leases end by themselves."""
+        """Do what is due, leases first, each part whatever becomes of the others; whether more waits."""
         more = False
+        self._ledger.extend(self._journal.read_new())
         with contextlib.suppress(BusLost):
-            self._ledger.extend(self._journal.read_new())
-            self._announce()
-            more = self._publisher.publish(self._ledger.seq)
             self._renew()
+        with contextlib.suppress(BusLost):
+            self._announce()
+        with contextlib.suppress(BusLost):
+            more = self._publisher.publish(self._ledger.seq)
+        with contextlib.suppress(BusLost):
             self._follow_offers()
         return more
 
@@ -88,10 +90,11 @@ class FleetHost:
         if self._clock.now_s() < self._beat_at_s or not self._bus.is_connected:
             return
         found = self._bus.get(Bucket.HOSTS, encode_key(self._card.host)) if not self._card.beat else None
-        if found is not None:
-            self._refuse_twin(msgspec.json.decode(found.value, type=HostCard))
+        if found is not None and (other := find_read(found.value, HostCard)) is not None:
+            self._refuse_twin(other)
         for value in self._bus.view(Bucket.STOPS).values():  # one that was given while this host was away
-            self._stop(value)
+            with contextlib.suppress(OSError):  # on a full disk again at the next beat
+                self._stop(value)
         self._card = msgspec.structs.replace(
             self._card,
             beat=self._card.beat + 1,
@@ -104,34 +107,43 @@ class FleetHost:
     def _refuse_twin(self, other: HostCard) -> None:
         """Another process of this name that still beats excludes this one."""
         self._clock.sleep(2.0 * BEAT_S)
-        again = self._bus.get(Bucket.HOSTS, encode_key(other.host))
-        if again is not None and msgspec.json.decode(again.value, type=HostCard).beat != other.beat:
+        found = self._bus.get(Bucket.HOSTS, encode_key(self._card.host))
+        again = find_read(found.value, HostCard) if found is not None else None
+        if again is not None and again.beat != other.beat:
             raise ExecutionError(
-                "BUSY", f"another host of the name {other.host!r} is in this fleet: use another --name"
+                "BUSY", f"another host of the name {again.host!r} is in this fleet: use another --name"
             )
 
     def _iter_placed(self) -> Iterator[SessionStatus]:
         return (each for each in self._ledger.live_sessions() if each.asked_by == BY)
 
     def _follow_offers(self) -> None:
-        found = {*self._bus.view(Bucket.OFFERS).values()}
-        new = [each for each in found if each not in self._offers]
-        read = {each: offer for each in new for offer in iter_read([each], Offer)}
-        self._offers = {each: offer for each, offer in (self._offers | read).items() if each in found}
-        mine = [each for each in self._offers.values() if each.contract.target in self._card.targets]
-        for offer in sorted(mine, key=lambda each: (-each.contract.priority, each.number)):
+        found, now_s = {*self._bus.view(Bucket.OFFERS).values()}, self._clock.now_s()
+        new = {each: (find_read(each, Offer), now_s) for each in found if each not in self._offers}
+        self._offers = {each: seen for each, seen in (self._offers | new).items() if each in found}
+        mine = [(offer, at_s) for offer, at_s in self._offers.values() if offer and self._card.offers(offer.contract)]
+        self._lost &= {(offer.contract.id, offer.revision) for offer, _ in mine}
+        for offer, at_s in sorted(mine, key=lambda each: (-each[0].contract.priority, each[0].number)):
             id = offer.contract.id
             status = self._ledger.sessions.get(id)
             if status is not None:
                 self._follow(status, offer)
-            elif self._may_take(offer) and not self._journal.knows(id):
+            elif now_s >= at_s + self._find_delay(offer) and self._may_take(offer) and not self._journal.knows(id):
                 self._take(offer)
 
+    def _find_delay(self, offer: Offer) -> float:
+        """For how long this host leaves an offer to another one, the longer the more it does [s]."""
+        load = sum(each.state not in UNJUDGED_STATES for each in self._iter_placed())
+        return PRECEDENCE_S * load if offer.hosts > 1 and not offer.home else 0.0
+
     def _may_take(self, offer: Offer) -> bool:
-        """Whether its target is free, and neither end nor stop was requested."""
+        """Whether it may go on here, its target is free, and neither end nor stop was requested."""
         held = (each for each in self._ledger.live_sessions() if each.state not in UNJUDGED_STATES)
         is_held = any(each.contract.target == offer.contract.target for each in held)
-        return not (is_held or offer.end or offer.is_cancelled or is_latched(self._workspace.signals.parent))
+        is_elsewhere = offer.home not in {"", self._card.host}
+        return not (
+            is_held or is_elsewhere or offer.end or offer.is_cancelled or is_latched(self._workspace.signals.parent)
+        )
 
     def _take(self, offer: Offer) -> None:
         """Claim a session; only the holder of the claim submits it to its own watchdog, under the lease."""
@@ -159,15 +171,16 @@ class FleetHost:
     def _find_own(self, key: str) -> tuple[Claim, Stored] | None:
         """The claim as the server has it, while it is of this host and not fenced."""
         found = self._bus.get(Bucket.CLAIMS, key)
-        claim = msgspec.json.decode(found.value, type=Claim) if found is not None else Claim()
-        is_own = claim.host == self._card.host and not claim.is_fenced
-        return (claim, found) if found is not None and is_own else None
+        claim = find_read(found.value, Claim) if found is not None else None
+        is_own = claim is not None and claim.host == self._card.host and not claim.is_fenced
+        return (claim, found) if claim is not None and found is not None and is_own else None
 
     def _renew(self) -> None:
         for id, held in list(self._held.items()):
             status = self._ledger.sessions.get(id)
             if status is None or status.state in FINAL_STATES:
                 del self._held[id]
+                self._transfers.forget(id)
                 remove_lease(self._leases, id)
             elif (now_s := self._clock.now_s()) >= held.renew_at_s:
                 claim = msgspec.structs.replace(held.claim, beat=held.claim.beat + 1)
@@ -189,8 +202,8 @@ class FleetHost:
             return
         if id not in self._held and not offer.end and not self._hold_again(status, offer):
             return
-        if status.execution is not None and id not in self._sent:
-            self._sent |= {id} if self._transfers.is_done(self._workspace.evidence_of(id), id) else set()
+        if status.execution is not None:
+            self._transfers.is_done(self._workspace.evidence_of(id), id)
         if offer.end and status.state == SessionState.AWAITING_VERIFICATION:
             self._commit([Entry(id, each.trigger, each.body or None) for each in offer.end])
         elif offer.is_cancelled or offer.end:
@@ -219,11 +232,11 @@ class FleetHost:
         self._ledger.extend(self._journal.read_new())
 
     def _stop(self, value: bytes) -> None:
-        """Latch the emergency stop here, once for each that is given; this host alone resets it."""
-        given = msgspec.json.decode(value, type=Latch)
+        """Latch the emergency stop here, once for each that is given, readable or not; this host alone resets it."""
         seen = self._leases.parent / "fleet-stop"
-        if not (seen.exists() and seen.read_text(encoding="utf-8") == given.at):
-            latch(self._workspace.signals.parent, given)
+        if not (seen.exists() and seen.read_bytes() == value):
+            latch(self._workspace.signals.parent, find_read(value, Latch) or Latch(reason="a stop that cannot be read"))
             seen.parent.mkdir(parents=True, exist_ok=True)
-            seen.write_text(given.at, encoding="utf-8")
+            seen.write_bytes(value)
             self._beat_at_s = -float("inf")
+            self._bus.ring()

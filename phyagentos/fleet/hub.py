@@ -7,13 +7,14 @@ what follows.
 
 import contextlib
 from collections import defaultdict, deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 
 from phyagentos.clock import Clock
-from phyagentos.errors import Problem
+from phyagentos.errors import DefinitionError, ExecutionError, Problem
 from phyagentos.fleet.bundles import Transfers, fetch_bundle
 from phyagentos.fleet.bus import (
     Bucket,
@@ -24,12 +25,13 @@ from phyagentos.fleet.bus import (
     HostCard,
     Offer,
     encode_key,
+    find_read,
     get_offer_key,
     iter_read,
 )
 from phyagentos.fleet.host import BY
 from phyagentos.fleet.lanes import LanePublisher, LaneReplica
-from phyagentos.protocol.capabilities.registries import publish_health
+from phyagentos.protocol.capabilities.registries import publish_health, read_target_registry
 from phyagentos.protocol.capabilities.targets import Health, TargetHealth
 from phyagentos.protocol.sessions.estop import read_latch
 from phyagentos.protocol.sessions.lifecycle import CLAIM, FINAL_STATES, Fenced, IllegalTransition, SessionState, Side
@@ -45,6 +47,7 @@ SILENCE_S = 5.0  # a host that has not beaten for so long is shown as lost
 PINNED_S = 60.0  # a target of one host: its session may last as long as its contract, and this
 ENFORCE_S = 0.5  # between two looks at the claims
 RECORDS_MAX = 4096  # of a lane in one turn
+HOMES_MAX = 4096  # episodes, the latest
 _S = SessionState
 _VERDICTS = {_S.SUCCEEDED: "accept", _S.FAILED: "refuse", _S.REPLANNED: "replan", _S.UNVERIFIED: "skip"}
 _RESTING = frozenset({_S.PENDING, _S.AWAITING_VERIFICATION, _S.VERIFYING})  # these hold no resource
@@ -82,11 +85,15 @@ class FleetHub:
         self._publisher = LanePublisher(journal, bus)
         self._fetched = Transfers(bus, fetch_bundle)
         self._replicas: dict[str, LaneReplica] = {}
-        self._waiting: dict[SessionId, deque[Record]] = defaultdict(deque)  # records of hosts, not recorded here yet
+        self._waiting: dict[SessionId, deque[tuple[str, Record]]] = defaultdict(deque)  # by lane, not recorded here yet
         self._over: set[SessionId] = set()  # final in the lane of its host
         self._placed: dict[SessionId, Placed] | None = None  # None: not read yet
         self._seen: dict[str, tuple[int, float]] = {}  # host -> beat, and since when [s]
-        self._offering: dict[str, set[str]] = {}  # target -> hosts that are alive and run it
+        self._cards: list[HostCard] = []
+        self._homes: dict[tuple[str, str], tuple[str, str]] = {}  # world and episode -> since when, and on which host
+        targets = read_target_registry(workspace.target_registry)
+        self._world_of = {name: each.world or name for name, each in targets.items()}
+        self._aside: dict[str, str] = {}  # lanes that cannot be followed, and why
         self._health: dict[str, Health] = {}
         self._enforce_at_s = -float("inf")
         self._stopped_at = ""
@@ -103,9 +110,13 @@ class FleetHub:
             return False
         with contextlib.suppress(BusLost):
             self._pass_stop_on()
+        with contextlib.suppress(BusLost):
             more = self._publisher.publish(self._ledger.seq)
-            more |= self._follow_lanes(self._read_cards())
+        self._read_cards()
+        with contextlib.suppress(BusLost):
+            more |= self._follow_lanes()
             self._relay()
+        with contextlib.suppress(BusLost):
             if self._placed is None:
                 self._placed = self._read_placed()
             self._place(self._placed)
@@ -129,74 +140,120 @@ class FleetHub:
             self._stopped_at = latch.at
             self._bus.put(Bucket.STOPS, "stop", msgspec.json.encode(latch))
 
-    def _read_cards(self) -> list[HostCard]:
+    def _read_cards(self) -> None:
         """The hosts that have ever joined; the health of their targets is published."""
-        cards = [*iter_read(self._bus.view(Bucket.HOSTS).values(), HostCard)]
-        now_s, self._offering = self._clock.now_s(), defaultdict(set)
-        for card in cards:
+        found = {key: find_read(value, HostCard) for key, value in self._bus.view(Bucket.HOSTS).items()}
+        self._cards = [each for key, each in found.items() if each is not None and encode_key(each.host) == key]
+        now_s = self._clock.now_s()
+        for card in self._cards:
             if self._seen.get(card.host, (-1, 0.0))[0] != card.beat:
                 self._seen[card.host] = card.beat, now_s
-            for target in card.targets:
-                self._offering[target] |= {card.host} if self._is_alive(card.host) else set()
-        health = {target: Health.READY if hosts else Health.LOST for target, hosts in self._offering.items()}
+        ready = {target for card in self._cards if self._is_alive(card) for target in card.targets}
+        known = sorted({target for card in self._cards for target in card.targets} & self._world_of.keys())
+        health = {target: Health.READY if target in ready else Health.LOST for target in known}
         if health != self._health:
             self._health, at = health, self._clock.wall_iso()
             now = {name: TargetHealth(state=each, since=at) for name, each in health.items()}
             publish_health(self._workspace.target_registry, now)
-        return cards
 
-    def _is_alive(self, host: str) -> bool:
-        return host in self._seen and self._clock.now_s() - self._seen[host][1] < SILENCE_S
+    def _is_alive(self, card: HostCard) -> bool:
+        beats = card.host in self._seen and self._clock.now_s() - self._seen[card.host][1] < SILENCE_S
+        return beats and card.host not in self._aside
 
-    def _follow_lanes(self, cards: list[HostCard]) -> bool:
-        more = False
-        for card in cards:
-            if card.lane not in self._replicas:
-                self._replicas[card.lane] = LaneReplica(self.get_replica_root(card.lane), card.lane)
-                self._take_in(self._replicas[card.lane].start)
-            replica = self._replicas[card.lane]
-            end = self._bus.ends.get(card.lane, 0)
-            if end > replica.seq:
-                up_to = min(end, replica.seq + RECORDS_MAX)
-                self._take_in(replica.take(self._bus.read(card.lane, replica.seq, up_to)))
-                more |= up_to < end
+    def _find_capable(self, session: Session) -> set[str]:
+        """Hosts that are alive and can carry out this skill on this target."""
+        return {card.host for card in self._cards if card.offers(session) and self._is_alive(card)}
+
+    def _follow_lanes(self) -> bool:
+        """Whether more waits; a lane that is damaged concerns its host alone."""
+        wanted, more = dict[str, tuple[int, int]](), False
+        for lane in {card.host for card in self._cards} - self._aside.keys():
+            with self._set_aside(lane):
+                if lane not in self._replicas:
+                    self._replicas[lane] = LaneReplica(self.get_replica_root(lane), lane)
+                    self._take_in(lane, self._replicas[lane].start)
+                    self._replicas[lane].start.clear()
+                end, before = self._bus.find_end(lane), self._replicas[lane].seq
+                wanted |= {lane: (before, min(end, before + RECORDS_MAX))} if end > before else {}
+        for lane, frames in (self._bus.read_all(wanted) if wanted else {}).items():
+            with self._set_aside(lane):
+                self._take_in(lane, self._replicas[lane].take(frames))
+                more |= bool(frames) and self._replicas[lane].seq < self._bus.find_end(lane)
         return more
 
-    def _take_in(self, records: list[Record]) -> None:
+    @contextlib.contextmanager
+    def _set_aside(self, lane: str) -> Iterator[None]:
+        try:
+            yield
+        except ExecutionError as error:
+            self._aside[lane] = str(error)
+
+    def _take_in(self, lane: str, records: list[Record]) -> None:
         for record in records:
             id = SessionId(record.id)
             if record.to in FINAL_STATES:
                 self._over.add(id)
             if record.side == Side.RUNTIME and record.source is not None:
-                self._waiting[id].append(record)
+                self._waiting[id].append((lane, record))
 
     def _relay(self) -> None:
         """Record here what hosts have recorded, each session up to where its evidence is missing."""
         for id in list(self._waiting):
             records = self._waiting[id]
-            while records and self._relay_one(id, records[0]):
+            while records and self._relay_one(id, *records[0]):
                 records.popleft()
             if not records:
                 del self._waiting[id]
 
-    def _relay_one(self, id: SessionId, record: Record) -> bool:
+    def _relay_one(self, id: SessionId, lane: str, record: Record) -> bool:
         """Whether this record is done with: recorded, or not to be recorded here."""
         status = self._ledger.sessions.get(id)
-        if status is None or status.state in FINAL_STATES:
+        is_over = status is None or status.state in FINAL_STATES
+        if status is not None and record.ev == CLAIM and (is_over or self._holds(lane, id)):
+            self._note_home(status, lane)
+        if status is None or is_over or not self._holds(lane, id):
             return True
-        trigger, body = record.ev, record.body
+        trigger, body = record.ev, dict(record.body or {})
         is_next = (status.state, status.epoch) == (record.source, (record.epoch or 0) - (trigger == CLAIM))
         if status.state == _S.CANCELLING and trigger in _ENDS_A_CANCEL:  # whatever ended it there
             trigger = "confirm_cancel"
         elif not is_next and not (status.state == _S.CANCELLING and trigger == "lose"):
             return True  # recorded before, or after it was fenced
-        if "execution" in (body or {}) and not self._fetched.is_done(self._workspace.evidence_of(id), id):
-            return False
-        self._record([Entry(id, trigger, dict(body) if body else None, status.epoch)], record.by)
+        if isinstance(execution := body.get("execution"), dict):
+            if not self._has_evidence(id, lane):
+                return False
+            body["execution"] = execution | {"evidence": f"evidence/{id}"}
+        self._record([Entry(id, trigger, body or None, status.epoch)], record.by)
         return True
 
+    def _note_home(self, status: SessionStatus, lane: str) -> None:
+        """Another host has another world, in which nothing of this episode has happened; the latest by this clock."""
+        target, episode = status.contract.target, status.contract.scene.episode
+        key = self._world_of.get(target, target), episode
+        self._homes[key] = max(self._homes.pop(key, ("", "")), (status.updated_at, lane))
+        if len(self._homes) > HOMES_MAX:
+            del self._homes[next(iter(self._homes))]
+
+    def _holds(self, lane: str, id: SessionId) -> bool:
+        """Whether the host of a lane has claimed a session, fenced since or not: another one has no say in it."""
+        key = encode_key(id)
+        claim = find_read(self._bus.view(Bucket.CLAIMS).get(key), Claim)
+        if claim is None or claim.host != lane:  # its lane may be faster than the news of its claim
+            found = self._bus.get(Bucket.CLAIMS, key)
+            claim = find_read(found.value, Claim) if found is not None else None
+        return claim is not None and claim.host == lane
+
+    def _has_evidence(self, id: SessionId, lane: str) -> bool:
+        """Whether its bundle is here; what is damaged comes no more, which the verdict shows."""
+        try:
+            return self._fetched.is_done(self._workspace.evidence_of(id), id, lane)
+        except BusLost:
+            raise
+        except ExecutionError:
+            return True
+
     def _record(self, entries: list[Entry], by: str) -> None:
-        with contextlib.suppress(IllegalTransition, Fenced):  # agent or operator were faster
+        with contextlib.suppress(IllegalTransition, Fenced, DefinitionError):  # others were faster; or no such record
             self._own.commit(entries, durable=False, by=by)
         self._journal.follow(looks=False)
 
@@ -205,6 +262,9 @@ class FleetHub:
         offers = iter_read(self._bus.view(Bucket.OFFERS).values(), Offer)
         found = {each.contract.id: Placed(each, since_s=self._clock.now_s()) for each in offers}
         self._number = max((each.offer.number for each in found.values()), default=self._number)
+        for status in list(self._ledger.live_sessions()):
+            if status.contract.id not in found and status.state not in _RESTING:
+                self._give_up(status, "", "the server does not know its claim any more")
         return found
 
     def _place(self, placed: dict[SessionId, Placed]) -> None:
@@ -213,38 +273,56 @@ class FleetHub:
         held = [each.contract for each in self._ledger.live_sessions() if each.state not in _RESTING]
         held += [each.contract for each in waiting if each.contract.id in placed]
         taken = {name for each in held for name in each.resources}
+        changed, new = list[Offer](), list[Session]()
         for session in (each.contract for each in waiting):
             if session.id in placed:
                 offer = placed[session.id].offer
-                lease_s = self._choose_lease(session)
-                wanted = msgspec.structs.replace(offer, contract=session, lease_s=lease_s)
-                if wanted != offer:  # amended, or another host offers its target now
-                    self._put(placed[session.id], wanted)
+                changed += [wanted] if (wanted := self._update(offer, session)) != offer else []  # or was amended
             elif taken.isdisjoint(session.resources):
                 taken.update(session.resources)
-                self._open(placed, session)
+                new.append(session)
+        self._put(placed, [*changed, *self._open(new)])
 
-    def _choose_lease(self, session: Session) -> float:
-        """That of a target which several hosts offer is short; on any other one no host could go on with it."""
-        limits = session.limits
+    def _update(self, offer: Offer, session: Session) -> Offer:
+        """As it should be now: the lease of a session that several hosts can take is short, else one may finish it."""
+        limits, capable = session.limits, self._find_capable(session)
+        key = self._world_of.get(session.target, session.target), session.scene.episode
+        home, hosts = self._homes.get(key, ("", ""))[1], len(capable)
         pinned_s = limits.queue_s + limits.timeout_s + limits.wall_timeout_s + PINNED_S
-        return self._lease_s if len(self._offering.get(session.target, ())) > 1 else max(self._lease_s, pinned_s)
+        lease_s = self._lease_s if hosts > 1 else max(self._lease_s, pinned_s)
+        return msgspec.structs.replace(
+            offer, contract=session, lease_s=lease_s, hosts=hosts, home=home if home in capable else ""
+        )
 
-    def _open(self, placed: dict[SessionId, Placed], session: Session) -> None:
-        key = encode_key(session.id)
-        revision = self._bus.swap(Bucket.CLAIMS, key, msgspec.json.encode(Claim()), 0)
-        if revision is None:  # opened by an earlier process, before its offer was made
-            found = self._bus.get(Bucket.CLAIMS, key)
-            revision = found.revision if found is not None else 0
-        self._number += 1
-        lease_s = self._choose_lease(session)
-        offer = Offer(contract=session, number=self._number, revision=revision, lease_s=lease_s)
-        placed[session.id] = Placed(offer, since_s=self._clock.now_s())
-        self._put(placed[session.id], offer)
+    def _open(self, sessions: list[Session]) -> list[Offer]:
+        """Offers of those whose claim is open: since now, or by an earlier process that ended before it offered it."""
+        keys = {encode_key(each.id): each for each in sessions}
+        opened = self._bus.open_all(Bucket.CLAIMS, dict.fromkeys(keys, msgspec.json.encode(Claim()))) if keys else {}
+        offers = []
+        for key, session in keys.items():
+            revision = opened[key]
+            if revision is None and (found := self._bus.get(Bucket.CLAIMS, key)) is not None:
+                revision = found.revision if find_read(found.value, Claim) == Claim() else None
+            if revision is None:
+                taken = Problem(
+                    "BUSY", f"{session.id}: the server has a claim of this name", expected="another goal id"
+                )
+                self._record([make_rejection(session.id, taken)], BY)
+                continue
+            self._number += 1
+            offer = Offer(contract=session, number=self._number, revision=revision, lease_s=0.0)
+            offers.append(self._update(offer, session))
+        return offers
 
-    def _put(self, each: Placed, offer: Offer) -> None:
-        self._bus.put(Bucket.OFFERS, get_offer_key(offer.contract), msgspec.json.encode(offer))
-        each.offer = offer
+    def _put(self, placed: dict[SessionId, Placed], offers: list[Offer]) -> None:
+        """Placed is what the server has confirmed: the rest is offered again."""
+        if offers:
+            self._bus.put_all(
+                Bucket.OFFERS, {get_offer_key(each.contract): msgspec.json.encode(each) for each in offers}
+            )
+        for each in offers:
+            known = placed.setdefault(each.contract.id, Placed(each, since_s=self._clock.now_s()))
+            known.offer = each
 
     def _enforce(self, placed: dict[SessionId, Placed]) -> None:
         """Fence what was not renewed in time, and what no host has taken in time."""
@@ -259,10 +337,14 @@ class FleetHub:
                 continue
             if value != each.claim:
                 each.claim, each.since_s = value, now_s
-            claim = msgspec.json.decode(value, type=Claim)
+            claim = find_read(value, Claim) or Claim()
             patience_s = claim.lease_s + GRACE_S if claim.host else status.contract.limits.queue_s
-            if claim.is_fenced or (now_s - each.since_s > patience_s and self._fence(id, value)):
-                self._give_up(status, claim.host)
+            is_late = now_s - each.since_s > patience_s or claim.host in self._aside
+            if claim.is_fenced or (is_late and self._fence(id, value)):
+                why = self._aside.get(
+                    claim.host, f"host {claim.host} did not renew its lease in time: lost, or cut off"
+                )
+                self._give_up(status, claim.host, why)
 
     def _fence(self, id: SessionId, seen: bytes) -> bool:
         """End the claim that was seen, unless it has changed; from here on no host may act under it."""
@@ -270,45 +352,53 @@ class FleetHub:
         found = self._bus.get(Bucket.CLAIMS, key)
         if found is None or found.value != seen:
             return False
-        claim = msgspec.json.decode(seen, type=Claim)
+        claim = find_read(seen, Claim) or Claim()
         fenced = msgspec.structs.replace(claim, epoch=claim.epoch + 1, is_fenced=True)
         return self._bus.swap(Bucket.CLAIMS, key, msgspec.json.encode(fenced), found.revision) is not None
 
-    def _give_up(self, status: SessionStatus, host: str) -> None:
+    def _give_up(self, status: SessionStatus, host: str, why: str) -> None:
         id, state, epoch = status.contract.id, status.state, status.epoch
-        if not host:
+        if not host and state == _S.PENDING:
             limit = status.contract.limits.queue_s
             late = Problem("TIMED_OUT", f"{id}: limits.queue_s", expected=f"a host with a free target within {limit} s")
             self._record([make_rejection(id, late)], BY)
             return
-        why = f"host {host} did not renew its lease in time: it is lost, or cut off; its effect is unknown"
-        lost = Execution(ended=Ended.TARGET_LOST, evidence=f"evidence/{id}", code="TARGET_LOST", message=why)
+        why = f"{why}; its effect is unknown"
+        code = "HOST_LOST" if self._find_capable(status.contract) - {host} else "TARGET_LOST"
+        lost = Execution(ended=Ended.TARGET_LOST, evidence=f"evidence/{id}", code=code, message=why)
         entries = [Entry(id, CLAIM, None, epoch)] if state == _S.PENDING else []
         epoch += len(entries)
         entries += [Entry(id, "check", None, epoch)] if state in {_S.PENDING, _S.CLAIMED} else []
         entries += [Entry(id, "lose", {"reason": why}, epoch)] if state != _S.OUTCOME_UNKNOWN else []
-        self._record([*entries, Entry(id, "reconcile", {"execution": msgspec.to_builtins(lost)}, epoch)], host)
+        body = {"execution": msgspec.to_builtins(lost)}
+        self._record([*entries, Entry(id, "reconcile", body, epoch)], host or BY)
 
     def _end(self, placed: dict[SessionId, Placed]) -> None:
         """Let hosts know of verdicts and cancellations, and forget what is over on both sides."""
-        for id, each in list(placed.items()):
+        over, changed = [], []
+        for id, each in placed.items():
             status = self._ledger.sessions.get(id)
-            wanted = _build_end(each.offer, status)
             if (status is None or status.state in FINAL_STATES) and self._is_over_there(id):
-                self._bus.remove(Bucket.OFFERS, get_offer_key(each.offer.contract))
-                self._bus.remove(Bucket.CLAIMS, encode_key(id))
-                del placed[id]
-                self._over.discard(id)
-            elif wanted != each.offer:
-                self._own.sync()  # the verdict that is passed on
-                self._put(each, wanted)
+                over.append(each.offer.contract)
+            elif (wanted := _build_end(each.offer, status)) != each.offer:
+                changed.append(wanted)
+        if changed:
+            self._own.sync()  # the verdicts that are passed on
+            self._put(placed, changed)
+        if over:
+            keys = [(Bucket.OFFERS, get_offer_key(each)) for each in over]
+            self._bus.remove_all([*keys, *((Bucket.CLAIMS, encode_key(each.id)) for each in over)])
+        for contract in over:
+            del placed[contract.id]
+            self._fetched.forget(contract.id)
+        self._over &= placed.keys()
 
     def _is_over_there(self, id: SessionId) -> bool:
         """Whether no host will do anything more about it."""
         if id in self._over:
             return True
         value = self._bus.view(Bucket.CLAIMS).get(encode_key(id), b"")
-        claim = msgspec.json.decode(value, type=Claim) if value else Claim()
+        claim = find_read(value, Claim) or Claim()
         return not claim.host and (claim.is_fenced or self._fence(id, value))
 
 

@@ -1,8 +1,10 @@
 """The port over NATS JetStream: the one place that imports it.
 
 One stream a lane, in which the number of a message is the number of its record: the server takes a record behind the
-one before it or not at all. Four key-value stores, one object store. News are plain subscriptions, which may miss some:
-everything is read anew after each break and every few seconds.
+one before it or not at all. Four key-value stores; an object store a lane. Each writes under subjects of its own, so
+that a server with `server.py`'s rights refuses what is another's; a claim is compared and set over all who may write
+it. Only the hub makes streams. News are plain subscriptions, which may miss some: everything is read anew after each
+break and every few seconds.
 """
 
 import asyncio
@@ -20,11 +22,11 @@ import nats.js.errors
 from nats.aio.client import Client
 from nats.aio.msg import Msg
 from nats.js import JetStreamContext, api
-from nats.js.kv import KeyValue
 from nats.js.object_store import ObjectStore
 
 from phyagentos.clock import SystemClock
-from phyagentos.fleet.bus import Bucket, BusLost, Frame, HostCard, Stored, encode_key, hide_token, iter_read
+from phyagentos.fleet.bus import HUB, Bucket, BusLost, Frame, HostCard, Stored, encode_key, find_read, hide_token
+from phyagentos.fleet.subjects import LANE, NEWS, locate, locate_claim, name_evidence, name_inbox, name_lane, name_store
 
 CALL_S = 5.0
 RETRY_S = 0.2
@@ -32,8 +34,8 @@ PING_S = 2.0  # a peer that answers neither of two is gone: a cut cable closes n
 RESCAN_S = 5.0
 TOGETHER = 64  # requests on their way at once
 SEGMENT = "Segment"
-LANE = "paos.lane."
 _WRONG_SEQUENCE = frozenset({10071, 10164})
+_LAST, _OF = "Nats-Expected-Last-Subject-Sequence", "Nats-Expected-Last-Subject-Sequence-Subject"
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
@@ -42,24 +44,27 @@ class NatsBus:
     """One connection, kept up for good by a thread of its own.
 
     Args:
-        url: Of the server, `nats://[user:password@]host:port`.
+        url: Of the servers, `nats://[user:password@]host:port`, several with commas; `tls://` encrypts.
         name: Shown by the server.
-        targets: Offers for others are not listened to; None for all, and for claims as well.
+        role: `HUB`, which makes the streams and hears everything; the lane of a host; or another, which only looks.
+        targets: Whose offers a host listens to; None for one that is no host.
     """
 
-    def __init__(self, url: str, *, name: str, targets: Collection[str] | None = None) -> None:
+    def __init__(self, url: str, *, name: str, role: str = HUB, targets: Collection[str] | None = None) -> None:
         self._url, self._name, self._shown = url, name, hide_token(url)
-        offers = [">"] if targets is None else [f"{encode_key(each)}.>" for each in targets]
-        self._wanted = {Bucket.OFFERS: offers, Bucket.HOSTS: [">"], Bucket.STOPS: [">"]}
-        self._wanted |= {Bucket.CLAIMS: [">"]} if targets is None else {}
+        self._role, self._token, self._is_hub = role, encode_key(role), role == HUB
+        self._wanted = {Bucket.OFFERS: [">"], Bucket.HOSTS: [">"], Bucket.STOPS: [">"]}
+        self._wanted |= {Bucket.CLAIMS: [">"]} if self._is_hub else {}
+        if targets is not None:
+            self._wanted = {Bucket.OFFERS: [f"{encode_key(each)}.>" for each in targets], Bucket.STOPS: [">"]}
         self._views: dict[Bucket, dict[str, bytes]] = {bucket: {} for bucket in Bucket}
+        self._changed: dict[Bucket, set[str]] = {bucket: set() for bucket in Bucket}  # since a look at all began
         self._acts: dict[Bucket, Callable[[bytes], None]] = {}
         self._ends: dict[str, int] = {}
+        self._bundles = 0
         self._news = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         self._client = Client()
         self._js: JetStreamContext
-        self._stores: dict[Bucket, KeyValue] = {}
-        self._objects: ObjectStore
         self._known_lanes: set[str] = set()
         self._is_ready, self._why = False, ""
         self._loop = asyncio.new_event_loop()
@@ -72,10 +77,9 @@ class NatsBus:
         """As of the port."""
         return self._is_ready and self._client.is_connected
 
-    @property
-    def ends(self) -> Mapping[str, int]:
+    def find_end(self, lane: str) -> int:
         """As of the port."""
-        return self._ends
+        return self._ends.get(encode_key(lane), 0)
 
     def fileno(self) -> int:
         """As of the port."""
@@ -85,6 +89,16 @@ class NatsBus:
         """As of the port."""
         with contextlib.suppress(BlockingIOError):
             os.eventfd_read(self._news)
+
+    def ring(self) -> None:
+        """As of the port."""
+        with contextlib.suppress(OSError):  # closed since
+            os.eventfd_write(self._news, 1)
+
+    @property
+    def bundles(self) -> int:
+        """As of the port."""
+        return self._bundles
 
     def view(self, bucket: Bucket) -> Mapping[str, bytes]:
         """As of the port."""
@@ -100,16 +114,24 @@ class NatsBus:
 
     def put(self, bucket: Bucket, key: str, value: bytes) -> None:
         """As of the port."""
-        self._call(lambda: self._stores[bucket].put(key, value))
+        self.put_all(bucket, {key: value})
+
+    def put_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> None:
+        """As of the port."""
+        self._call(lambda: _gather(values, lambda key: self._put(bucket, key, values[key])))
+
+    def open_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> dict[str, int | None]:
+        """As of the port."""
+        found = self._call(lambda: _gather(values, lambda key: self._swap(bucket, key, values[key], 0)))
+        return dict(zip(values, found, strict=True))
 
     def swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         """As of the port."""
         return self._call(lambda: self._swap(bucket, key, value, revision))
 
-    def remove(self, bucket: Bucket, key: str) -> None:
+    def remove_all(self, keys: Collection[tuple[Bucket, str]]) -> None:
         """As of the port."""
-        self._views[bucket].pop(key, None)
-        self._call(lambda: self._js.purge_stream(f"KV_paos_{bucket}", subject=f"$KV.paos_{bucket}.{key}"))
+        self._call(lambda: _gather(keys, lambda each: self._remove(*each)))
 
     def count(self, lane: str) -> int:
         """As of the port."""
@@ -123,13 +145,18 @@ class NatsBus:
         """As of the port."""
         return self._call(lambda: self._read(lane, after, up_to), 4 * CALL_S)
 
+    def read_all(self, wanted: Mapping[str, tuple[int, int]]) -> dict[str, list[Frame]]:
+        """As of the port."""
+        found = self._call(lambda: _gather(wanted, lambda lane: self._read(lane, *wanted[lane])), 4 * CALL_S)
+        return dict(zip(wanted, found, strict=True))
+
     def store(self, name: str, data: bytes) -> None:
         """As of the port."""
         self._call(lambda: self._store(name, data), 4 * CALL_S)
 
-    def load(self, name: str) -> bytes | None:
+    def load(self, lane: str, name: str) -> bytes | None:
         """As of the port."""
-        return self._call(lambda: self._load(name), 4 * CALL_S)
+        return self._call(lambda: self._load(lane, name), 4 * CALL_S)
 
     def wait(self, timeout_s: float) -> None:
         """Wait for the connection; raises BusLost."""
@@ -143,11 +170,20 @@ class NatsBus:
         """As of the port."""
         self._keeper.cancel()
         with contextlib.suppress(Exception):
-            asyncio.run_coroutine_threadsafe(self._client.close(), self._loop).result(CALL_S)
+            asyncio.run_coroutine_threadsafe(self._let_go(), self._loop).result(CALL_S)
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
-        os.close(self._news)
+        news, self._news = self._news, -1  # its number may be another file's soon
+        os.close(news)
+
+    async def _let_go(self) -> None:
+        with contextlib.suppress(Exception):
+            await self._client.close()
+        left = asyncio.all_tasks() - {asyncio.current_task()}
+        for each in left:
+            each.cancel()
+        await asyncio.gather(*left, return_exceptions=True)
 
     def _call(self, work: Callable[[], Coroutine[object, None, _Result]], timeout_s: float = CALL_S) -> _Result:
         if not self.is_connected:
@@ -165,26 +201,29 @@ class NatsBus:
             try:
                 if not self._client.is_connected and not self._client.is_reconnecting:
                     await self._connect()
-                if not self._is_ready:
+                if not self._is_ready and self._is_hub:
                     await asyncio.wait_for(self._provide_stores(), CALL_S)
                 await asyncio.wait_for(self._rescan(), 2 * CALL_S)
                 self._is_ready = True
-                self._ring()
+                self._bundles += 1  # or so many: news may have been missed
+                self.ring()
                 await asyncio.sleep(RESCAN_S if self._client.is_connected else RETRY_S)
-            except (nats.errors.Error, TimeoutError, OSError) as error:
-                self._is_ready, self._why = False, f": {error}"
+            except Exception as error:  # whatever a server answers: nothing else brings the connection back
+                is_new = isinstance(error, nats.js.errors.NotFoundError)
+                self._is_ready, self._why = False, ": `paos fleet lead` has not run yet" if is_new else f": {error}"
                 await asyncio.sleep(RETRY_S)
 
     async def _connect(self) -> None:
         async def lost() -> None:
             self._is_ready = False
 
-        async def ignore(_: Exception) -> None:
-            """Each call reports its own."""
+        async def note(error: Exception) -> None:
+            self._why = f": {error}"  # such as a subject that is another's; each call reports its own
 
         self._client = await nats.connect(
-            self._url,
+            self._url.split(","),
             name=self._name,
+            inbox_prefix=name_inbox(self._role),
             connect_timeout=2,
             allow_reconnect=True,
             max_reconnect_attempts=-1,
@@ -192,90 +231,116 @@ class NatsBus:
             ping_interval=int(PING_S),
             max_outstanding_pings=2,
             disconnected_cb=lost,
-            error_cb=ignore,
+            error_cb=note,
         )
         self._js = self._client.jetstream(timeout=CALL_S)
         for bucket, keys in self._wanted.items():
-            hear = self._hear_claim if bucket is Bucket.CLAIMS else partial(self._hear, bucket)
             for key in keys:
-                await self._client.subscribe(f"$KV.paos_{bucket}.{key}", cb=hear)
-        await self._client.subscribe(f"{LANE}>", cb=self._hear_lane)
+                await self._client.subscribe(f"{NEWS}{locate(bucket)}{key}", cb=partial(self._hear, bucket))
+        if self._is_hub:
+            await self._client.subscribe(f"{NEWS}{LANE}>", cb=self._hear_lane)
+            await self._client.subscribe(f"{NEWS}$O.>", cb=self._hear_bundle)
 
     async def _provide_stores(self) -> None:
-        """After each break: the server may have come back without its disk."""
+        """After each break: the server may have come back without its disk. Rollups could empty a store: none here."""
         self._known_lanes = set()
         for bucket in Bucket:
-            self._stores[bucket] = await self._js.create_key_value(bucket=f"paos_{bucket}", history=1, direct=True)
-        self._objects = await self._js.create_object_store(bucket="paos_evidence")
+            await self._provide(name_store(bucket), [f"{locate(bucket)}>"], max_msgs_per_subject=1)
+
+    async def _provide(self, stream: str, subjects: list[str], **settings: int | bool) -> None:
+        """A stream that makes news of what it has taken: what it refused is not heard, nor anything too early."""
+        replicas = min(3, len(self._url.split(",")))
+        config = api.StreamConfig(name=stream, subjects=subjects, num_replicas=replicas, allow_direct=True)
+        news = api.RePublish(src=subjects[0], dest=f"{NEWS}{subjects[0]}")
+        await self._js.add_stream(config, deny_delete=True, discard=api.DiscardPolicy.NEW, republish=news, **settings)
 
     async def _hear(self, bucket: Bucket, message: Msg) -> None:
-        key = message.subject.removeprefix(f"$KV.paos_{bucket}.")
-        self._views[bucket][key] = message.data
+        key = message.subject.removeprefix(f"{NEWS}{locate(bucket)}")
+        self._note(bucket, key.split(".")[0] if bucket is Bucket.CLAIMS else key, message.data)
         with contextlib.suppress(KeyError, OSError):  # what an act did not do, the next look does
             self._acts[bucket](message.data)
-        self._ring()
+        if self._is_hub and bucket is Bucket.HOSTS and (card := find_read(message.data, HostCard)) is not None:
+            with contextlib.suppress(nats.errors.Error, TimeoutError):
+                await self._provide_lane(card.host)
 
-    async def _hear_claim(self, message: Msg) -> None:
-        """A claim that the server refuses is heard, too: what stands there is asked for."""
-        key = message.subject.removeprefix(f"$KV.paos_{Bucket.CLAIMS}.")
-        with contextlib.suppress(nats.errors.Error, TimeoutError):  # the next look at everything finds it
-            if (found := await self._get(Bucket.CLAIMS, key)) is not None:
-                self._views[Bucket.CLAIMS][key] = found.value
-                self._ring()
+    def _note(self, bucket: Bucket, key: str, value: bytes | None) -> None:
+        self._changed[bucket].add(key)
+        if value is None:
+            self._views[bucket].pop(key, None)
+        else:
+            self._views[bucket][key] = value
+        self.ring()
 
     async def _hear_lane(self, message: Msg) -> None:
-        lane, _, seq = (message.headers or {}).get("Nats-Msg-Id", "").rpartition(".")
-        if lane:
-            self._ends[lane] = max(self._ends.get(lane, 0), int(seq))
-            self._ring()
+        lane, seq = message.subject.removeprefix(f"{NEWS}{LANE}"), (message.headers or {}).get("Nats-Sequence", "0")
+        self._ends[lane] = max(self._ends.get(lane, 0), int(seq))
+        self.ring()
 
-    def _ring(self) -> None:
-        os.eventfd_write(self._news, 1)
+    async def _hear_bundle(self, _: Msg) -> None:
+        self._bundles += 1
+        self.ring()
 
     async def _rescan(self) -> None:
         for bucket, keys in self._wanted.items():
+            self._changed[bucket] = set()
             found: dict[str, bytes] = {}
             for key in keys:
                 names = await self._list_keys(bucket, key)
                 values = await _gather(names, partial(self._get, bucket))
                 found |= {name: each.value for name, each in zip(names, values, strict=True) if each is not None}
-            self._views[bucket] = found
-        for card in iter_read(self._views[Bucket.HOSTS].values(), HostCard):
-            self._ends[card.lane] = await self._count(card.lane)
+            newer = {key: self._views[bucket].get(key) for key in self._changed[bucket]}
+            self._views[bucket] = {key: each for key, each in (found | newer).items() if each is not None}
+        for value in self._views[Bucket.HOSTS].values() if self._is_hub else ():
+            if (card := find_read(value, HostCard)) is not None:
+                self._ends[encode_key(card.host)] = await self._count(card.host)
 
     async def _list_keys(self, bucket: Bucket, key: str) -> list[str]:
-        prefix = f"$KV.paos_{bucket}."
-        info = await self._js.stream_info(f"KV_paos_{bucket}", subjects_filter=f"{prefix}{key}")
-        return [each.removeprefix(prefix) for each in info.state.subjects or {}]
+        prefix = locate(bucket)
+        info = await self._js.stream_info(name_store(bucket), subjects_filter=f"{prefix}{key}")
+        names = [each.removeprefix(prefix) for each in info.state.subjects or {}]
+        return [*dict.fromkeys(each.split(".")[0] for each in names)] if bucket is Bucket.CLAIMS else names
 
     async def _get(self, bucket: Bucket, key: str) -> Stored | None:
+        """As the leader has it: a copy may be behind."""
         try:
-            entry = await self._stores[bucket].get(key)
-        except nats.js.errors.KeyNotFoundError:
+            found = await self._js.get_last_msg(name_store(bucket), _cover(bucket, key))
+        except nats.js.errors.NotFoundError:
             return None
-        return Stored(entry.value or b"", entry.revision or 0)
+        return Stored(found.data or b"", found.seq or 0)
 
     async def _swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
+        """A claim stands under the subject of its writer; the latest of all is the one that counts."""
+        subject = f"{locate(bucket)}{key}" if bucket is not Bucket.CLAIMS else locate_claim(key, self._token)
+        headers = {_LAST: str(revision), _OF: _cover(bucket, key)}
         try:
-            return int(await self._stores[bucket].update(key, value, last=revision))
-        except nats.js.errors.KeyWrongLastSequenceError:
-            return None
+            return int((await self._js.publish(subject, value, timeout=CALL_S, headers=headers)).seq)
+        except nats.js.errors.APIError as error:
+            if error.err_code in _WRONG_SEQUENCE:
+                return None
+            raise
 
-    async def _provide(self, lane: str) -> str:
-        stream = f"paos_lane_{encode_key(lane)}"
-        if lane not in self._known_lanes:
-            subject = f"{LANE}{encode_key(lane)}"
-            await self._js.add_stream(
-                api.StreamConfig(name=stream, subjects=[subject], allow_direct=True, deny_delete=True)
-            )
+    async def _put(self, bucket: Bucket, key: str, value: bytes) -> None:
+        await self._js.publish(f"{locate(bucket)}{key}", value, timeout=CALL_S)
+
+    async def _remove(self, bucket: Bucket, key: str) -> None:
+        await self._js.purge_stream(name_store(bucket), subject=_cover(bucket, key))
+        self._note(bucket, key, None)
+
+    async def _provide_lane(self, lane: str) -> str:
+        """The stream of a lane, which the hub makes, with the store of its evidence."""
+        token, stream = encode_key(lane), name_lane(lane)
+        if self._is_hub and lane not in self._known_lanes:
+            await self._provide(stream, [f"{LANE}{token}"])
+            objects = name_evidence(token)
+            await self._provide(f"OBJ_{objects}", [f"$O.{objects}.M.>", f"$O.{objects}.C.>"], allow_rollup_hdrs=True)
             self._known_lanes.add(lane)
         return stream
 
     async def _count(self, lane: str) -> int:
-        return int((await self._js.stream_info(await self._provide(lane))).state.last_seq)
+        return int((await self._js.stream_info(await self._provide_lane(lane))).state.last_seq)
 
     async def _append(self, lane: str, after: int, frames: Sequence[Frame]) -> None:
-        stream, subject = await self._provide(lane), f"{LANE}{encode_key(lane)}"
+        stream, subject = await self._provide_lane(lane), f"{LANE}{encode_key(lane)}"
 
         async def send(number: int) -> None:
             frame, seq = frames[number], after + 1 + number
@@ -291,7 +356,7 @@ class NatsBus:
         await _gather(range(len(frames)), send)
 
     async def _read(self, lane: str, after: int, up_to: int) -> list[Frame]:
-        stream = await self._provide(lane)
+        stream = await self._provide_lane(lane)
 
         async def load(seq: int) -> Frame | None:
             try:
@@ -304,16 +369,29 @@ class NatsBus:
         return [frame for frame in found if frame is not None]
 
     async def _store(self, name: str, data: bytes) -> None:
+        objects = self._open_objects(self._token)
         try:
-            await self._objects.get_info(name)
+            await objects.get_info(name)
         except nats.js.errors.NotFoundError:
-            await self._objects.put(name, data)
+            await objects.put(name, data)
 
-    async def _load(self, name: str) -> bytes | None:
+    async def _load(self, lane: str, name: str) -> bytes | None:
+        objects, stream = self._open_objects(encode_key(lane)), name_evidence(encode_key(lane))
         try:
-            return (await self._objects.get(name)).data or b""
+            info = await objects.get_info(name)
+            if info.chunks == 1:  # in one round trip, where a consumer takes several
+                return (await self._js.get_last_msg(f"OBJ_{stream}", f"$O.{stream}.C.{info.nuid}")).data or b""
+            return (await objects.get(name)).data or b""
         except nats.js.errors.NotFoundError:
             return None
+
+    def _open_objects(self, token: str) -> ObjectStore:
+        return ObjectStore(name=name_evidence(token), stream=f"OBJ_{name_evidence(token)}", js=self._js)
+
+
+def _cover(bucket: Bucket, key: str) -> str:
+    """The subject of a value; of a claim, those of all its writers."""
+    return locate_claim(key, "*") if bucket is Bucket.CLAIMS else f"{locate(bucket)}{key}"
 
 
 async def _gather(items: Collection[_Item], work: Callable[[_Item], Awaitable[_Result]]) -> list[_Result]:

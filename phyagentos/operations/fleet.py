@@ -2,25 +2,30 @@
 
 import contextlib
 import os
-import secrets
+import re
 import select
 import shutil
 import sys
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING
 
 import msgspec
 
+from phyagentos.agent.goals.selector import find_lacks
 from phyagentos.assembly.paths import open_project, serve_alone
 from phyagentos.assembly.planes import STOP_S, start_watch
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, needs_extra
-from phyagentos.fleet.bus import Bucket, Bus, HostCard, hide_token, iter_read
+from phyagentos.fleet.bus import HOST_NAME, HUB, OPERATOR, Bucket, Bus, HostCard, hide_token, iter_read
 from phyagentos.fleet.host import BEAT_S, BY, FleetHost
 from phyagentos.fleet.hub import LEASE_S, FleetHub
-from phyagentos.protocol.capabilities.registries import read_target_registry
+from phyagentos.fleet.server import FleetSettings, configure, configure_alone
+from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
+from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
+from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.sessions.estop import Latch
 from phyagentos.protocol.sessions.lifecycle import Side
 from phyagentos.protocol.workspace.process_lock import WATCHDOG_LOCK, become_sole
@@ -36,11 +41,6 @@ if TYPE_CHECKING:
 LISTEN = "127.0.0.1:4222"
 PAUSE_MS = 200.0
 ANSWER_S = 3.0
-_CONFIG = """server_name: paos
-listen: "{listen}"
-jetstream {{ store_dir: "{store}", sync_interval: always }}
-authorization {{ token: "{token}" }}
-"""
 
 
 class HostLine(msgspec.Struct, frozen=True, kw_only=True):
@@ -52,10 +52,10 @@ class HostLine(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FleetServer(msgspec.Struct, frozen=True):
-    """What `paos fleet server` prints: the URL of a server, with its token, and the command that runs it."""
+    """What `paos fleet server` prints: for hub, operator and each host its URL, and the command that runs it."""
 
-    url: str
-    command: str
+    urls: Mapping[str, str]
+    command: tuple[str, ...]
 
 
 class FleetStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -73,23 +73,25 @@ class FleetStop(msgspec.Struct, frozen=True, kw_only=True):
     silent: tuple[str, ...]
 
 
-def prepare_server(store: Path, listen: str = LISTEN) -> tuple[str, list[str]]:
-    """The URL of a server of this fleet, and the command that runs it.
+def prepare_server(store: Path, listen: str = LISTEN, *, settings: Path | None = None, member: str = "") -> FleetServer:
+    """The URLs of a server of this fleet, and the command that runs it.
 
-    It demands a token, which is made at the first start and kept below `store`.
+    It demands a token, or where there are `settings` a password of each user; they are made at the first start and
+    kept. Raises DefinitionError `EXTRA_MISSING`, and of the settings.
     """
     binary = shutil.which("nats-server", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"])))
     if binary is None:
         with needs_extra("fleet", "paos fleet server"):
             raise ImportError("no nats-server")
     store.mkdir(parents=True, exist_ok=True)
-    kept, config = store / "token", store / "nats.conf"
-    for path in (kept, config):
-        path.touch(mode=0o600)
-    token = kept.read_text(encoding="ascii") or secrets.token_urlsafe(24)
-    kept.write_text(token, encoding="ascii")
-    config.write_text(_CONFIG.format(listen=listen, store=store, token=token), encoding="utf-8")
-    return f"nats://{token}@{listen}", [binary, "-c", str(config)]
+    if settings is None:
+        access = configure_alone(store, listen)
+    else:
+        access = configure(validate(FleetSettings, read_yaml(settings)), settings.resolve(), member, store)
+    config = store / "nats.conf"
+    config.touch(mode=0o600)
+    config.write_bytes(msgspec.json.format(msgspec.json.encode(access.config)))
+    return FleetServer(access.urls, (binary, "-c", str(config)))
 
 
 def lead_fleet(root: Path, url: str, ends: Event, announce: Callable[[str], object], lease_s: float = LEASE_S) -> None:
@@ -130,13 +132,15 @@ def join_fleet(
     known = read_target_registry(workspace.target_registry)
     if missing := sorted(set(targets) - known.keys()):
         raise DefinitionError.unknown("target", "--target", missing[0], known)
-    served = {each: tuple(sorted(known[each].actions)) for each in targets or known}
+    _refuse_half_a_world(known, {*targets} or {*known})
+    skills = read_skill_registry(workspace.skill_registry)
+    served = {each: _list_skills(skills, known[each]) for each in targets or known}
     with contextlib.ExitStack() as stack:
         stack.enter_context(serve_alone(workspace, clock))
         lane = _choose_lane(workspace, name)
         journal = Journal(workspace.root, side=Side.AGENT, by=BY, clock=clock, partition=lane)
         stack.enter_context(contextlib.closing(journal))
-        bus = stack.enter_context(open_bus(url, f"host {lane}", served))
+        bus = stack.enter_context(open_bus(url, f"host {lane}", lane, served))
         host = FleetHost(workspace, journal, bus, clock, served)
         watch = stack.enter_context(start_watch(workspace, pictures=pictures).running(clock))
         announce(f"host {lane} at {hide_token(url)}: {', '.join(sorted(served))}")
@@ -150,21 +154,36 @@ def join_fleet(
         take_turns(turn, bus, journal.folder, ends)
 
 
+def _refuse_half_a_world(known: Mapping[str, TargetProfile], served: Collection[str]) -> None:
+    """Two hosts have two worlds, in which different events happen: one world is on one host."""
+    worlds = {known[each].world for each in served if known[each].world}
+    if missing := sorted(name for name, each in known.items() if each.world in worlds and name not in served):
+        text = f"{', '.join(sorted(served))} without {missing[0]}"
+        raise DefinitionError.of(
+            "WORLD_CONFLICT", "--target", text, f"every target of the world {known[missing[0]].world!r}"
+        )
+
+
+def _list_skills(skills: Mapping[str, SkillRuntime], target: TargetProfile) -> tuple[str, ...]:
+    return tuple(sorted(name for name, skill in skills.items() if not any(find_lacks(skill, target))))
+
+
 def _choose_lane(workspace: Workspace, name: str | None) -> str:
     found = choose_partition(workspace.sessions)
-    if name is not None and (Path(name).name != name or name == ".."):
-        raise DefinitionError.of("INVALID_VALUE", "--name", name, "a name without `/`: its lane is a folder")
+    if not re.match(HOST_NAME, name or found) or name in {HUB, OPERATOR}:
+        expected = f"at most 60 letters, no `/`, and none of {HUB}, {OPERATOR}"
+        raise DefinitionError.of("INVALID_VALUE", "--name", name or found, expected)
     if name is None or name == found or not (workspace.sessions / found).is_dir():
         return name or found
     raise DefinitionError.of("INVALID_VALUE", "--name", name, f"{found!r}, as this workspace has been called so far")
 
 
 @contextlib.contextmanager
-def open_bus(url: str, name: str, targets: Collection[str] | None = None) -> Iterator["NatsBus"]:
+def open_bus(url: str, name: str, role: str = HUB, targets: Collection[str] | None = None) -> Iterator["NatsBus"]:
     """A connection to a fleet while the block runs; raises DefinitionError `EXTRA_MISSING`."""
     with needs_extra("fleet", "paos fleet"):
         from phyagentos.fleet.nats_bus import NatsBus
-    bus = NatsBus(url, name=name, targets=targets)
+    bus = NatsBus(url, name=name, role=role, targets=targets)
     try:
         yield bus
     finally:
@@ -186,12 +205,12 @@ def take_turns(turn: Callable[[], bool], bus: Bus, folder: Path, ends: Event) ->
 
 def read_status(url: str) -> FleetStatus:
     """Hosts and open sessions of a fleet; a host is alive that beats while this looks."""
-    with open_bus(url, "status") as bus:
+    with open_bus(url, "status", OPERATOR) as bus:
         bus.wait(ANSWER_S)
         before = _read_cards(bus)
         SystemClock().sleep(2.0 * BEAT_S)
         lines = [
-            HostLine(card=each, records=bus.count(each.lane), is_alive=before.get(name) != each)
+            HostLine(card=each, records=bus.count(each.host), is_alive=before.get(name) != each)
             for name, each in _read_cards(bus).items()
         ]
         return FleetStatus(server=hide_token(url), hosts=tuple(lines), offers=len(bus.view(Bucket.OFFERS)))
@@ -200,7 +219,7 @@ def read_status(url: str) -> FleetStatus:
 def stop_fleet(url: str, *, reason: str = "", by: str = "paos fleet stop") -> FleetStop:
     """Latch the emergency stop on every host; each resets its own with `paos estop --reset`."""
     clock = SystemClock()
-    with open_bus(url, by, ()) as bus:
+    with open_bus(url, by, OPERATOR) as bus:
         bus.wait(ANSWER_S)
         bus.put(Bucket.STOPS, "stop", msgspec.json.encode(Latch(by=by, reason=reason, at=clock.wall_iso())))
         deadline_s = clock.now_s() + ANSWER_S

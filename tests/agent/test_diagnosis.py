@@ -203,6 +203,13 @@ def test_what_a_lost_runner_may_have_carried_is_not_given_up_as_taken_away():
     assert (diagnosis.cause, diagnosis.is_hopeless) == (Cause.RUNNER_LOST, False)
 
 
+@pytest.mark.parametrize(("code", "hopeless"), [("TARGET_LOST", True), ("HOST_LOST", False)])
+def test_what_was_lost_with_its_host_is_worth_another_attempt_where_another_host_has_its_target(code, hopeless):
+    bundle = make_bundle(make_world(), ended=Ended.TARGET_LOST, code=code)
+    diagnosis = ask(msgspec.structs.replace(bundle, before=None, after=None, trace=()))
+    assert (diagnosis.cause, diagnosis.is_hopeless) == (Cause.TARGET_LOST, hopeless)
+
+
 def criterion(text: str, truth: Truth, kind: str = "accept", **more: Any) -> Criterion:
     return Criterion(text=text, kind=kind, truth=truth, because="seen so", **more)
 

@@ -15,6 +15,7 @@ class FakeServer:
         self.objects: dict[str, bytes] = {}
         self.buses: list[FakeBus] = []
         self.revision = 0
+        self.lost: set[Bucket] = set()  # without a leader: nothing can be written there
 
     def write(self, bucket, key, value):
         self.revision += 1
@@ -33,15 +34,21 @@ class FakeBus:
         self.acts: dict[Bucket, Callable[[bytes], None]] = {}
         server.buses.append(self)
 
-    @property
-    def ends(self) -> Mapping[str, int]:
-        return {lane: len(frames) for lane, frames in self.server.lanes.items()}
+    def find_end(self, lane: str) -> int:
+        return len(self.server.lanes[lane])
 
     def fileno(self) -> int:
         return -1
 
     def drain(self) -> None:
         pass
+
+    def ring(self) -> None:
+        pass
+
+    @property
+    def bundles(self) -> int:
+        return len(self.server.objects)
 
     def view(self, bucket: Bucket) -> Mapping[str, bytes]:
         return {key: each.value for key, each in self.server.values[bucket].items()}
@@ -55,6 +62,8 @@ class FakeBus:
 
     def put(self, bucket: Bucket, key: str, value: bytes) -> None:
         self._look()
+        if bucket in self.server.lost:
+            raise BusLost("no leader")
         self.server.write(bucket, key, value)
         self._answer()
 
@@ -65,9 +74,17 @@ class FakeBus:
         self._answer()
         return new
 
-    def remove(self, bucket: Bucket, key: str) -> None:
+    def put_all(self, bucket, values) -> None:
+        for key, value in values.items():
+            self.put(bucket, key, value)
+
+    def open_all(self, bucket, values):
+        return {key: self.swap(bucket, key, value, 0) for key, value in values.items()}
+
+    def remove_all(self, keys) -> None:
         self._look()
-        self.server.values[bucket].pop(key, None)
+        for bucket, key in keys:
+            self.server.values[bucket].pop(key, None)
 
     def count(self, lane: str) -> int:
         self._look()
@@ -85,11 +102,14 @@ class FakeBus:
         self._look()
         return self.server.lanes[lane][after:up_to]
 
+    def read_all(self, wanted):
+        return {lane: self.read(lane, *span) for lane, span in wanted.items()}
+
     def store(self, name: str, data: bytes) -> None:
         self._look()
         self.server.objects.setdefault(name, data)
 
-    def load(self, name: str) -> bytes | None:
+    def load(self, lane: str, name: str) -> bytes | None:
         self._look()
         return self.server.objects.get(name)
 

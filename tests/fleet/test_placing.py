@@ -2,6 +2,7 @@
 
 from concurrent.futures import wait
 from contextlib import closing
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -10,7 +11,7 @@ from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.fleet.bus import Bucket, Claim, HostCard, Offer, encode_key
 from phyagentos.fleet.host import BY, FleetHost
 from phyagentos.fleet.hub import GRACE_S, LEASE_S, FleetHub
-from phyagentos.operations.fleet import _choose_lane
+from phyagentos.operations.fleet import _choose_lane, _refuse_half_a_world
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.estop import is_latched, reset
 from phyagentos.protocol.sessions.lease_files import ENDED_S, read_lease, write_lease
@@ -36,7 +37,7 @@ class Place:
         self.workspace, self.clock, self.bus = Workspace.create(root, Library(())), clock, FakeBus(server)
         self.agent = Journal(root, side=Side.AGENT, by=BY if not is_hub else "agent", clock=clock, partition=name)
         self.runtime = Journal(root, side=Side.RUNTIME, by="watchdog", clock=clock, partition=name)
-        self.targets = dict.fromkeys(targets, ())
+        self.targets = dict.fromkeys(targets, ("pick_and_place",))
         self.open(is_hub=is_hub)
 
     def open(self, *, is_hub=False):
@@ -308,11 +309,11 @@ def test_a_workspace_keeps_its_name(tmp_path):
 
 
 def test_what_leads_out_of_a_workspace_or_has_another_form_is_not_followed_and_ends_nothing(fleet, tmp_path):
-    card = msgspec.to_builtins(HostCard(host="h3", lane="h3", targets={"panda": ()}))
+    card = msgspec.to_builtins(HostCard(host="h3", targets={"panda": ()}))
     offer = msgspec.to_builtins(Offer(contract=make_contract(id="g.b"), number=1, revision=0, lease_s=9.0))
     offer["contract"]["id"] = "../../g.b"
     for bucket, values in {
-        Bucket.HOSTS: [card | {"lane": "../../h3"}, card | {"lane": ".."}, {"other": 1}],
+        Bucket.HOSTS: [card | {"host": "../../h3"}, card | {"host": ".."}, card | {"host": "h\0003"}, {"other": 1}],
         Bucket.OFFERS: [offer, {"other": 1}],
     }.items():
         for number, value in enumerate(values):
@@ -323,7 +324,7 @@ def test_what_leads_out_of_a_workspace_or_has_another_form_is_not_followed_and_e
     assert holder.read_state() is not None
 
 
-@pytest.mark.parametrize("name", ["../h3", "..", "a/b"])
+@pytest.mark.parametrize("name", ["../h3", "..", "a/b", "hub", "h" * 99])
 def test_a_host_is_called_by_the_name_of_a_folder(tmp_path, name):
     with pytest.raises(DefinitionError, match="INVALID_VALUE"):
         _choose_lane(Workspace.create(tmp_path / "w", Library(())), name)
@@ -336,3 +337,180 @@ def test_a_host_that_lost_a_claim_does_not_try_it_again(fleet, monkeypatch):
     monkeypatch.setattr(other.bus, "swap", lambda *call: tried.append(call) or swap(*call))
     fleet.turn(seconds=1.0)
     assert tried == []
+
+
+def test_a_session_whose_host_is_lost_is_tried_again_on_the_other_one(fleet):
+    holder, other = fleet.place()
+    holder.bus.is_connected = False
+    fleet.turn(seconds=2.0 * (LEASE_S + GRACE_S))
+    fleet.turn()
+    (status,) = fleet.hub.process._ledger.sessions.values()
+    assert status.execution.code == "HOST_LOST"
+    fleet.submit("g.a-2")
+    fleet.turn()
+    assert other.read_state("g.a-2") == "pending"
+
+
+def test_what_no_other_host_can_carry_out_is_lost_with_its_target(fleet):
+    holder, other = fleet.place()
+    other.process._card = msgspec.structs.replace(other.process._card, targets={"panda": ("push",)})
+    holder.bus.is_connected = False
+    fleet.turn(seconds=2.0 * (LEASE_S + GRACE_S))
+    fleet.turn()
+    (status,) = fleet.hub.process._ledger.sessions.values()
+    assert status.execution.code == "TARGET_LOST"
+
+
+def test_a_session_goes_to_a_host_that_has_its_skill_and_of_those_to_the_one_that_does_less(fleet):
+    first, second = fleet.hosts
+    first.process._card = msgspec.structs.replace(first.process._card, targets={"panda": ("push",), "ur5e": ("push",)})
+    second.process._card = msgspec.structs.replace(second.process._card, targets={"ur5e": ("push", "pick_and_place")})
+    fleet.turn(seconds=2.0)
+    fleet.submit("g.a", target="ur5e")
+    fleet.turn()
+    assert fleet.find_holder("g.a") is second
+    second.process._card = msgspec.structs.replace(second.process._card, targets={"panda": ("push",)})
+    fleet.turn(seconds=2.0)
+    fleet.submit("g.b", target="panda", skill="push")
+    fleet.turn(fleet.hub, second)
+    assert second.read_state("g.b") is None  # it has a session, and leaves this one to the other
+    fleet.turn(fleet.hub, first)
+    assert fleet.find_holder("g.b") is first
+
+
+def test_a_host_has_no_say_in_a_session_that_another_one_holds(fleet):
+    _, other = fleet.place()
+    contract = make_contract(id="g.a")
+    other.agent.commit([Entry("g.a", "submit", dict(msgspec.to_builtins(contract)))])
+    other.begin("g.a")
+    other.finish("g.a")
+    fleet.turn()
+    assert fleet.hub.read_state() == "running"
+    assert not fleet.hub.workspace.evidence_of("g.a").exists()
+
+
+def test_evidence_is_where_the_hub_has_put_it_whatever_its_host_calls_it(fleet):
+    holder, _ = fleet.place()
+    (holder.workspace.evidence_of("g.a")).mkdir(parents=True)
+    elsewhere = msgspec.to_builtins(msgspec.structs.replace(DONE, evidence="../../other"))
+    holder.run("g.a", ("halt", None, 1), ("finish", {"execution": elsewhere}, 1))
+    fleet.turn()
+    (status,) = fleet.hub.process._ledger.sessions.values()
+    assert (status.state, status.execution.evidence) == ("awaiting_verification", "evidence/g.a")
+
+
+@pytest.mark.parametrize("listed", [b"no list", b'{"../x": "ab"}', b'{"a": "ab"}', b'{"": "ab"}'])
+def test_evidence_that_is_damaged_or_leads_out_ends_its_session_and_no_hub(fleet, listed):
+    holder, _ = fleet.place()
+    holder.bus.store = lambda name, data: fleet.server.objects.setdefault(name, listed)
+    holder.finish("g.a")
+    fleet.turn()
+    assert fleet.hub.read_state() == "awaiting_verification"
+
+
+def test_a_lane_that_is_damaged_concerns_its_host_alone(fleet):
+    holder, other = fleet.place()
+    lane = fleet.server.lanes[holder.agent.folder.name]
+    holder.run("g.a", ("halt", None, 1))
+    lane.append(lane[-1]._replace(data=b"no record"))
+    fleet.turn(fleet.hub, other, seconds=2.0)
+    (status,) = fleet.hub.process._ledger.sessions.values()
+    assert (status.state, status.execution.code) == ("awaiting_verification", "HOST_LOST")
+    assert "damaged" in status.execution.message
+
+
+def test_what_cannot_be_read_as_claim_or_stop_ends_nothing_and_stops_all(fleet):
+    fleet.turn(seconds=2.0)
+    fleet.submit(limits=Limits(queue_s=10.0))
+    fleet.turn(fleet.hub)
+    fleet.server.write(Bucket.CLAIMS, encode_key("g.a"), b"other")
+    fleet.server.write(Bucket.STOPS, "stop", b"other")
+    fleet.turn(seconds=20.0)
+    fleet.turn(seconds=2.0)
+    assert fleet.hub.read_state() == "rejected"
+    assert all(is_latched(host.workspace.signals.parent) for host in fleet.hosts)
+
+
+def test_what_runs_is_given_up_when_the_server_has_lost_its_claims(fleet):
+    fleet.place()
+    for bucket in Bucket:
+        fleet.server.values[bucket].clear()
+    fleet.hub.bus.is_connected = False
+    fleet.turn(fleet.hub)
+    fleet.hub.bus.is_connected = True
+    fleet.turn()
+    assert fleet.hub.read_state() == "awaiting_verification"
+
+
+def test_a_claim_of_an_earlier_session_of_the_same_name_is_not_taken_over(fleet):
+    fleet.turn(seconds=2.0)
+    fleet.server.write(Bucket.CLAIMS, encode_key("g.a"), msgspec.json.encode(Claim(host="h3", epoch=1)))
+    fleet.submit()
+    fleet.turn()
+    assert fleet.hub.read_state() == "rejected"
+    assert [host.read_state() for host in fleet.hosts] == [None, None]
+
+
+def test_a_host_of_another_name_than_its_key_does_not_count(fleet):
+    fleet.server.write(Bucket.HOSTS, "h9", msgspec.json.encode(HostCard(host="h1", targets={"panda": ()}, beat=7)))
+    fleet.turn(fleet.hub)
+    assert fleet.hub.process._cards == []
+
+
+def test_what_is_over_is_forgotten(fleet):
+    holder, other = fleet.place()
+    holder.finish("g.a")
+    fleet.turn()
+    fleet.hub.agent.commit([Entry("g.a", "verify"), Entry("g.a", "accept", {"attempt": msgspec.to_builtins(VERDICT)})])
+    fleet.turn()
+    hub, host = fleet.hub.process, holder.process
+    left = [hub._over, hub._waiting, hub._placed, hub._fetched._done, other.process._lost, other.process._offers]
+    assert not any([*left, host._held, host._transfers._done])
+
+
+def test_an_episode_goes_on_in_the_world_of_its_host_while_that_one_is_alive(fleet):
+    holder, other = fleet.place()
+    holder.finish("g.a")
+    fleet.turn()
+    holder.process._card = msgspec.structs.replace(holder.process._card, load=5)
+    fleet.submit("g.b")
+    fleet.turn(fleet.hub, other)
+    assert other.read_state("g.b") is None
+    fleet.turn(fleet.hub, holder)
+    assert fleet.find_holder("g.b") is holder
+    holder.bus.is_connected = False
+    fleet.turn(seconds=2.0 * (LEASE_S + GRACE_S))
+    fleet.submit("g.c")
+    fleet.turn()
+    assert fleet.find_holder("g.c") is other
+
+
+def test_a_target_that_is_unknown_here_keeps_no_other_one_from_being_shown(fleet, monkeypatch):
+    shown = []
+    monkeypatch.setattr("phyagentos.fleet.hub.publish_health", lambda path, health: shown.append(set(health)))
+    hub = fleet.hub.process
+    hub._world_of = {"panda": "panda"}
+    first = fleet.hosts[0].process
+    first._card = msgspec.structs.replace(first._card, targets={"panda": (), "of_another_project": ()})
+    fleet.turn(seconds=2.0)
+    assert shown == [{"panda"}]
+
+
+def test_a_host_offers_a_shared_world_as_a_whole():
+    known = {name: SimpleNamespace(world=world) for name, world in {"l": "table", "r": "table", "p": ""}.items()}
+    _refuse_half_a_world(known, {"p"})
+    _refuse_half_a_world(known, {"l", "r"})
+    with pytest.raises(DefinitionError, match="l without r"):
+        _refuse_half_a_world(known, {"l"})
+
+
+def test_a_store_without_a_leader_keeps_no_lease_from_being_renewed(fleet):
+    holder, _ = fleet.place()
+    fleet.server.lost = {Bucket.HOSTS, Bucket.STOPS}
+    fleet.turn(seconds=2.0 * (LEASE_S + GRACE_S))
+    fleet.turn()
+    assert read_lease(holder.workspace.leases, "g.a") > fleet.clock.now_s()
+    assert fleet.hub.read_state() == "running"
+    holder.finish("g.a")
+    fleet.turn()
+    assert fleet.hub.read_state() == "awaiting_verification"

@@ -14,7 +14,7 @@ from phyagentos.agent.judging.deciding import describe_what_decides
 from phyagentos.agent.judging.judges.judge_registry import FORESEEN
 from phyagentos.agent.judging.judges.predicates import evaluate_criterion
 from phyagentos.agent.judging.manipulation_timeline import ManipulationTimeline, Stage, compute_move, find_failed_leaf
-from phyagentos.codes import CODES, Retry, get_present_name
+from phyagentos.codes import CODES, Retry, find_code, get_present_name
 from phyagentos.protocol.predicates.builtins import MOVED_M
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.meaning import read_statement
@@ -103,7 +103,9 @@ def diagnose(bundle: Bundle, criteria: Sequence[Criterion]) -> Diagnosis:
     timeline = ManipulationTimeline.of(bundle, find_object(bundle.session, bundle.before or bundle.after, criteria))
     found = _find_cause(bundle, criteria, timeline)
     is_recorded = bool(bundle.trace) or bundle.execution.ended not in _OF_MACHINE
-    never = CODES[found.cause].retry in {Retry.NEVER, Retry.EDITED} or bundle.after is None
+    code = find_code(bundle.execution.code)
+    is_blind = bundle.after is None and (code is None or code.retry is not Retry.ELSEWHERE)
+    never = CODES[found.cause].retry in {Retry.NEVER, Retry.EDITED} or is_blind
     if found.cause is Cause.CONSTRAINT_VIOLATED:
         broken = (each.text for each in find_violated(criteria))
         never = never or any(evaluate_criterion(text, "hold", bundle).truth is not Truth.TRUE for text in broken)
