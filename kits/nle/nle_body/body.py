@@ -135,9 +135,8 @@ class NetHackBody(ToolBody[str]):
             "turn": float(game.turn),
         }
         carried = {"_".join(text.split()): 1 for _, text in game.items.values()}
-        x, y = game.at
         known = ["stairs_down"][: len(self._level.down)]
-        return State(base=(float(x), float(y), 0.0), inventory=carried, vitals=vitals, nearby=known)
+        return State(base=(float(game.at[0]), float(game.at[1]), 0.0), inventory=carried, vitals=vitals, nearby=known)
 
     def list_entities(self) -> Sequence[Entity]:
         """Monsters in view, and the stairs that were seen."""
