@@ -19,7 +19,7 @@ FAST  := fast
 BOTH  := -n 2 --dist worksteal
 MORE  := -n 3 --dist worksteal
 BY_PLANE := -n 3 --dist loadgroup
-OTHERS := peers gymnasium crafter scienceworld kit openpi libero lerobot planners
+OTHERS := peers gymnasium crafter scienceworld nle kit openpi libero lerobot planners
 ROS2   := ros2 ros2_jazzy
 LEROBOT06 := lerobot06
 OTHERS_OF = import sys, tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"][sys.argv[1]])
@@ -192,6 +192,7 @@ static-bodies: $(STAMP)
 	@MYPYPATH=kits/target_server $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/calvin/calvin_body
 	@MYPYPATH=kits/target_server $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/luanti/luanti_body
 	@MYPYPATH=kits/target_server $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/scienceworld/scienceworld_body
+	@MYPYPATH=kits/target_server $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/nle/nle_body
 	@MYPYPATH=kits/ros2_goals $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2_goals/ros2_goals
 	@MYPYPATH=kits/ros2_verdicts $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2_verdicts/ros2_verdicts
 	@MYPYPATH=kits/target_server:kits/ros2 $(BIN)/mypy --no-error-summary --ignore-missing-imports --python-version 3.10 kits/ros2/ros2_body

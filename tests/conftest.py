@@ -23,7 +23,18 @@ SECOND_READER = Path(__file__).parents[1] / "protocol" / "followers" / "follow.m
 BUILD = Path(__file__).parents[1] / "build"
 AXE = BUILD / "view" / "axe-core-4.14.1.tgz"
 SLOW = {"slow", "sim", "motion", "journey", "device"}
-EXTRAS = ("gymnasium", "crafter", "scienceworld", "openpi", "libero", "lerobot", "lerobot06", "peers", "planners")
+EXTRAS = (
+    "gymnasium",
+    "crafter",
+    "scienceworld",
+    "nle",
+    "openpi",
+    "libero",
+    "lerobot",
+    "lerobot06",
+    "peers",
+    "planners",
+)
 INTERPRETERS = {
     "kit": "`websockets` and `msgpack` alone",
     "ros2": "rclpy and messages of ROS 2 Kilted, MuJoCo and the kit's needs",

@@ -60,6 +60,7 @@ def test_everything_that_ships_is_clean(paos):
         "benchmarks/crafter_parts/library",
         "benchmarks/luanti_parts/library",
         "benchmarks/scienceworld_parts/library",
+        "benchmarks/nle_parts/library",
     ]
     result = paos("lint", *[ROOT / folder for folder in folders])
     assert (result.code, result.err) == (ExitCode.GOAL_MET, "")

@@ -1,0 +1,1 @@
+"""Serves a game of NetHack, by the settings of BALROG."""
