@@ -5,7 +5,7 @@ A touch is such a line down onto a point, as the middle of a button.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 
@@ -17,7 +17,7 @@ from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.planning_scene import Pair, PlanningScene
-from phyagentos.runtime.motion.poses import move_pose, point_tool_down
+from phyagentos.runtime.motion.poses import move_pose, point_tool_down, tilt_tool
 from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindTouch, GoalPosture, NoPlan
 from phyagentos.runtime.motion.robot_model import measure_tips
 from phyagentos.runtime.motion.tool_bounds import find_wall
@@ -28,6 +28,7 @@ UNIFORM_SEEDS = 10
 SAME_POSTURE_RAD = 0.05
 POSTURES_PER_WAY = 2  # branches of the inverse that are worth offering for one label
 TURNS_DEG = range(0, 360, 45)  # of the hand, which is longer than it is wide
+TOUCH_LEANS_DEG = (0, 20, 40, 60)  # of a hand that moves on from where it touches
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,30 +209,48 @@ def _find_line(
     )
 
 
-def find_touch(request: FindTouch, kinematics: Kinematics, scene: PlanningScene, job: Job) -> Approaches | NoPlan:
-    """Ways that end with the fingertips at the point, the nearest first."""
+def find_touch(
+    request: FindTouch,
+    kinematics: Kinematics,
+    scene: PlanningScene,
+    job: Job,
+    lead_on: Callable[[Approach], Approaches | NoPlan],
+) -> Approaches | NoPlan:
+    """Ways that end with the fingertips at the point, the nearest first; those that lead on, if any does."""
+    first: list[Approach] = []
+    screen = Screen(kinematics, request.q_rad, scene.robot.home_rad, request.seed)
+    for lean_deg in TOUCH_LEANS_DEG if request.moves else (0,):
+        ways = list(_iter_touches(request, measure_tips(scene.robot), lean_deg))
+        found = find_approaches(
+            ways,
+            q_rad=request.q_rad,
+            screen=screen,
+            kinematics=kinematics,
+            scene=scene,
+            job=job,
+            count=len(ways) * POSTURES_PER_WAY if request.moves else request.count,
+        )
+        leading = [each for each in found if not isinstance(lead_on(each), NoPlan)] if request.moves else found
+        first = first or found
+        if leading:
+            return Approaches(approaches=tuple(leading[: request.count]), timing=job.timing, stages=job.stages)
+    if first:
+        return Approaches(approaches=tuple(first[: request.count]), timing=job.timing, stages=job.stages)
+    return job.fail("NO_IK", f"No straight way down brings the fingertips onto {request.object}.")
+
+
+def _iter_touches(request: FindTouch, tips_m: float, lean_deg: int) -> Iterator[ApproachCandidate]:
     x, y, z = request.at_m
-    tool_m = np.array((x, y, z + measure_tips(scene.robot)))
-    ways = [
-        ApproachCandidate(
-            label=f"touch+{degrees:03d}",
-            end=point_tool_down(np.radians(degrees), tool_m),
+    for degrees in TURNS_DEG:
+        end = point_tool_down(np.radians(degrees), np.array((x, y, z + tips_m)))
+        if lean_deg:
+            end = tilt_tool(end, np.radians(lean_deg))
+            end[:3, 3] = np.array(request.at_m) - tips_m * end[:3, 2]
+        yield ApproachCandidate(
+            label=f"touch+{degrees:03d}" + (f".lean{lean_deg}" if lean_deg else ""),
+            end=end,
             hover_m=request.hover_m,
             openings_m=(request.width_m, request.width_m),
             tolerate=frozenset(),
             tolerate_m=0.0,
         )
-        for degrees in TURNS_DEG
-    ]
-    found = find_approaches(
-        ways,
-        q_rad=request.q_rad,
-        screen=Screen(kinematics, request.q_rad, scene.robot.home_rad, request.seed),
-        kinematics=kinematics,
-        scene=scene,
-        job=job,
-        count=request.count,
-    )
-    if found:
-        return Approaches(approaches=tuple(found), timing=job.timing, stages=job.stages)
-    return job.fail("NO_IK", f"No straight way down brings the fingertips onto {request.object}.")

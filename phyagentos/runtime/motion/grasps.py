@@ -92,7 +92,11 @@ def find_grasps(
             wanted, q_rad=request.q_rad, screen=screen, kinematics=kinematics, scene=scene, job=job, count=request.count
         )
         if found:
-            leading, leads_on = _drop_dead_ends(found, place)
+            if request.moves:
+                leading = [each for each in found if not isinstance(place(each), NoPlan)]
+                leads_on = bool(leading)
+            else:
+                leading, leads_on = _drop_dead_ends(found, place)
             if leading or (len(dead_ends) == DEAD_ENDS_MAX and not turns):
                 return Approaches(
                     approaches=tuple(leading or dead_ends[0]), timing=job.timing, stages=job.stages, leads_on=leads_on

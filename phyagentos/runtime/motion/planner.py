@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import format_hint, format_names
+from phyagentos.geometry import compute_matrix, compute_pose
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.sessions.trace import Contact
@@ -134,7 +135,8 @@ class MotionPlanner:
                 pushed = _get_entity(request.world, request.object)
                 return find_push(request, pushed, self._kinematics, self._get_scene(request, job), job)
             case FindTouch():
-                return find_touch(request, self._kinematics, self._get_scene(request, job), job)
+                lead_on = partial(self._pull, request, (request.object, *request.ignore), request.width_m, job)
+                return find_touch(request, self._kinematics, self._get_scene(request, job), job, lead_on)
             case FindLine():
                 scene = self._get_scene(request, job)
                 return follow_waypoints(request.q_rad, request.waypoints, "line", self._kinematics, scene, job)
@@ -191,6 +193,9 @@ class MotionPlanner:
 
     def _place(self, request: FindGrasps, entity: Entity, job: Job, approach: Approach) -> Approaches | NoPlan | None:
         """A way to put down what is grasped so; None where it is not known where to."""
+        if request.moves:
+            width_m = foresee_payload(entity, approach).width_m
+            return self._pull(request, (entity.name, entity.part_of), width_m, job, approach)
         if request.then is None:
             return None
         placing = FindPlacements(
@@ -209,6 +214,17 @@ class MotionPlanner:
             return None
         with job.stage("place"):
             return find_placements(placing, entity, self._kinematics, self._get_scene(placing, own), own)
+
+    def _pull(
+        self, request: FindGrasps | FindTouch, ignore: tuple[str, ...], width_m: float, job: Job, approach: Approach
+    ) -> Approaches | NoPlan:
+        """The line of a hand that has come so, while what it moves is ignored."""
+        tool = compute_matrix(approach.tcp_end)
+        waypoints = tuple(compute_pose(move @ tool) for move in request.moves)
+        q_rad, own = approach.line_rad[-1], Job(clock=self._clock, should_cancel=job.should_cancel)
+        line = FindLine(request.world, q_rad, request.seed, waypoints, ignore=ignore, width_m=width_m)
+        with job.stage("place"):
+            return follow_waypoints(q_rad, waypoints, "line", self._kinematics, self._get_scene(line, own), own)
 
     def _check_posture(self, request: CheckPosture, job: Job) -> PostureCheck:
         scene = self._get_scene(request, job)

@@ -118,6 +118,7 @@ class FindGrasps(PlanningState, frozen=True, tag=True):
         count: Largest number of approaches, nearest first.
         along: (3,) direction in the world along which the fingers close; any if unset.
         removable: Entities that may be moved out of where the object goes; the answer names the fewest that must.
+        moves: (4, 4) each, displacements in the world of a handle that is held; grasps that can follow come first.
     """
 
     object: str
@@ -127,6 +128,7 @@ class FindGrasps(PlanningState, frozen=True, tag=True):
     along: tuple[float, float, float] | None = None
     then: Destination | None = None
     removable: tuple[str, ...] = ()
+    moves: tuple[Array, ...] = ()
 
 
 class FindPlacements(PlanningState, frozen=True, tag=True):
@@ -183,7 +185,8 @@ class FindPush(PlanningState, frozen=True, tag=True):
 class FindTouch(PlanningState, frozen=True, tag=True):
     """Straight ways down of the fingers, `width_m` [m] apart, until their tips are at a point (3,) in the world.
 
-    Answer: `Approaches`. The object that is touched, or pressed, and what moves with it are no obstacles.
+    Answer: `Approaches`. The object that is touched, or pressed, and what moves with it are no obstacles. After
+    displacements `moves` (4, 4) those come first whose hand can follow them.
     """
 
     object: str
@@ -192,6 +195,7 @@ class FindTouch(PlanningState, frozen=True, tag=True):
     hover_m: float = 0.06
     width_m: float = 0.0
     count: int = 4
+    moves: tuple[Array, ...] = ()
 
 
 class PlanMove(PlanningState, frozen=True, tag=True):

@@ -99,3 +99,19 @@ def test_what_counts_as_closed_at_its_very_end_is_closed_further(closes_at, left
     _, _, found = find(drawer, TAB, opening=0.02)
 
     assert found["to"] == pytest.approx((0.3 - left_m, 0.0, 0.1))
+
+
+@pytest.mark.parametrize(
+    ("axis", "beside_m", "ways_m"),
+    [
+        ((-1.0, 0.0, 0.0), (0.345, 0.0, 0.09), [(-0.018, 0.0, 0.0), (-0.218, 0.0, 0.0)]),
+        ((0.0, 0.0, -1.0), (0.3, 0.0, 0.11), [(0.0, 0.0, -0.2)]),
+    ],
+)
+def test_fingertips_hook_behind_what_slides_and_press_on_top_of_what_goes_down(axis, beside_m, ways_m):
+    _, _, found = find(Mechanism("slide", axis, 0.2, Pose((0.5, 0.0, 0.1))), TAB)
+
+    np.testing.assert_allclose(found["beside"], beside_m, atol=1e-9)
+    np.testing.assert_allclose([move[:3, 3] for move in found["moves"]], ways_m, atol=1e-9)
+    lines_m = [np.subtract(pose.position_m, (0.3, 0.0, 0.11)) for pose in found["push"]]
+    np.testing.assert_allclose(lines_m, ways_m, atol=1e-9)

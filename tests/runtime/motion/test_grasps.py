@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from phyagentos.clock import SystemClock
-from phyagentos.geometry import to_child
+from phyagentos.geometry import compute_matrix, compute_pose, make_matrix, to_child
 from phyagentos.protocol.world.entity_geometry import compute_grasp_width
 from phyagentos.protocol.world.environment import Entity, Mechanism, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.grasps import find_grasps, foresee_payload
@@ -16,6 +16,7 @@ from phyagentos.runtime.motion.requests import (
     Approaches,
     Destination,
     FindGrasps,
+    FindLine,
     FindPlacements,
     FindPush,
     NoPlan,
@@ -352,3 +353,16 @@ def test_a_ball_is_as_thick_between_the_pads_as_it_is_there():
     assert compute_grasp_width(ball, Pose((0.5, 0.0, 0.09), crown.quaternion_wxyz), 0.012, 0.034) is None
     middle = Pose((0.5, 0.0, 0.034), crown.quaternion_wxyz)
     assert compute_grasp_width(ball, middle, 0.012, 0.08) == pytest.approx(0.068, abs=1e-6)
+
+
+def test_of_grasps_those_come_first_from_which_the_arm_can_follow_what_it_moves(planner, find, home):
+    """The upright hand that is nearest cannot go so far outwards."""
+    world, move = World((build_cube("handle", 0.6, 0.1, z=0.2),)), make_matrix(np.eye(3), np.array((0.2, 0.0, 0.0)))
+    request = FindGrasps(world=world, object="handle", q_rad=home, seed=1)
+    leading = find(msgspec.structs.replace(request, moves=(move,)))
+
+    assert "tilt" not in find(request)[0].label
+    for approach in leading:
+        waypoints = (compute_pose(move @ compute_matrix(approach.tcp_end)),)
+        line = FindLine(world=World(()), q_rad=approach.line_rad[-1], seed=1, waypoints=waypoints)
+        assert isinstance(planner.answer(line), Approaches)

@@ -4,8 +4,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from phyagentos.geometry import compute_matrix, compute_pose, make_matrix
 from phyagentos.protocol.world.environment import Shape, ShapeKind
-from phyagentos.runtime.motion.requests import FindTouch, World
+from phyagentos.runtime.motion.requests import FindLine, FindTouch, World
 from tests.runtime.motion.conftest import build_box, build_cube, build_fixed
 
 pytestmark = pytest.mark.motion
@@ -35,3 +36,20 @@ def test_a_point_below_what_stands_fixed_is_refused_with_the_pair_that_would_tou
 
     assert (answer.code, "onto cap" in answer.message) == ("NO_IK", True)
     assert any(pair.endswith("|panel") for pair in answer.rejected)
+
+
+def test_a_hand_leans_where_only_so_it_can_follow_what_it_moves(planner, find, home):
+    """The end of the line is further than a hand reaches that points down."""
+    at_m, move = (0.62, 0.0, 0.3), make_matrix(np.eye(3), np.array((0.1, 0.0, 0.3)))
+    touch = FindTouch(
+        world=World((build_cube("knob", 0.62, 0.0, z=0.3),)), object="knob", at_m=at_m, q_rad=home, seed=1
+    )
+    upright = find(touch)[0]
+    leaning = find(msgspec.structs.replace(touch, moves=(move,)))[0]
+
+    assert "lean" in leaning.label
+    assert "lean" not in upright.label
+    for approach, code in ((upright, "NO_IK"), (leaning, None)):
+        waypoints = (compute_pose(move @ compute_matrix(approach.tcp_end)),)
+        line = FindLine(world=World(()), q_rad=approach.line_rad[-1], seed=1, waypoints=waypoints, width_m=0.0)
+        assert getattr(planner.answer(line), "code", None) == code

@@ -1,11 +1,14 @@
 """Ask for ways to take hold of an object."""
 
 from phyagentos.protocol.predicates.meaning import find_relation
+from phyagentos.protocol.world.environment import Entity
 from phyagentos.protocol.world.mechanisms import find_hinge
 from phyagentos.runtime.execution.leaf import Port, PortInformation, Role, Status
+from phyagentos.runtime.execution.leaves.find_opening import compute_way
 from phyagentos.runtime.execution.planning import BESIDE, CandidatePlanningLeaf
 from phyagentos.runtime.motion.requests import (
     Approaches,
+    Array,
     Destination,
     FindGrasps,
     MotionRequest,
@@ -26,6 +29,9 @@ class PlanGrasp(CandidatePlanningLeaf):
         "object": PortInformation(data_type=str, description="Name of the entity to take hold of."),
         "hinged": PortInformation(
             data_type=str, required=False, description="What the handle belongs to: a level hinge turns in the fingers."
+        ),
+        "opening": PortInformation(
+            data_type=float, required=False, description="Of what slides, to which it is moved then by its handle."
         ),
         "destination": PortInformation(
             data_type=str, required=False, description="Entity or region where it goes then; as at `plan_place`."
@@ -60,6 +66,7 @@ class PlanGrasp(CandidatePlanningLeaf):
             avoid=self.context.session.strategy.avoid_grasps,
             hover_m=self.read("hover_m"),
             along=(axis[0], axis[1], axis[2]) if axis is not None and abs(axis[2]) < LEVEL_SINE else None,
+            moves=self._list_moves(whole),
             then=None
             if destination is None
             else Destination(destination, find_relation(self.read("relation")), near, self._get_up()),
@@ -71,6 +78,12 @@ class PlanGrasp(CandidatePlanningLeaf):
         if (up := self._get_up()) is not None:
             self.write("up", up)
         return self.succeed("", labels=[approach.label for approach in answer.approaches])
+
+    def _list_moves(self, whole: Entity | None) -> tuple[Array, ...]:
+        opening, mechanism = self.find("opening"), whole.mechanism if whole is not None else None
+        if whole is None or opening is None or mechanism is None or mechanism.kind == "hinge":
+            return ()
+        return compute_way(whole, mechanism, opening)
 
     def _get_up(self) -> tuple[float, float, float] | None:
         return tuple(self.read("sides")[self.tried]) if self.read("sides") else None

@@ -14,6 +14,12 @@ class PlanTouch(ApproachPlanningLeaf):
         "to": PortInformation(
             data_type=tuple, required=False, description="Where its middle shall be, world frame [m]; else where it is."
         ),
+        "at": PortInformation(
+            data_type=tuple, required=False, description="Where the fingertips end instead, world frame [m]."
+        ),
+        "moves": PortInformation(
+            data_type=tuple, default_value=(), description="Displacements (4, 4) that follow there."
+        ),
         "above_m": PortInformation(data_type=float, default_value=0.0, description="End so far above it [m]."),
         "hover_m": Port(data_type=float, minimum=0.0, default_value=0.06, description="Length of the path [m]."),
     }
@@ -26,8 +32,9 @@ class PlanTouch(ApproachPlanningLeaf):
         return self.request(
             FindTouch,
             object=name,
-            at_m=(x, y, z + compute_reach(entity, (0.0, 0.0, 1.0)) + self.read("above_m")),
+            at_m=self.find("at") or (x, y, z + compute_reach(entity, (0.0, 0.0, 1.0)) + self.read("above_m")),
             ignore=(entity.part_of,) if entity.part_of else (),
             hover_m=self.read("hover_m"),
+            moves=self.read("moves"),
             width_m=self.context.step.target.gripper_width_m,
         )
