@@ -158,7 +158,7 @@ def _is_plainly_sound(value: object) -> bool:
         case dict():
             return not value
         case np.ndarray():
-            return value.dtype != np.float64
+            return bool(value.dtype != np.float64)
     return value is None or value is msgspec.UNSET or isinstance(value, int)
 
 
