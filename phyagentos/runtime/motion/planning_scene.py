@@ -129,10 +129,12 @@ class PlanningScene:
             return
         self._spread = low_m, high_m
         if self._spread not in self._places:
-            openings_m = _list_openings(min(low_m, high_m), high_m, SWEEP)
+            openings_m = [high_m] * SWEEP if high_m <= low_m else _list_openings(low_m, high_m, SWEEP)
             placed = [track.place(openings_m[index]) for _, index, track in self._fingers]
             places = np.array([p for p, _ in placed]).reshape(-1, 3), np.array([q for _, q in placed]).reshape(-1, 4)
-            self._places = dict([*self._places.items(), (self._spread, places)][-_SPREADS:])
+            if len(self._places) >= _SPREADS:
+                del self._places[next(iter(self._places))]
+            self._places[self._spread] = places
         self._body_pos[self._moved], self._body_quat[self._moved] = self._places[self._spread]
 
     def is_free(self, q_rad: Array) -> bool:

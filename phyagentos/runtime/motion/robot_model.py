@@ -41,10 +41,10 @@ class Track:
 
     def place(self, width_m: float) -> tuple[Array, Array]:
         """Position (3,) and quaternion wxyz (4,) at an opening [m]."""
+        if len(self.widths_m) == 1:
+            return self.positions_m[0] + self.ways[0] * (width_m - self.widths_m[0]), self.turns[0]
         piece = min(int(np.searchsorted(self.widths_m, width_m)), len(self.widths_m) - 1)
         position = self.positions_m[piece] + self.ways[piece] * (width_m - self.widths_m[piece])
-        if len(self.widths_m) == 1:
-            return position, self.turns[0]
         narrow_m = self.widths_m[piece - 1] if piece else 0.0
         share = np.clip((width_m - narrow_m) / (self.widths_m[piece] - narrow_m), 0.0, 1.0)
         turned = (1.0 - share) * self.turns[piece] + share * self.turns[piece + 1]

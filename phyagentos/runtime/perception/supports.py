@@ -198,10 +198,12 @@ def _is_shown(own: Solids, feet_m: Array, up: Array, eye_m: Array) -> NDArray[np
     shown: NDArray[np.bool_] = distance > EDGE_M - CLEAR_M
     rays = eye_m - at
     rays /= np.linalg.norm(rays, axis=1)[:, None]
+    left = np.flatnonzero(shown)  # what is hidden once is not looked at again
     for _ in range(MARCHES):
-        at = at + rays * np.maximum(distance, MARCH_M)[:, None]
-        distance = own.measure(at)
-        shown &= distance > CLEAR_M
+        at[left] += rays[left] * np.maximum(distance[left], MARCH_M)[:, None]
+        distance[left] = own.measure(at[left])
+        shown[left] = distance[left] > CLEAR_M
+        left = left[shown[left]]
     return shown
 
 

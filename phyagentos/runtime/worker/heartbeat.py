@@ -1,6 +1,10 @@
-"""Heartbeats of a worker, written at most ten times a second."""
+"""Heartbeats of a worker, written at most ten times a second.
+
+They are written beside what the worker does: where a disk replaces a file it may take as long as four control periods.
+"""
 
 import os
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +25,14 @@ class HeartbeatWriter:
         self._clock = clock
         self._beat = Heartbeat(target=target, pid=os.getpid())
         self._written_at_s = -PERIOD_S
+        self._writer = ThreadPoolExecutor(1, "heartbeat")
+        self._written: Future[None] | None = None
 
     def beat(self, *, phase: str, at_once: bool = False, **doing: Any) -> None:
         """Publish the fields of a `Heartbeat`; cheap enough for every control period.
 
-        With `at_once` even within a tenth of a second, since a long silence follows.
+        With `at_once` even within a tenth of a second, and written when this returns, since a long silence follows.
+        Raises OSError where the one before could not be written.
         """
         self._publish(Heartbeat(target=self._beat.target, pid=self._beat.pid, phase=phase, **doing), at_once=at_once)
 
@@ -38,5 +45,9 @@ class HeartbeatWriter:
         if at_once or now_s - self._written_at_s >= PERIOD_S:
             self._written_at_s = now_s
             self._beat = msgspec.structs.replace(beat, sequence=self._beat.sequence + 1)
-            write_heartbeat(self._folder, self._beat)
+            if self._written is not None:
+                self._written.result()
+            self._written = self._writer.submit(write_heartbeat, self._folder, self._beat)
+            if at_once:
+                self._written.result()
             renew_limit()

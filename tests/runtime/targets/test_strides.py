@@ -26,6 +26,7 @@ def press(rig, depth_m=0.008):
         reports.append(rig.send(rig.make_command(q, 0.0, qd)))
         if reports[-1].stopped:
             break
+    rig.driver.hold(0.1)  # with the force of the contact
     return [wire.REPLIES.encode(each) for each in reports], reports[-1].stopped
 
 

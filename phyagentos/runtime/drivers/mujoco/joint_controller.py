@@ -189,12 +189,20 @@ class JointController:
         self._held = SetPoint.at_rest(q)
         return ""
 
-    def settle(self, duration_s: float) -> Motion:
-        """Come to rest, and hold still for some simulated time [s]."""
+    def settle(self, duration_s: float, *, is_alone: bool = False) -> Motion:
+        """Come to rest, and hold still for some simulated time [s]; `is_alone` as of `follow`."""
         if self.is_moving:
             yield from self.halt()
-        for _ in range(round(duration_s / self._profile.physics_step_s)):
-            yield from self._hold_step()
+        left, rest = round(duration_s / self._profile.physics_step_s), np.zeros((1, len(self.q_rad)))
+        held = self._physics.actuation.compute_controls(self.q_rad[None], rest, np.array([self._width_m]))
+        controls = np.repeat(held, left, axis=0)
+        while left:
+            stride = self._stride(controls[:left]) if is_alone else NO_STRIDE
+            if stride.is_felt:
+                self._feel()
+            elif not stride.steps:
+                yield from self._hold_step()
+            left -= stride.steps or 1
         return ""
 
     def stand(self) -> Motion:

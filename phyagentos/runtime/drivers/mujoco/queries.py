@@ -73,11 +73,11 @@ class Queries:
     def find_touching(self) -> dict[str, int]:
         """Entities that touched a pad in the latest physics step, with the number of pads."""
         touched: dict[str, set[int]] = {}
-        for pair in self._data.contact.geom[: self._data.ncon].tolist():
-            for pad, other in (pair, pair[::-1]):
-                entity = self._bodies.get(int(self._model.geom_bodyid[other])) if pad in self._pads else None
-                if entity is not None:
-                    touched.setdefault(entity.name, set()).add(pad)
+        pairs, own = self._data.contact.geom[: self._data.ncon].tolist(), self._pads
+        for pad, other in ((a, b) if a in own else (b, a) for a, b in pairs if a in own or b in own):
+            entity = self._bodies.get(int(self._model.geom_bodyid[other]))
+            if entity is not None:
+                touched.setdefault(entity.name, set()).add(pad)
         return {name: len(pads) for name, pads in sorted(touched.items())}
 
     def read_target(self, touching: dict[str, int]) -> TargetState:

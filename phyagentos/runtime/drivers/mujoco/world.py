@@ -300,7 +300,8 @@ class MujocoDriver(TargetDriver):
     @override
     def hold(self, duration_s: float) -> None:
         if duration_s > 0.0 or self.is_moving:
-            self.world.simulation.carry_out(self.profile.target, self.controller.settle(duration_s))
+            motion = self.controller.settle(duration_s, is_alone=len(self.world.robots) == 1)
+            self.world.simulation.carry_out(self.profile.target, motion)
 
     @override
     def report(self) -> wire.Step:
