@@ -14,6 +14,8 @@ DEMO_SPACE  := workspaces/demo
 
 # processes stand side by side: further threads of each would only spin
 export OPENBLAS_NUM_THREADS := 1
+# empty: what pytest has rewritten once is kept, else each process that collects compiles 450 files anew
+export PYTHONDONTWRITEBYTECODE :=
 
 FAST  := fast
 BOTH  := -n 2 --dist worksteal

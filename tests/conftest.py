@@ -2,8 +2,10 @@
 
 import gc
 import importlib.util
+import itertools
 import json
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -88,6 +90,18 @@ def pytest_collection_finish():
 
 def pytest_unconfigure():
     gc.unfreeze()  # else OMPL's bindings report every type as leaked
+
+
+@pytest.fixture(scope="session")
+def numbers():
+    return itertools.count()
+
+
+@pytest.fixture
+def tmp_path(request, numbers, tmp_path_factory):
+    """As pytest's own, which looks through the folders of all earlier tests for each further one."""
+    name = re.sub(r"\W", "_", request.node.name)[:30]  # sockets have short paths
+    return tmp_path_factory.mktemp(f"{name}{next(numbers)}", numbered=False)
 
 
 @pytest.fixture(scope="session", autouse=True)

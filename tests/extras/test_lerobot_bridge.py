@@ -71,8 +71,6 @@ GRAPH = {
     "sessions": {"stay": {"skill": "stay", "target": "arm", "accept": ["not moved(red_cube)"]}},
 }
 ENVIRONMENT = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": ""}
-unpickled: list[str] = []  # classes that this process was told to look up
-sys.addaudithook(lambda event, found: unpickled.append(str(found)) if event == "pickle.find_class" else None)
 
 
 class Systems:
@@ -170,7 +168,8 @@ def watch(client):
 
 
 def test_what_a_policy_of_lerobot_answers_comes_through_the_bridge_and_no_pickle_with_it(systems):
-    del unpickled[:]
+    unpickled = []  # classes that this process looked up; a hook stays, so that no import of this file adds it
+    sys.addaudithook(lambda event, found: unpickled.append(found) if event == "pickle.find_class" else None)
     assert ask_policy(systems.endpoint) is None, "it says nothing of itself"
     with open_client(systems.endpoint) as client:
         for sequence in range(3):
