@@ -89,7 +89,7 @@ class Transfers(Destinations):
         ):
             return self.lack(RequestProblemKind.SENTENCE, placing)  # `a cube in every tray but the red one`
         names = self.remove(objects.names, placing, Slot.MOVED, objects.spare)
-        if objects.spare and any(get_type(each) == "belong" and " " in each for each in placing.children):
+        if objects.spare and any(get_type(each) == "belong" and " " in str(each) for each in placing.children):
             self.ask(QuestionKind.HOW_MANY, nouns, (*names, *objects.spare))  # `any cube can go there`: one, or all
         if placing.data == "wish_place" and objects.only:  # of what is to be there, not of what to put
             rest = (each.name for each in self.list_fitting(Slot.MOVED) if each.name not in names)
@@ -268,8 +268,10 @@ class Transfers(Destinations):
         is_clear = (
             len(places) == 1
             and self.get(places[0]).has_interior
-            and not has_token(clause, "bring")
-            and not has_token(clause, "remove")
+            and not any(has_token(clause, each) for each in ("bring", "remove"))
+            and not any(
+                get_type(each) == "away" and str(each) != "away" for each in clause.children
+            )  # `out of the way`
             and places[0] not in {self.get(name).stands for name in names}
         )
         single = places if is_clear else []
