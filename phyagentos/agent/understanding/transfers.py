@@ -269,9 +269,7 @@ class Transfers(Destinations):
             len(places) == 1
             and self.get(places[0]).has_interior
             and not any(has_token(clause, each) for each in ("bring", "remove"))
-            and not any(
-                get_type(each) == "away" and str(each) != "away" for each in clause.children
-            )  # `out of the way`
+            and not any(get_type(each) == "away" and str(each) != "away" for each in clause.children)
             and places[0] not in {self.get(name).stands for name in names}
         )
         single = places if is_clear else []
