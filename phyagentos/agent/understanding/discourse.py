@@ -363,7 +363,7 @@ class Discourse:
         known = self.vocabulary.is_known
         for item in found:
             texts = f"on({item.name}, {place})", f"inside({item.name}, {place})"
-            if item.stands == place and all(known(text, is_true=False) for text in texts):
+            if place and item.stands == place and all(known(text, is_true=False) for text in texts):
                 self.lack(RequestProblemKind.CAPABILITY, f"{item.name} in {place}")
 
     def _list_standing(self, found: Iterable[SceneObject], owners: Iterable[str]) -> list[SceneObject]:
