@@ -276,11 +276,12 @@ class Clauses(FollowUps):
             names = self._resolve_after(before, objects)
             names = tuple(map(self.find_opening, names)) if self.get(before[-1]).opens else names
             return [rename(text, {before[-1]: name}) for name in names for text in last]
-        if has_token(clause, "same_with") and not before:
+        is_same = has_token(clause, "same_with")
+        if is_same and not before and not self._verb:
             return self.lack(RequestProblemKind.PAST, clause)
         if not self._verb and len(self.recent) == 1:
             return self._read_unplaced(clause, objects)
-        if self._verb == "put" and self._leads:  # `put the can into the tray, then the cube`
+        if self._verb == "put" and (self._leads or is_same):  # `put the can into the tray, then the cube`
             return self._read_same_place(clause, objects)
         return self._say(self._verb, objects) if self._verb in ACTS else self.lack(RequestProblemKind.SENTENCE, clause)
 

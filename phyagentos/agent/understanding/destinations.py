@@ -192,7 +192,9 @@ class Destinations(Nouns):
 
     def list_placed(self, names: Iterable[str], dest: Node) -> dict[str, str]:
         """Of each object the statement that it is at a destination, at one of several."""
-        places = self.find_any_places(dest)
+        places, names = self.find_any_places(dest), [*names]
+        for place in places:
+            self.check_within(map(self.get, names), place)
         texts = {name: [self._locate(name, dest, place) for place in places if place != name] for name in names}
         return {name: " or ".join(each) for name, each in texts.items() if each}
 

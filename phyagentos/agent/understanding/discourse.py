@@ -358,6 +358,14 @@ class Discourse:
             return [item for item in found if item.part_of in owners or (is_surface and item.kind == REGION)]
         return self._list_standing(found, owners)
 
+    def check_within(self, found: Iterable[SceneObject], place: str) -> None:
+        """A lack where the scene has objects at a place that no predicate calls in or on it, as below a board."""
+        known = self.vocabulary.is_known
+        for item in found:
+            texts = f"on({item.name}, {place})", f"inside({item.name}, {place})"
+            if place and item.stands == place and all(known(text, is_true=False) for text in texts):
+                self.lack(RequestProblemKind.CAPABILITY, f"{item.name} in {place}")
+
     def _list_standing(self, found: Iterable[SceneObject], owners: Iterable[str]) -> list[SceneObject]:
         """Those that stand in or on any of some objects as the scene begins; where none is said it is the table."""
         owners = [*owners]

@@ -41,6 +41,8 @@ class Keeping(Transfers):
             is_switched = self.get(owner).kind in meaning.get("kinds", (self.get(owner).kind,))
             if not is_switched or (rule == "press" and self.get(owner).opens != "slide"):
                 self.lack(RequestProblemKind.FIT, name)
+            if rule == "clear":
+                self.check_within(self.list_fitting(Slot.MOVED), name)
             texts.append(meaning["form"].format(owner, at="inside" if item.has_interior else "on"))
         return self._keep(texts) if constraint else texts
 

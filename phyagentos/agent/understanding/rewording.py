@@ -23,6 +23,7 @@ def reword(text: str, nouns: Collection[str], adjectives: Collection[str], verbs
         (rf"(^|[,;] |\band |\bthen )({place}) ({verb}) ([^,;]+?)(?= [,;]| and | then |$)", r"\1\3 \4 \2"),
         (rf"\b({verb}) ({place}) ({phrase})(?= [,;]| and | then |$)", r"\1 \3 \2"),
         (rf"^((?:{_DETERMINER}|{adjective}|{noun})\b[^,;]*?) ({place}) ({verb})$", r"\3 \1 \2"),
+        (rf"((?:[,;] and|[,;]|\band) )({place}) ({phrase})(?= [,;]| and | then |$)", r"\1\3 \2"),
         (rf"(^|[,;] |\band )({place}) (must|should) be ({phrase}|nothing)(?= [,;]| and | then |$)", r"\1\4 \3 be \2"),
         (rf"(?<=\w)(?<!\band)(?<!\bthen) (?=(?:{verb}) (?:{_DETERMINER}|it|them|{adjective}|{noun})\b)", " , "),
         (rf"\b({place}|it|them) (?={_DETERMINER} )", r"\1 , "),

@@ -80,11 +80,8 @@ class Transfers(Destinations):
             below = self.resolve_aside(list_children(ground)[0], Slot.PLACE).names
             if dest.data not in {*SIDES, "beside"} or any(self.get(name).kind not in SURFACES for name in below):
                 return self.lack(RequestProblemKind.SENTENCE, placing)
-        source = find_child(placing, "source")
-        objects = self._resolve_from(nouns, source)
+        objects = self._resolve_from(nouns, find_child(placing, "source"))
         self.unmet = self.unmet if objects.by_colour else ""
-        if source is not None:
-            objects = self.restrict(objects, list_children(source)[0], self._find_source(list_children(source)[0]))
         if (
             find_child(placing, "except") is not None
             and len(objects.names) < 2
@@ -92,6 +89,8 @@ class Transfers(Destinations):
         ):
             return self.lack(RequestProblemKind.SENTENCE, placing)  # `a cube in every tray but the red one`
         names = self.remove(objects.names, placing, Slot.MOVED, objects.spare)
+        if objects.spare and any(get_type(each) == "belong" and " " in str(each) for each in placing.children):
+            self.ask(QuestionKind.HOW_MANY, nouns, (*names, *objects.spare))  # `any cube can go there`: one, or all
         if placing.data == "wish_place" and objects.only:  # of what is to be there, not of what to put
             rest = (each.name for each in self.list_fitting(Slot.MOVED) if each.name not in names)
             objects = replace(objects, rest=tuple(rest))
@@ -122,11 +121,9 @@ class Transfers(Destinations):
     def _resolve_from(self, nouns: Node, source: Node | None) -> Named:
         """Objects of a phrase; `the cube from the left bench` is the one that stands there."""
         owners = self._find_source(list_children(source)[0]) if source is not None else ()
-        self.among = (
-            tuple(each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), owners)) if owners else ()
-        )
+        self.among = tuple(each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), owners))
         objects, self.among = self.resolve(nouns, Slot.MOVED), ()
-        return objects
+        return objects if source is None else self.restrict(objects, list_children(source)[0], owners)
 
     def _find_source(self, noun: Node) -> tuple[str, ...]:
         """Of several places that `from the post` can mean those that something stands in or on."""
@@ -241,6 +238,7 @@ class Transfers(Destinations):
 
     def _put_back(self, name: str) -> str:
         grounds = (each.name for each in self.list_fitting(Slot.PLACE) if each.kind in SURFACES)
+        self.check_within([self.get(name)], self.get(name).stands)
         return self._relate(name, self.get(name).stands or self.get(name).ground or next(grounds, ""))
 
     def _read_put_where(self, clause: Node, nouns: Node, other: Node) -> Step:
@@ -250,6 +248,7 @@ class Transfers(Destinations):
             return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
         owner, at_m = self.get(owners[0]), self.get(names[0]).at_m
         if owner.stands:
+            self.check_within([owner], owner.stands)
             return [self._relate(name, owner.stands) for name in self._put(Named(names=names))]
         if owner.at_m is None or at_m is None:
             return self.lack(RequestProblemKind.CAPABILITY, clause)
@@ -269,8 +268,8 @@ class Transfers(Destinations):
         is_clear = (
             len(places) == 1
             and self.get(places[0]).has_interior
-            and not has_token(clause, "bring")
-            and not has_token(clause, "remove")
+            and not any(has_token(clause, each) for each in ("bring", "remove"))
+            and not any(get_type(each) == "away" and str(each) != "away" for each in clause.children)
             and places[0] not in {self.get(name).stands for name in names}
         )
         single = places if is_clear else []
