@@ -167,6 +167,15 @@ def copy_row(row, place):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN20
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _find_largest_step(one, other):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Of a joint between two postures; `np.abs(one - other).max()` takes half a second to compile."""
+    largest = 0.0
+    for i in range(len(one)):
+        largest = max(largest, abs(one[i] - other[i]))
+    return largest
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _compute_tool_links(path, frames, parents, slides, tool, carrier):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Write `world_T_link` (k, 3, 4) of the link with the tool in each posture of a path into `carrier`."""
     links = np.empty_like(frames)
@@ -185,7 +194,7 @@ def _solve_all(starts, target, apart, rows, frames, parents, slides, tool, tcp, 
         reached += 1 if is_reached else 0
         is_new = is_reached
         for k in range(count):
-            is_new = is_new and np.abs(q - rows[k]).max() >= apart
+            is_new = is_new and _find_largest_step(q, rows[k]) >= apart
         if is_new:
             copy_row(q, rows[count])
             count += 1
@@ -195,12 +204,13 @@ def _solve_all(starts, target, apart, rows, frames, parents, slides, tool, tcp, 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _follow(rows, poses, frames, parents, slides, tool, tcp, q_min, q_max):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Whether each row of a line can be solved where the rows before it go on at an even pace."""
+    onward = np.zeros(rows.shape[1])
     for k in range(1, len(rows)):
-        onward = rows[k - 1].copy() if k == 1 else 2.0 * rows[k - 1] - rows[k - 2]
         for i in range(len(onward)):
-            onward[i] = min(q_max[i], max(q_min[i], onward[i]))
+            next_one = rows[0, i] if k == 1 else 2.0 * rows[k - 1, i] - rows[k - 2, i]
+            onward[i] = min(q_max[i], max(q_min[i], next_one))
         q, is_reached = _solve(onward, poses[k], frames, parents, slides, tool, tcp, q_min, q_max)
-        if not is_reached or np.abs(q - rows[k - 1]).max() > JUMP_MAX_RAD:
+        if not is_reached or _find_largest_step(q, rows[k - 1]) > JUMP_MAX_RAD:
             return False
         copy_row(q, rows[k])
     return True
