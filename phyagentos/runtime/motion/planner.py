@@ -20,7 +20,7 @@ from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.approaches import find_touch
 from phyagentos.runtime.motion.calls import counting_calls
 from phyagentos.runtime.motion.chain import build_chain
-from phyagentos.runtime.motion.grasps import find_grasps, foresee_payload
+from phyagentos.runtime.motion.grasps import find_grasps
 from phyagentos.runtime.motion.job import Cancelled, Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.moves import TimeRows, find_escape, follow_waypoints, plan_move
@@ -51,6 +51,7 @@ from phyagentos.runtime.motion.requests import (
     World,
 )
 from phyagentos.runtime.motion.robot_model import build_robot_model
+from phyagentos.runtime.motion.shapes import foresee_payload
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
 from phyagentos.runtime.motion.sphere_model import SphereModel
 from phyagentos.runtime.motion.timing import JointLimits, time_path
