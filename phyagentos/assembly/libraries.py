@@ -15,4 +15,4 @@ LIBRARIES = (
     "phyagentos.runtime.motion.planner",
     "phyagentos.runtime.motion.process",
 )
-KERNELS = "phyagentos.assembly.kernels:load_kernels"  # compiled ones; first, where many runs share what is loaded
+WITH_KERNELS = (LIBRARIES[0], "phyagentos.assembly.kernels:load_kernels", *LIBRARIES[1:])  # of many runs, for each fork
