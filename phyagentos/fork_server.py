@@ -188,7 +188,8 @@ def fork_server(load: Sequence[str]) -> Iterator[None]:
     """While the block runs, `start_python` forks, in this process and in those that it starts. Blocks within share it.
 
     Args:
-        load: What the server imports before it forks for the first time; it calls what has the form `MODULE:FUNCTION`.
+        load: What the server imports, in turn; it calls what has the form `MODULE:FUNCTION`. A process whose own module
+            is among it begins once that is loaded, each other one at once.
     """
     if ADDRESS in os.environ:
         yield
@@ -217,11 +218,24 @@ class _Child:
     has_ended: bool = False
 
 
-class ForkServer:
-    """Answers requests at a listening socket, one at a time and in one thread, until standard input ends."""
+@dataclass(frozen=True)
+class _Waiting:
+    request: Request
+    connection: socket.socket
+    files: list[int]
 
-    def __init__(self, listener: socket.socket, started_with: Mapping[str, str]) -> None:
-        self._listener, self._started_with = listener, started_with
+    def close(self) -> None:
+        self.connection.close()
+        for each in self.files:
+            os.close(each)
+
+
+class ForkServer:
+    """Answers requests at a listening socket in one thread until standard input ends; between them it loads."""
+
+    def __init__(self, listener: socket.socket, started_with: Mapping[str, str], load: Sequence[str]) -> None:
+        self._listener, self._started_with, self._to_load = listener, started_with, list(load)
+        self._waiting: list[_Waiting] = []
         self._selector = selectors.DefaultSelector()
         self._selector.register(listener, selectors.EVENT_READ)
         self._selector.register(0, selectors.EVENT_READ)
@@ -230,13 +244,12 @@ class ForkServer:
     def serve(self) -> tuple[Request, list[int]] | None:
         """Returns in each child, with its request and files; in the server, None at the end."""
         while True:
-            for key, _ in self._selector.select():
+            for key, _ in self._selector.select(0.0 if self._to_load else None):
                 child = key.data
                 if key.fileobj == 0:
                     return None
                 if child is None:
-                    if (requested := self._accept()) is not None:
-                        return requested
+                    self._accept()
                 elif key.fileobj == child.pidfd:
                     self._note_end(child)
                 else:
@@ -244,28 +257,46 @@ class ForkServer:
                     child.connection.close()
                     child.connection = None
                     self._reap(child)
+            for each in [each for each in self._waiting if each.request.arguments[1] not in self._to_load]:
+                self._waiting.remove(each)
+                if self._fork(each):
+                    return each.request, each.files
+            if self._to_load:
+                name = self._to_load[0]
+                loaded = pkgutil.resolve_name(name)
+                if ":" in name:
+                    loaded()
+                del self._to_load[0]
 
-    def _accept(self) -> tuple[Request, list[int]] | None:
-        """Fork for a requester; returns in the child."""
+    def _accept(self) -> None:
+        """Let a request wait, or decline it."""
         connection, _ = self._listener.accept()
         data, files, _, _ = socket.recv_fds(connection, REQUEST_BYTES, MANY)
-        request = msgspec.json.decode(data, type=Request) if data else None
-        if request is None or _choose(request.environment) != self._started_with:
+        waiting = _Waiting(msgspec.json.decode(data, type=Request), connection, files) if data else None
+        if waiting is not None and _choose(waiting.request.environment) == self._started_with:
+            self._waiting.append(waiting)
+        elif waiting is not None:
+            waiting.close()
+        else:
             connection.close()
-        elif (pid := os.fork()) == 0:
+
+    def _fork(self, requested: _Waiting) -> bool:
+        """Fork for a requester; returns whether this is the child."""
+        connection = requested.connection
+        gc.freeze()
+        if (pid := os.fork()) == 0:
             connection.close()
             self._forget()
-            return request, files
-        else:
-            child = _Child(pid, os.pidfd_open(pid), connection)
-            self._children.append(child)
-            with contextlib.suppress(OSError):
-                socket.send_fds(connection, [b"%d" % pid], [child.pidfd])
-            self._selector.register(connection, selectors.EVENT_READ, child)
-            self._selector.register(child.pidfd, selectors.EVENT_READ, child)
-        for each in files:
+            return True
+        child = _Child(pid, os.pidfd_open(pid), connection)
+        self._children.append(child)
+        with contextlib.suppress(OSError):
+            socket.send_fds(connection, [b"%d" % pid], [child.pidfd])
+        self._selector.register(connection, selectors.EVENT_READ, child)
+        self._selector.register(child.pidfd, selectors.EVENT_READ, child)
+        for each in requested.files:
             os.close(each)
-        return None
+        return False
 
     def _note_end(self, child: _Child) -> None:
         """Report the exit code; the process id is free once the connection is closed."""
@@ -288,6 +319,8 @@ class ForkServer:
         """In a child: close what is the server's."""
         self._selector.close()
         self._listener.close()
+        for each in self._waiting:
+            each.close()
         for child in self._children:
             os.close(child.pidfd)
             if child.connection is not None:
@@ -360,13 +393,9 @@ def leaving_at_once() -> Iterator[None]:
 def main(arguments: Sequence[str]) -> None:
     """`python -m phyagentos.fork_server DESCRIPTOR LOAD…`."""
     listener, started_with = socket.socket(fileno=int(arguments[0])), _choose(os.environ)
-    for name in arguments[1:]:
-        loaded = pkgutil.resolve_name(name)
-        if ":" in name:
-            loaded()
-    gc.collect()
-    gc.freeze()
-    if (requested := ForkServer(listener, started_with).serve()) is not None:
+    gc.disable()  # nothing that is being loaded is garbage
+    if (requested := ForkServer(listener, started_with, arguments[1:]).serve()) is not None:
+        gc.enable()
         become(*requested)
 
 

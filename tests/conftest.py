@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from phyagentos.assembly.planes import LIBRARIES
+from phyagentos.assembly.libraries import WITH_KERNELS
 from phyagentos.fork_server import ADDRESS, fork_server
 from tests.command_line import paos  # noqa: F401 - a fixture
 from tests.monitors.hook import silence_is_proved  # noqa: F401 - a fixture for every journey
@@ -113,7 +113,7 @@ def planes_are_forked(request):
     with pytest.MonkeyPatch.context() as patch:
         root = Path(__file__).parents[1]  # as episodes have it, whose scorers lie with tests; a kit as if installed
         patch.setenv("PYTHONPATH", f"{root}{os.pathsep}{root / 'kits' / 'rollouts'}")
-        with fork_server(LIBRARIES):
+        with fork_server(WITH_KERNELS):
             yield
 
 

@@ -153,6 +153,18 @@ def test_a_child_that_ends_with_its_requester_does(tmp_path, environment):
     os.close(pidfd)
 
 
+def test_a_process_whose_module_is_loaded_waits_for_that_and_another_one_for_nothing(tmp_path, monkeypatch):
+    source = "import sys\nif __name__ == '__main__': print('colorsys' in sys.modules)"
+    for name in ("named", "other"):
+        (tmp_path / f"{name}.py").write_text(source)
+    monkeypatch.delenv(ADDRESS, raising=False)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with fork_server(["colorsys", "named"]), (tmp_path / "log").open("ab") as log:
+        for name in ("other", "named"):
+            assert start_python(["-m", name], log).wait(60) == 0
+    assert (tmp_path / "log").read_text().split() == ["False", "True"]
+
+
 def test_its_server_ends_with_the_block_and_its_folder_goes():
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv(ADDRESS, raising=False)

@@ -16,20 +16,6 @@ from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.workspace.workspace import Workspace
 
 STOP_S = 20.0  # a plane that is well ends within this
-LIBRARIES = (  # for a fork server: what the processes of a run import, and their compiled kernels
-    "phyagentos.assembly.graphics:choose_graphics",
-    "phyagentos.cli.app",
-    "phyagentos.cli.running",
-    "phyagentos.assembly.agent_plane",
-    "phyagentos.assembly.runtime_plane",
-    "phyagentos.assembly.processes",
-    "phyagentos.assembly.worker_process",
-    "phyagentos.runtime.motion.process",
-    "phyagentos.runtime.drivers.mujoco.shared_target",
-    "phyagentos.runtime.targets.server",
-    "phyagentos.runtime.targets.served_target",
-    "phyagentos.assembly.kernels:load_kernels",
-)
 
 
 class Plane:

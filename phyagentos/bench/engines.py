@@ -13,7 +13,7 @@ from enum import StrEnum
 
 import msgspec
 
-from phyagentos.assembly.planes import LIBRARIES
+from phyagentos.assembly.libraries import WITH_KERNELS
 from phyagentos.bench.episode import POLL_S, Job, carry_out
 from phyagentos.bench.records import EpisodeRecord
 from phyagentos.errors import DefinitionError, format_install
@@ -65,7 +65,7 @@ class Engine:
 def open_engine(name: EngineName, jobs: int, ends: threading.Event | None = None) -> Engine:
     """The engine of this name; raises DefinitionError `EXTRA_MISSING`."""
     if name is EngineName.LOCAL:
-        return Engine(jobs, carry_out, fork_server(LIBRARIES), ends)
+        return Engine(jobs, carry_out, fork_server(WITH_KERNELS), ends)
     return Engine(jobs, _join_cluster(), ends=ends)
 
 

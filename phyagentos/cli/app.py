@@ -129,6 +129,7 @@ SERVERS = (
     "fleet lead",
     "fleet join",
 )  # until Ctrl-C: without a result
+FORKING = ("run",)  # their processes are forks of a server, which loads beside the command itself
 HELP = """Robots run on sessions that are verified, not merely finished.
 
 \b
@@ -155,6 +156,15 @@ class Commands(TyperGroup):
     @override
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         return load_command(cmd_name) if cmd_name in self.commands else None
+
+    @override
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if args[0] in FORKING and not (ctx.resilient_parsing or {*ctx.help_option_names} & {*args}):
+            from phyagentos.assembly.libraries import LIBRARIES
+            from phyagentos.fork_server import fork_server
+
+            ctx.with_resource(fork_server(LIBRARIES))
+        return super().resolve_command(ctx, args)
 
     @override
     def format_commands(self, ctx: Any, formatter: Any) -> None:

@@ -1,7 +1,8 @@
 """Channels between two processes of a plane: the port, a connection that is cheap to poll, and a child.
 
 `poll` of the standard library builds a selector at every call; `Link` keeps one. It also spins for a moment before it
-sleeps: a woken process may wait for the scheduler longer than a world needs for a control period.
+sleeps, unless another process needs the processor: a woken one may wait for the scheduler longer than a world needs
+for a control period.
 """
 
 import os
@@ -19,6 +20,7 @@ from typing import Any, Protocol
 from phyagentos.fork_server import close_input, start_python
 
 SPIN_S = 0.0015  # about twice what a world needs for a control period
+YIELDED_S = 1e-4  # a yield that no other process takes is over within microseconds
 MESSAGE_MAX_BYTES = 2**27  # some frames of several cameras, or the compiled model of a humanoid: 80 MiB
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1"}  # a robot's matrices are small: further threads would only spin
 _CREDENTIALS = struct.Struct("3i")  # process, user, group
@@ -88,10 +90,12 @@ class Link:
         """Whether a message, or the end of the channel, is there within `timeout_s` [s]."""
         if timeout_s > self._spin_s > 0.0:
             deadline_s = time.perf_counter() + self._spin_s
-            while time.perf_counter() < deadline_s:
+            while (now_s := time.perf_counter()) < deadline_s:
                 if self._poller.poll(0):
                     return True
                 os.sched_yield()
+                if time.perf_counter() - now_s > YIELDED_S:
+                    break  # another process needs this processor
         return bool(self._poller.poll(timeout_s * 1e3))
 
     def is_gone(self) -> bool:

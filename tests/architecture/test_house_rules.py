@@ -232,5 +232,8 @@ def test_no_process_is_started_for_what_an_operation_does():
         "phyagentos/assembly/processes.py": ["phyagentos.assembly.processes"],
         "phyagentos/bench/episode.py": ["phyagentos.bench.episode"],
         "phyagentos/fork_server.py": ["phyagentos.fork_server"],
-        "phyagentos/runtime/motion/process.py": ["phyagentos.runtime.motion.process"],
+        "phyagentos/runtime/motion/process.py": [
+            "phyagentos.runtime.motion.process",
+            "phyagentos.runtime.motion.path_kernels",
+        ],
     }

@@ -72,9 +72,9 @@ class Chain:
 
         Also returns how many starts led to one, like it or not.
         """
-        rows = np.empty_like(starts_rad)
-        target = np.ascontiguousarray(world_T_tcp[:3])
-        count, reached = _solve_all(np.ascontiguousarray(starts_rad), target, apart_rad, rows, *self._tree)
+        rows = np.empty_like(starts := np.ascontiguousarray(starts_rad))
+        target = np.ascontiguousarray(world_T_tcp[None, :3])
+        count, reached = _solve_each(starts, target, apart_rad, rows, False, *self._tree)
         return rows[:count], reached
 
     def follow(self, poses: Array, start_rad: Array) -> Array | None:
@@ -84,7 +84,8 @@ class Chain:
         """
         rows = np.empty((len(poses), len(start_rad)))
         rows[0] = start_rad
-        return rows if _follow(rows, np.ascontiguousarray(poses[:, :3]), *self._tree) else None
+        count, _ = _solve_each(rows, np.ascontiguousarray(poses[:, :3]), 0.0, rows, True, *self._tree)
+        return rows if count == len(rows) else None
 
     @property
     def _tree(self) -> tuple[Array, NDArray[np.int64], int, int, Array, Array, Array]:
@@ -167,6 +168,15 @@ def copy_row(row, place):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN20
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _find_largest_step(one, other):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Of a joint between two postures; `np.abs(one - other).max()` takes half a second to compile."""
+    largest = 0.0
+    for i in range(len(one)):
+        largest = max(largest, abs(one[i] - other[i]))
+    return largest
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _compute_tool_links(path, frames, parents, slides, tool, carrier):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Write `world_T_link` (k, 3, 4) of the link with the tool in each posture of a path into `carrier`."""
     links = np.empty_like(frames)
@@ -177,33 +187,28 @@ def _compute_tool_links(path, frames, parents, slides, tool, carrier):  # type: 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve_all(starts, target, apart, rows, frames, parents, slides, tool, tcp, q_min, q_max):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Write into `rows` what the starts lead to, once each; how many these are, and how many starts led to one."""
-    count, reached = 0, 0
-    for i in range(len(starts)):
-        q, is_reached = _solve(starts[i], target, frames, parents, slides, tool, tcp, q_min, q_max)
+def _solve_each(starts, poses, apart, rows, is_line, frames, parents, slides, tool, tcp, q_min, q_max):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """How many `rows` were written, and how many starts led to the pose; one kernel, since each compiles `_solve` anew.
+
+    Without a line, every start leads to the only pose, and rows are those that differ. On a line there is a pose for
+    each row, of which the first is known; the rows before it go on at an even pace to its start.
+    """
+    count, reached, start = 1 if is_line else 0, 0, np.zeros(rows.shape[1])
+    for i in range(count, len(rows)):
+        for j in range(len(start)):
+            onward = rows[0, j] if i == 1 else 2.0 * rows[i - 1, j] - rows[i - 2, j]
+            start[j] = min(q_max[j], max(q_min[j], onward)) if is_line else starts[i, j]
+        q, is_reached = _solve(start, poses[i if is_line else 0], frames, parents, slides, tool, tcp, q_min, q_max)
+        if is_line and (not is_reached or _find_largest_step(q, rows[i - 1]) > JUMP_MAX_RAD):
+            break
         reached += 1 if is_reached else 0
         is_new = is_reached
-        for k in range(count):
-            is_new = is_new and np.abs(q - rows[k]).max() >= apart
+        for k in range(0 if is_line else count):
+            is_new = is_new and _find_largest_step(q, rows[k]) >= apart
         if is_new:
             copy_row(q, rows[count])
             count += 1
     return count, reached
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _follow(rows, poses, frames, parents, slides, tool, tcp, q_min, q_max):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Whether each row of a line can be solved where the rows before it go on at an even pace."""
-    for k in range(1, len(rows)):
-        onward = rows[k - 1].copy() if k == 1 else 2.0 * rows[k - 1] - rows[k - 2]
-        for i in range(len(onward)):
-            onward[i] = min(q_max[i], max(q_min[i], onward[i]))
-        q, is_reached = _solve(onward, poses[k], frames, parents, slides, tool, tcp, q_min, q_max)
-        if not is_reached or np.abs(q - rows[k - 1]).max() > JUMP_MAX_RAD:
-            return False
-        copy_row(q, rows[k])
-    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -15,9 +15,9 @@ from itertools import chain, product
 
 import numpy as np
 
-from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, make_matrix, rotate
+from phyagentos.geometry import make_matrix, rotate
 from phyagentos.protocol.capabilities.targets import FINGERTIP_CLEAR_M, Gripper
-from phyagentos.protocol.world.entity_geometry import compute_extent, compute_reach
+from phyagentos.protocol.world.entity_geometry import compute_reach
 from phyagentos.protocol.world.environment import Entity, ShapeKind
 from phyagentos.protocol.world.mechanisms import compute_motion
 from phyagentos.runtime.motion.approaches import ApproachCandidate, Screen, find_approaches
@@ -26,7 +26,7 @@ from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.pad_contacts import PadContact, find_pad_contact
 from phyagentos.runtime.motion.planning_scene import PlanningScene
 from phyagentos.runtime.motion.poses import UP, find_way_out, move_pose, point_tool_down, tilt_tool
-from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindGrasps, NoPlan, Payload
+from phyagentos.runtime.motion.requests import Approach, Approaches, Array, FindGrasps, NoPlan
 from phyagentos.runtime.motion.shapes import Box, compute_entity_box, compute_shape_boxes, is_round, settle
 
 WIDTH_CLEARANCE_M = 0.006  # room for an error of the believed pose, both sides together
@@ -132,17 +132,6 @@ def _drop_dead_ends(
         if not isinstance(answer, NoPlan) or answer.code != "NO_IK":
             return found[index:], isinstance(answer, Approaches)
     return [], False
-
-
-def foresee_payload(entity: Entity, approach: Approach) -> Payload:
-    """The entity as it will sit in the hand at the end of an approach."""
-    in_hand = compute_inverse(compute_matrix(approach.tcp_end)) @ compute_matrix(entity.pose)
-    low_m, high_m = compute_extent(entity, tuple(in_hand[1, :3].tolist()))
-    return Payload(
-        entity.name,
-        compute_pose(in_hand),
-        width_m=high_m - low_m if approach.release_m is None else min(high_m - low_m, approach.release_m),
-    )
 
 
 def _iter_batches(

@@ -21,7 +21,7 @@ from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
 from phyagentos.runtime.motion.approaches import find_touch
 from phyagentos.runtime.motion.calls import counting_calls
 from phyagentos.runtime.motion.chain import build_chain
-from phyagentos.runtime.motion.grasps import find_grasps, foresee_payload
+from phyagentos.runtime.motion.grasps import find_grasps
 from phyagentos.runtime.motion.job import Cancelled, Job
 from phyagentos.runtime.motion.kinematics import Kinematics
 from phyagentos.runtime.motion.moves import TimeRows, find_escape, follow_waypoints, plan_move
@@ -52,6 +52,7 @@ from phyagentos.runtime.motion.requests import (
     World,
 )
 from phyagentos.runtime.motion.robot_model import build_robot_model
+from phyagentos.runtime.motion.shapes import foresee_payload
 from phyagentos.runtime.motion.sphere_checker import SphereChecker
 from phyagentos.runtime.motion.sphere_model import SphereModel
 from phyagentos.runtime.motion.timing import JointLimits, time_path
@@ -114,13 +115,17 @@ class MotionPlanner:
             return answer
         return replace(answer, neighbours=tuple(sorted(job.crowded_by)))
 
-    def warm_up(self) -> None:
-        """Load or compile every kernel and library, so that the first request is as fast as later ones."""
+    def warm_up(self, before_paths: Callable[[], object] = lambda: None) -> None:
+        """Load or compile every kernel and library, so that the first request is as fast as later ones.
+
+        `before_paths` is called when those of kinematics are loaded, before those that test a path.
+        """
         shapes = (Shape(ShapeKind.BOX, (0.02, 0.02, 0.02)),)
         cube = Entity(name="cube", kind="cube", pose=Pose((0.5, 0.0, 0.02)), shapes=shapes)
         home = self.robot.home_rad
         world = World((cube,))
         self.answer(FindGrasps(world=world, object="cube", q_rad=home, seed=0, count=1))
+        before_paths()
         held = Payload("cube", Pose(), load=Load(0.1, (0.0, 0.0, 0.0), 0.02, 0.4, 20.0))
         self.answer(PlanMove(world=world, q_rad=home, goals_rad=home[None] + 0.1, seed=0, payload=held))
 

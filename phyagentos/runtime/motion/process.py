@@ -8,6 +8,7 @@ import argparse
 import gc
 import os
 import queue
+import subprocess
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import msgspec
 
 from phyagentos.clock import SystemClock
+from phyagentos.fork_server import start_python
 from phyagentos.protocol.documents.schema import Corners
 from phyagentos.runtime.channel import SPIN_S, Child
 from phyagentos.runtime.codec import Codec
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 
 CANCEL_GRACE_S = 0.5
 CLOSE_GRACE_S = 2.0
+COMPILE_MAX_S = 60.0  # of a machine with much else to do
+GRAPHICS = "MUJOCO_GL"
 KEPT = 4  # latest answers that are remembered, by the bytes of their requests
 
 _REQUESTS = Codec[MotionRequest | Cancel](MotionRequest | Cancel, "motion request")
@@ -246,7 +250,7 @@ def serve(
     inbox = _Inbox(connection)
     planner = MotionPlanner.open(profile_file, bounds=bounds, neighbours=neighbours, speed=speed)
     if inbox.requests.empty():
-        planner.warm_up()  # else what is asked loads what it needs, and is not kept waiting for the rest
+        warm_up(planner)  # else what is asked loads what it needs, and is not kept waiting for the rest
     gc.freeze()  # modules and models stay: they are not searched for garbage in the midst of a request
     gc.enable()
     known: dict[bytes, bytes] = {}
@@ -263,6 +267,20 @@ def serve(
             return
 
 
+def warm_up(planner: "MotionPlanner") -> None:
+    """Load every kernel; where they are compiled for the first time, a process beside compiles a half of them."""
+    from phyagentos.runtime.motion.chain import compute_links
+
+    if not compute_links.stats.cache_misses:
+        planner.warm_up()
+        return
+    as_started = {name: value for name, value in os.environ.items() if name != GRAPHICS}  # so that a server forks it
+    command = ["-m", "phyagentos.runtime.motion.path_kernels"]
+    beside = start_python(command, environment=as_started, leads_group=False)
+    with suppress(subprocess.TimeoutExpired):  # then this one compiles them as well
+        planner.warm_up(lambda: beside.wait(COMPILE_MAX_S))
+
+
 def main() -> None:
     """Entry point of the planner process."""
     parser = argparse.ArgumentParser(description="Answers motion requests for one robot.")
@@ -273,7 +291,7 @@ def main() -> None:
     parser.add_argument("--descriptor", type=int, required=True, help="socket to the worker, inherited")
     arguments = parser.parse_args()
     gc.disable()  # until all is loaded
-    os.environ["MUJOCO_GL"] = "disable"  # no planner draws
+    os.environ[GRAPHICS] = "disable"  # no planner draws
     bounds = msgspec.json.decode(arguments.bounds, type=dict[str, Corners])
     neighbours = {name: Path(file) for name, _, file in (each.partition("=") for each in arguments.neighbour)}
     serve(arguments.profile, bounds, neighbours, arguments.speed, Connection(arguments.descriptor))

@@ -8,10 +8,10 @@ from math import sqrt
 import numpy as np
 from msgspec.structs import replace
 
-from phyagentos.geometry import compute_matrix, make_matrix, turn
-from phyagentos.protocol.world.entity_geometry import compute_half_box
+from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, make_matrix, turn
+from phyagentos.protocol.world.entity_geometry import compute_extent, compute_half_box
 from phyagentos.protocol.world.environment import Entity, Pose, Shape, ShapeKind
-from phyagentos.runtime.motion.requests import Array
+from phyagentos.runtime.motion.requests import Approach, Array, Payload
 
 SUPPORT_UNCERTAINTY_M = 0.015  # between the believed lowest point of an object and what it stands on
 SURE_STDS = 4.0  # stated deviations by which a believed height is off at most
@@ -123,4 +123,15 @@ def is_round(entity: Entity) -> bool:
         and np.hypot(*shape.pose.position_m[:2]) < ON_AXIS_M
         and (shape.kind is ShapeKind.SPHERE or abs(_compute_frame(shape.pose)[2, 2]) > 1.0 - 1e-6)
         for shape in entity.shapes
+    )
+
+
+def foresee_payload(entity: Entity, approach: Approach) -> Payload:
+    """The entity as it will sit in the hand at the end of an approach."""
+    in_hand = compute_inverse(compute_matrix(approach.tcp_end)) @ compute_matrix(entity.pose)
+    low_m, high_m = compute_extent(entity, tuple(in_hand[1, :3].tolist()))
+    return Payload(
+        entity.name,
+        compute_pose(in_hand),
+        width_m=high_m - low_m if approach.release_m is None else min(high_m - low_m, approach.release_m),
     )

@@ -32,15 +32,15 @@ class SphereChecker:
 
     def is_free(self, q_rad: Array) -> bool:
         """Whether a posture (n_joints,) touches nothing."""
-        return bool(_edge_is_free(q_rad, q_rad, 1.0, *self._packed))
+        return self.edge_is_free(q_rad, q_rad, 1.0)
 
     def edge_is_free(self, start_rad: Array, end_rad: Array, resolution_rad: float = 0.03) -> bool:
         """Whether the straight joint motion between two postures (n_joints,) is free, both included."""
-        return bool(_edge_is_free(start_rad, end_rad, resolution_rad, *self._packed))
+        return bool(_is_free(np.array((start_rad, end_rad)), resolution_rad, True, *self._packed))
 
     def path_is_free(self, path_rad: Array, resolution_rad: float = 0.05) -> bool:
         """Whether every edge of a path (k, n_joints) is free."""
-        return bool(_path_is_free(path_rad, resolution_rad, *self._packed))
+        return bool(_is_free(np.ascontiguousarray(path_rad), resolution_rad, False, *self._packed))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -211,34 +211,35 @@ def measure_edge(start, end, weights):  # type: ignore[no-untyped-def]  # noqa: 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _edge_is_free(start, end, resolution, singles, integers):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Whether the straight joint motion between postures (n_joints,) is free, in steps of at most `resolution`."""
+def _is_free(path, resolution, is_spread, singles, integers):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Whether a path (k, n_joints) is free in steps of at most `resolution`, walked or, of one edge, spread over it.
+
+    One kernel, since each compiles the check of all lanes anew.
+    """
     m = _unpack(singles, integers)
-    q = np.empty((len(start), LANES), np.float32)
-    batches = max(1, int(np.ceil((measure_edge(start, end, m.weights) / resolution + 1.0) / LANES)))
-    for batch in range(batches - 1, -1, -1):
-        for j in range(len(start)):
+    q, batch, i, step, steps = np.empty((path.shape[1], LANES), np.float32), 0, 0, 0, 0
+    if is_spread:
+        batch = max(1, int(np.ceil((measure_edge(path[0], path[1], m.weights) / resolution + 1.0) / LANES)))
+    batches, goes_on = batch, len(path) > 1
+    while goes_on:
+        batch, lane = batch - 1, 0
+        for j in range(path.shape[1] if is_spread else 0):
             for k in range(LANES):
-                q[j, k] = start[j] + (end[j] - start[j]) * ((k * batches + batch) / (LANES * batches - 1))
-        if not _lanes_are_free(q, m):
-            return False
-    return True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _path_is_free(path, resolution, singles, integers):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    m = _unpack(singles, integers)
-    q, lane = np.empty((path.shape[1], LANES), np.float32), 0
-    for i in range(len(path) - 1):
-        steps = max(1, int(np.ceil(measure_edge(path[i], path[i + 1], m.weights) / resolution)))
-        for step in range(1, steps + 1):
+                q[j, k] = path[0, j] + (path[1, j] - path[0, j]) * ((k * batches + batch) / (LANES * batches - 1))
+        while not is_spread and lane < LANES and i < len(path) - 1:
+            if step == 0:
+                steps = max(1, int(np.ceil(measure_edge(path[i], path[i + 1], m.weights) / resolution)))
+            step += 1
             for j in range(path.shape[1]):
                 for k in range(lane, LANES):  # lanes that nothing follows repeat the last posture
                     q[j, k] = path[i, j] + (path[i + 1, j] - path[i, j]) * (step / steps)
-            lane = (lane + 1) % LANES
-            if lane == 0 and not _lanes_are_free(q, m):
-                return False
-    return lane == 0 or _lanes_are_free(q, m)
+            lane += 1
+            if step == steps:
+                i, step = i + 1, 0
+        if not _lanes_are_free(q, m):
+            return False
+        goes_on = batch > 0 if is_spread else i < len(path) - 1
+    return True
 
 
 def pack(arrays: SphereArrays) -> tuple[NDArray[np.float32], NDArray[np.int64]]:

@@ -127,8 +127,8 @@ def refine(
     damping = DAMPING * np.diag(_SCALE[moves])
     for _ in range(iterations):
         distance, gradient = patch.measure(solids, rotation, position_m)
-        arm = np.ascontiguousarray(patch.points_m - position_m)
-        jacobian, weighted = linearise(distance, gradient, arm, rotation, moves, HUBER_M)
+        arm, turned = np.ascontiguousarray(patch.points_m - position_m), np.ascontiguousarray(rotation)
+        jacobian, weighted = linearise(distance, gradient, arm, turned, moves, HUBER_M)
         matrix = weighted @ jacobian.T + damping
         step = np.zeros(6)
         if path is None:

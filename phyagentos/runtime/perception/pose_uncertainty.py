@@ -93,7 +93,8 @@ def compute_uncertainty(
         path: (6,) the only motion of a part of a mechanism, for one metre along it, which the result is about then.
         cameras: That see it: each has a calibration of its own.
     """
-    jacobian, weighted = linearise(distance_m, gradient, np.ascontiguousarray(arm_m), rotation, np.arange(6), huber_m)
+    arm_m, turned = np.ascontiguousarray(arm_m), np.ascontiguousarray(rotation)
+    jacobian, weighted = linearise(distance_m, gradient, arm_m, turned, np.arange(6), huber_m)
     weight = huber_m / np.maximum(np.abs(distance_m), huber_m)
     variance = float(np.sum(weight * np.minimum(np.abs(distance_m), 3 * huber_m) ** 2) / max(np.sum(weight), 1.0))
     broad_m = SIGMA * float(np.median(np.abs(distance_m)))  # of noise broader than the weights let through

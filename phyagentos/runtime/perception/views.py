@@ -210,7 +210,7 @@ def measure_visibility(
     samples_m: Array, normals: Array, rotation: Array, position_m: Array, views: Views
 ) -> Visibility:
     """Visibility of a posed surface, of which points (n, 3) and normals are in its own frame."""
-    pose = np.ascontiguousarray(rotation), position_m
+    pose = np.ascontiguousarray(rotation), np.ascontiguousarray(position_m)  # other layouts would be compiled for, too
     confirmed = hidden = contradicted = 0
     for view in views:
         v, u, depth, _ = project(

@@ -28,7 +28,6 @@ from phyagentos.runtime.execution.context import compute_leaf_seed
 from phyagentos.runtime.execution.first_motions import FirstMotion, Foreseen, Grasp, Home, Onward
 from phyagentos.runtime.execution.leaf_registry import LeafRegistry
 from phyagentos.runtime.execution.leaves.plan_room import list_removable
-from phyagentos.runtime.motion.grasps import foresee_payload
 from phyagentos.runtime.motion.process import Planner
 from phyagentos.runtime.motion.requests import (
     GRASPS,
@@ -46,6 +45,7 @@ from phyagentos.runtime.motion.requests import (
     TimeLine,
     World,
 )
+from phyagentos.runtime.motion.shapes import foresee_payload
 from phyagentos.runtime.motion.tool_bounds import is_wall
 from phyagentos.runtime.preflight.adapter_plan import Trial
 from phyagentos.runtime.preflight.findings import make_problem

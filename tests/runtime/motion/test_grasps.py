@@ -8,7 +8,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.geometry import compute_matrix, compute_pose, make_matrix, to_child
 from phyagentos.protocol.world.entity_geometry import compute_grasp_width
 from phyagentos.protocol.world.environment import Entity, Mechanism, Pose, Shape, ShapeKind
-from phyagentos.runtime.motion.grasps import find_grasps, foresee_payload
+from phyagentos.runtime.motion.grasps import find_grasps
 from phyagentos.runtime.motion.job import Job
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.process import _ANSWERS
@@ -24,6 +24,7 @@ from phyagentos.runtime.motion.requests import (
     World,
 )
 from phyagentos.runtime.motion.robot_model import measure_fingers
+from phyagentos.runtime.motion.shapes import foresee_payload
 from tests.runtime.motion.conftest import TABLE, build_box, build_cube, build_fixed
 
 pytestmark = pytest.mark.motion

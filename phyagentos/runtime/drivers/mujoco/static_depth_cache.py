@@ -154,8 +154,7 @@ class MovingSolids:
         view = viewpoint.position_m, viewpoint.rotation
         solids = data.geom_xpos[self._shown[among]], self._radii_m[among]
         form = (lens.fx, lens.fy, lens.cx, lens.cy, lens.width, lens.height)
-        found: NDArray[np.intp] = _find_near(wanted, form, view, solids)
-        return found
+        return np.flatnonzero(_find_near(wanted, form, view, solids))
 
 
 @njit(cache=True, nogil=True)
@@ -170,23 +169,26 @@ def _find_span(across, ahead, radius, focal, middle, size):  # type: ignore[no-u
 
 @njit(cache=True, nogil=True)
 def _find_near(wanted, lens, view, solids):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """A ray is near where its pixel is in the rectangle of a solid's ball."""
+    """Whether each ray is near: its pixel is in the rectangle of a solid's ball. Loops compile in half the time."""
     (places, radii), (eye, frame) = solids, view
     fx, fy, cx, cy, width, height = lens
-    rows, columns, found = wanted // width, wanted % width, np.zeros(len(wanted), np.bool_)
-    if not len(wanted):
-        return np.flatnonzero(found)
-    within = columns.min(), columns.max(), rows.min(), rows.max()
+    n, low, high, first, last = len(wanted), width, -1, height, -1
+    rows, columns, found = np.empty(n, np.intp), np.empty(n, np.intp), np.zeros(n, np.bool_)
+    for i in range(n):
+        rows[i], columns[i] = wanted[i] // width, wanted[i] % width
+        low, high = min(low, columns[i]), max(high, columns[i])
+        first, last = min(first, rows[i]), max(last, rows[i])
     for k in range(len(radii)):
-        towards = places[k] - eye
-        x, y, z = towards[0] * frame[0] + towards[1] * frame[1] + towards[2] * frame[2]
+        a, b, c = places[k, 0] - eye[0], places[k, 1] - eye[1], places[k, 2] - eye[2]
+        x = a * frame[0, 0] + b * frame[1, 0] + c * frame[2, 0]
+        y = a * frame[0, 1] + b * frame[1, 1] + c * frame[2, 1]
+        z = a * frame[0, 2] + b * frame[1, 2] + c * frame[2, 2]
         left, right = _find_span(x, z, radii[k], fx, cx, width)
         top, bottom = _find_span(y, z, radii[k], fy, cy, height)
-        is_across = left < right and left <= within[1] and right > within[0]
-        if is_across and top < bottom and top <= within[3] and bottom > within[2]:
-            for i in range(len(wanted)):
+        if left < right and left <= high and right > low and top < bottom and top <= last and bottom > first:
+            for i in range(n):
                 found[i] |= left <= columns[i] < right and top <= rows[i] < bottom
-    return np.flatnonzero(found)
+    return found
 
 
 def cast_rays(model: mujoco.MjModel, data: mujoco.MjData, rays: Rays, *, fixed: bool = True) -> Hits:
