@@ -150,11 +150,11 @@ class Commands(TyperGroup):
         self.commands = names
 
     @override
-    def list_commands(self, ctx: Any) -> list[str]:
+    def list_commands(self, ctx: object) -> list[str]:
         return list(self.commands)
 
     @override
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+    def get_command(self, ctx: object, cmd_name: str) -> Any:
         return load_command(cmd_name) if cmd_name in self.commands else None
 
     @override
@@ -167,7 +167,7 @@ class Commands(TyperGroup):
         return super().resolve_command(ctx, args)
 
     @override
-    def format_commands(self, ctx: Any, formatter: Any) -> None:
+    def format_commands(self, ctx: object, formatter: Any) -> None:
         width = max(map(len, self.commands))
         room = formatter.width - 6 - width
         for title, names in SECTIONS.items():

@@ -92,11 +92,7 @@ def find_grasps(
             wanted, q_rad=request.q_rad, screen=screen, kinematics=kinematics, scene=scene, job=job, count=request.count
         )
         if found:
-            if request.moves:
-                leading = [each for each in found if not isinstance(place(each), NoPlan)]
-                leads_on = bool(leading)
-            else:
-                leading, leads_on = _drop_dead_ends(found, place)
+            leading, leads_on = _drop_dead_ends(found, place) if not request.moves else _keep_leading(found, place)
             if leading or (len(dead_ends) == DEAD_ENDS_MAX and not turns):
                 return Approaches(
                     approaches=tuple(leading or dead_ends[0]), timing=job.timing, stages=job.stages, leads_on=leads_on
@@ -132,6 +128,14 @@ def _drop_dead_ends(
         if not isinstance(answer, NoPlan) or answer.code != "NO_IK":
             return found[index:], isinstance(answer, Approaches)
     return [], False
+
+
+def _keep_leading(
+    found: list[Approach], place: Callable[[Approach], Approaches | NoPlan | None]
+) -> tuple[list[Approach], bool]:
+    """Those from which the hand can follow what it holds."""
+    leading = [each for each in found if not isinstance(place(each), NoPlan)]
+    return leading, bool(leading)
 
 
 def _iter_batches(

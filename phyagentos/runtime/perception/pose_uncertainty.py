@@ -110,8 +110,7 @@ def compute_uncertainty(
         motions, known = path[:, None], known[:1]
         bias_turn, is_map = float(np.linalg.norm(path[3:])), np.array([False, True])
         bias_m = float(np.hypot(PATH_CALIBRATION * np.sqrt(variance / cameras), PATH_BIAS_PER_M * variance))
-    spread = CORRELATED * variance
-    matrix = motions.T @ (weighted @ jacobian.T) @ motions / spread + np.diag(known**-2.0)
+    matrix = motions.T @ (weighted @ jacobian.T) @ motions / (CORRELATED * variance) + np.diag(known**-2.0)
     covariance = motions @ np.linalg.inv(matrix) @ motions.T
     parts = covariance[:3, :3], covariance[3:, 3:]
     left = np.array([max(np.linalg.eigvalsh(part)[-1], 0.0) for part in parts])  # (2,) variances that the points leave
