@@ -170,6 +170,7 @@ MAY_START_PYTHON = {
     "phyagentos/assembly/planes.py": "planes",
     "phyagentos/bench/episode.py": "episodes",
     "phyagentos/runtime/channel.py": "planners",
+    "phyagentos/runtime/motion/process.py": "beside a planner, what compiles a half of its kernels the first time",
     "phyagentos/runtime/supervision/world_process.py": "worlds and workers",
 }
 MAY_START = {  # outside of the command line, which starts the editor of a person, and nodes of ROS 2

@@ -241,9 +241,8 @@ class Nouns(Discourse):
         )
         single = {name for before in self.recent[:-1] for name in before} - self.grouped
         named = {*self.moved, *self.spared, *single}
-        everything = (
-            self.list_fitting(slot) if plain is None else []
-        )  # no more of that noun: `the cubes go there, the rest stays`
+        # where there is no more of that noun: `the cubes go there, the rest stays`
+        everything = self.list_fitting(slot) if plain is None else []
         left = ([each.name for each in some if each.name not in named] for some in (found, everything) if named)
         names = next((tuple(some) for some in left if some), ())
         return names or self.lack(RequestProblemKind.OBJECT, noun, (each.name for each in found))

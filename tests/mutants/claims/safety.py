@@ -143,7 +143,7 @@ MUTANTS = (
         edits=(
             Edit(
                 "phyagentos.runtime.motion.planning_scene",
-                "openings_m = _list_openings(min(low_m, high_m), high_m, SWEEP)",
+                "openings_m = [high_m] * SWEEP if high_m <= low_m else _list_openings(low_m, high_m, SWEEP)",
                 "openings_m = [self.robot.profile.gripper.max_width_m] * SWEEP",
             ),
         ),
