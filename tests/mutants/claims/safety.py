@@ -200,8 +200,8 @@ MUTANTS = (
         edits=(
             Edit(
                 "phyagentos.runtime.drivers.mujoco.joint_controller",
-                "            if stride.is_felt:\n                self._feel()",
-                "            if stride.is_felt:\n                pass",
+                "row += stride.steps\n            if stride.is_felt:\n                self._feel()",
+                "row += stride.steps\n            if stride.is_felt:\n                pass",
             ),
         ),
         tests=(
