@@ -33,7 +33,7 @@ from phyagentos.store.journal import Journal
 ROOT = Path(__file__).resolve().parents[1]
 GRAPH = ROOT / "goal_graphs" / "tidy_table.yaml"
 ASKED = {
-    "goal_over_physics_alone_median": Threshold(4.5, at_least=False),
+    "goal_over_physics_alone_median": Threshold(3.0, at_least=False),
     "planning_per_pick_and_place_s_median": Threshold(0.10, at_least=False),
 }
 
