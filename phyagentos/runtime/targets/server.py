@@ -20,7 +20,18 @@ from phyagentos.errors import ExecutionError
 from phyagentos.runtime.channel import SPIN_S, Link, PeerChannel, shorten
 from phyagentos.runtime.targets.handshake import GREETING_S, Tokens
 from phyagentos.runtime.targets.served_target import ServedTarget
-from phyagentos.runtime.targets.wire import REPLIES, REQUESTS, Command, Halt, Refused, Reply, Request, Settle, Shutdown
+from phyagentos.runtime.targets.wire import (
+    REPLIES,
+    REQUESTS,
+    Command,
+    Halt,
+    LoadScene,
+    Refused,
+    Reply,
+    Request,
+    Settle,
+    Shutdown,
+)
 
 LOOK_S = 1.0  # between two looks at the key while no request comes
 AHEAD_PERIODS = 2  # a client may be this far ahead, so that it need not meet every period to the millisecond
@@ -186,10 +197,14 @@ class Pace:
     def compute_lag_s(self) -> float:
         """Wall time minus simulated time [s]; 0 while there is no world, and after time was lost."""
         lag_s = self._clock.now_s() - self._target.time_s - self._offset_s
-        if not abs(lag_s) < BEHIND_MAX_S:  # also: a scene was loaded, at 0 or as a session left it; or there is none
-            self._offset_s = self._clock.now_s() - self._target.time_s
+        if not lag_s < BEHIND_MAX_S:  # also: a scene was loaded, which begins at 0; or there is none
+            self.begin()
             return 0.0
         return lag_s
+
+    def begin(self) -> None:
+        """Count from now: another world is there."""
+        self._offset_s = self._clock.now_s() - self._target.time_s
 
     def begin_motion(self) -> None:
         """Let time stand until the world is as far ahead as in the middle of a motion.
@@ -202,11 +217,12 @@ class Pace:
 
 def serve_realtime(target: ServedTarget, door: Door, tokens: Tokens, clock: Clock) -> None:
     """Answer one client at a time and let time pass, until a `Shutdown`; the door is closed at the end."""
-    pace = Pace(target, clock)
+    pace, is_loading = Pace(target, clock), False
 
     def keep_pace(request: Request) -> None:
         """Delay a client that is far ahead; a command under an emergency stop is refused at once."""
-        period_s = target.control_period_s
+        nonlocal is_loading
+        period_s, is_loading = target.control_period_s, isinstance(request, LoadScene)
         while isinstance(request, MOVING):
             ahead_s = -pace.compute_lag_s() - AHEAD_PERIODS * period_s
             if ahead_s <= 0.0 or (target.look_for_stops() and isinstance(request, Command)):
@@ -228,7 +244,7 @@ def serve_realtime(target: ServedTarget, door: Door, tokens: Tokens, clock: Cloc
                 if not tokens.expects(client.find_peer()):
                     greet_by_s = -math.inf  # it is over
                 continue
-            was_moving = target.is_moving
+            was_moving, before_s = target.is_moving, target.time_s
             try:
                 if greet_by_s is not None:
                     tokens.admit(client)
@@ -239,6 +255,8 @@ def serve_realtime(target: ServedTarget, door: Door, tokens: Tokens, clock: Cloc
                 client.close()
                 client, greet_by_s = None, None
                 target.withdraw()
+            if is_loading and target.time_s != before_s:
+                pace.begin()
             if target.is_moving and not was_moving:
                 pace.begin_motion()
     finally:
