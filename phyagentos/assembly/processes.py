@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 from urllib.parse import urlsplit
 
 from phyagentos.assembly.drivers import DRIVERS, open_shared_world
@@ -206,12 +206,20 @@ def main(argv: Sequence[str] | None = None) -> None:
                 given.workspace, given.target, given.socket, given.control, pictures=pictures, rehearsal=rehearsal
             )
     except (DefinitionError, ExecutionError) as error:
-        sys.stderr.write(f"{error}\n")  # now: the frames above hold connections, at whose end the supervisor kills
-        sys.exit(os.EX_SOFTWARE)
+        _end(f"{error}\n")  # now: the frames above hold connections, at whose end the supervisor kills
     except Exception as error:
         place = find_full_disk(error)
-        sys.stderr.write(f"{place}: no room is left on its disk\n" if place else traceback.format_exc())
-        sys.exit(os.EX_SOFTWARE)
+        _end(f"{place}: no room is left on its disk\n" if place else traceback.format_exc())
+
+
+def _end(text: str) -> NoReturn:
+    """End with the code of an own error, also where a full disk takes no word of it."""
+    try:
+        sys.stderr.write(text)
+        sys.stderr.flush()
+    except OSError:
+        sys.stderr = None  # else the interpreter flushes it again, and ends with another code
+    sys.exit(os.EX_SOFTWARE)
 
 
 if __name__ == "__main__":
