@@ -27,14 +27,14 @@ PASSIVE = {
     "floating eye", "blue jelly", "spotted jelly", "ochre jelly", "gelatinous cube", "acid blob",
     "gas spore", "brown mold", "yellow mold", "green mold", "red mold", "shrieker",
 }  # fmt: skip
-"""Harm who strikes them, and nobody else."""
+"""These harm only what strikes them."""
 UNSEEN = ENGULFER, UNKNOWN = "engulfer", "unseen"
 WHOLESOME = {
     "newt", "jackal", "fox", "coyote", "sewer rat", "giant rat", "gecko", "goblin", "hill orc", "Mordor orc",
     "Uruk-hai", "hobbit", "gnome", "gnome lord", "dwarf", "dwarf lord", "iguana", "rothe", "pony", "horse", "lichen",
     "giant ant", "fire ant", "wolf", "cave spider", "baby crocodile", "rock piercer",
 }  # fmt: skip
-"""Fresh corpses that harm nobody who eats them."""
+"""Fresh corpses that can be eaten without harm."""
 FRESH, SMELL = 25, 6  # turns since it was killed; cells within which it is fetched
 FIGHT_COST, BOULDER_COST, TRAP_COST, DOOR_COST, FAR = 4.0, 6.0, 25.0, 2.0, 1e9
 TRIES, AROUND = 2, 5  # of a step that does not succeed; cells about a place that may hide what was not seen
