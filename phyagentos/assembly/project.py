@@ -10,6 +10,7 @@ from pathlib import Path
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.predicates.project_predicates import load_predicates
+from phyagentos.protocol.settings.safety import Safety, read_safety
 from phyagentos.protocol.workspace.foreign_python import find_foreign_python
 from phyagentos.protocol.workspace.workspace import MARKER, Workspace
 
@@ -48,6 +49,14 @@ def get_settings(name: str, library: Library, workspace: Path | None) -> Path | 
     """A settings file of a workspace that is there already, else the one that a new workspace gets."""
     folders = (*([workspace] if workspace is not None else []), *(root / "protocol" for root in library.roots))
     return next((folder / name for folder in folders if (folder / name).is_file()), None)
+
+
+def read_limits(library: Library, *targets: str) -> Safety:
+    """The limits that hold in a new workspace for these targets, with those that stand beside their profiles."""
+    files = [root / "protocol" / "safety.yaml" for root in library.roots]
+    files += [library.get_target(each).with_name("safety.yaml") for each in targets]
+    found = [read_safety(each) for each in files if each.is_file()]
+    return Safety(targets={name: limits for each in found for name, limits in each.targets.items()})
 
 
 def parse_overrides(texts: Sequence[str] | None) -> dict[str, str]:

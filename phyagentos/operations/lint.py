@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from phyagentos.assembly.project import FOLDERS, get_settings, open_library
+from phyagentos.assembly.project import FOLDERS, get_settings, open_library, read_limits
 from phyagentos.assembly.skill_checks import check_arguments, check_skill
 from phyagentos.errors import DefinitionError, Problem, format_hint, format_names
 from phyagentos.operations.references import (
@@ -29,7 +29,7 @@ from phyagentos.protocol.capabilities.registries import read_target, read_target
 from phyagentos.protocol.capabilities.skill_runtimes import read_skill
 from phyagentos.protocol.capabilities.targets import TARGETS, TargetProfile, find_unshared, is_beside
 from phyagentos.protocol.capabilities.trees import Tree, iter_short_references, load_tree, read_tree
-from phyagentos.protocol.documents.schema import read_text, read_yaml
+from phyagentos.protocol.documents.schema import Address, read_text, read_yaml
 from phyagentos.protocol.predicates.project_predicates import load_predicates, name_option
 from phyagentos.protocol.settings.perception import Sensing, read_perception
 from phyagentos.protocol.settings.sensors import read_sensors
@@ -157,12 +157,32 @@ def find_warnings(path: Path) -> list[Problem]:
             case FileKind.GOAL_GRAPH:
                 catalogue = Catalogue.read(library := open_library(path))
                 graph = read_goal_graph(path, catalogue)
-                return [*graph.warnings, *_iter_rig_warnings(path, graph, catalogue, library)]
+                rig_warnings = _iter_rig_warnings(path, graph, catalogue, library)
+                return [*graph.warnings, *_iter_overlong(path, graph, library), *rig_warnings]
             case FileKind.TREE:
                 return list(iter_short_references(read_tree(path)))
     except DefinitionError:
         pass  # `lint_file` has its problems
     return []
+
+
+def _iter_overlong(path: Path, graph: "GoalGraph", library: Library) -> Iterator[Problem]:
+    """Times that safety.yaml allows no session of the target, so that preflight would refuse it."""
+    limits, located, seen = (
+        read_limits(library, *{each.target for each in graph.choices.values()}).targets,
+        read_yaml(path),
+        set[Address](),
+    )
+    for name, node in graph.nodes.items():
+        target, given_s = graph.choices[name].target, node.spec.timeout_s or graph.spec.defaults.timeout_s
+        at: Address = (*node.path, "timeout_s") if node.spec.timeout_s else ("defaults", "timeout_s")
+        allowed_s = limits[target].session_duration_max.value if target in limits else None
+        if isinstance(allowed_s, float | int) and given_s > allowed_s and at not in seen:
+            hint = f"For milliseconds write {given_s / 1000:g}."
+            seen.add(at)
+            yield located.problem(
+                "SESSION_TOO_LONG", at, f"{given_s:g} s", f"at most {allowed_s:g} s for {target!r} by safety.yaml", hint
+            )
 
 
 def _iter_rig_warnings(path: Path, graph: "GoalGraph", catalogue: "Catalogue", library: Library) -> Iterator[Problem]:

@@ -28,6 +28,7 @@ from phyagentos.wording import compare_angles, compare_lengths, format_length
 
 LENGTHS = frozenset({"tol_m", "distance_m"})  # names of arguments of predicates that say how near is near
 NUMBERS = {"m": compare_lengths, "rad": compare_angles}  # of predicates, by unit
+REACH_M = 1.0
 UNDER, OVER = frozenset({"<", "<="}), frozenset({">", ">="})
 
 
@@ -49,6 +50,11 @@ class Rig:
         radius_m = max(math.hypot(*each.position_m) + math.hypot(*each.size_m) for each in solids)
         ways = itertools.product(self.cameras.values(), self._list_places(name))
         return min((self._look(camera, place, radius_m) for camera, place in ways), default=math.inf)
+
+    def measure_extent(self) -> float:
+        """The longest length that can be meant in the scene [m]: its diagonal and the reach of an arm."""
+        places = np.array([each for name in self.scene.bodies for each in self._list_places(name)] or [np.zeros(3)])
+        return float(np.linalg.norm(np.ptp(places, axis=0))) + REACH_M
 
     def estimate_std(self, name: str) -> float:
         """Standard deviation of its measured place at best [m]; 0 of what the scene file places, or none sees."""
@@ -145,7 +151,11 @@ def _iter_of_number(
     """Of what is never below zero no bound within its uncertainty is surely kept; no measured number equals another."""
     names, unit, uncertainty = _estimate(compared.left, rig)
     is_equal = compared.relation == "==" and under is UNDER
-    if not uncertainty or not isinstance(compared.bound, float):
+    if not isinstance(compared.bound, float):
+        return
+    if unit == "m":
+        yield from _iter_of_length(compared.bound, syntax.render(compared), located, path, rig)
+    if not uncertainty:
         return
     if is_equal or (compared.relation in under and compared.bound <= uncertainty):
         limit, least = NUMBERS[unit](compared.bound, uncertainty)
@@ -189,8 +199,18 @@ def _iter_of_call(call: syntax.Call, located: Located, path: Address, rig: Rig) 
     uncertainty_m = UNCERTAINTY_STDS * math.hypot(*map(rig.estimate_std, names))
     definition = get_predicate_library().find(call.name)
     for argument, term in zip(definition.arguments if definition else (), call.terms, strict=False):
-        if argument.name in LENGTHS and isinstance(term, syntax.Number) and term.value <= uncertainty_m:
+        if argument.name not in LENGTHS or not isinstance(term, syntax.Number):
+            continue
+        yield from _iter_of_length(term.value, syntax.render(call), located, path, rig)
+        if term.value <= uncertainty_m:
             tolerance, least = compare_lengths(term.value, uncertainty_m)
             expected = f"more than ±{least}, as well as these cameras place {' and '.join(names)} at best"
             hint = f"Write more than {uncertainty_m:.2g}, or place a camera nearer in sensors.yaml."
             yield located.problem("UNDECIDABLE", path, f"{tolerance} in {syntax.render(call)!r}", expected, hint)
+
+
+def _iter_of_length(length_m: float, text: str, located: Located, path: Address, rig: Rig) -> Iterator[Problem]:
+    """A length beyond all that the scene holds, which decides nothing: mostly of another unit."""
+    if length_m > (extent_m := rig.measure_extent()):
+        found, expected = f"{length_m:g} m in {text!r}", f"a length within the scene, {extent_m:.1f} m"
+        yield located.problem("INVALID_VALUE", path, found, expected, f"For centimetres write {length_m / 100:g}.")

@@ -7,14 +7,13 @@ from pathlib import Path
 
 import msgspec
 
-from phyagentos.assembly.project import open_library
+from phyagentos.assembly.project import open_library, read_limits
 from phyagentos.errors import DefinitionError, Problem, relocate
 from phyagentos.operations.calibrate import write_entries
 from phyagentos.operations.export import Written
 from phyagentos.operations.ros2 import require_own
 from phyagentos.protocol.capabilities.targets import is_beside
 from phyagentos.protocol.documents.durable_files import replace_durably
-from phyagentos.protocol.settings.safety import Safety, read_safety
 from phyagentos.scratch import open_scratch
 
 NEAR_M, FAR_M = 0.36, (0.66, 0.40)  # of what shipped scenes hold, the nearest, and the farthest along x and y
@@ -145,10 +144,7 @@ def check_robot(robot: str) -> ProfileCheck:
 
     library = open_library()
     path = library.get_target(robot)
-    files = [root / "protocol" / "safety.yaml" for root in library.roots] + [path.with_name("safety.yaml")]
-    found = [read_safety(each) for each in files if each.is_file()]
-    limits = {name: limits for each in found for name, limits in each.targets.items()}
-    problems = tuple(check_profile(path, Safety(targets=limits)))
+    problems = tuple(check_profile(path, read_limits(library, robot)))
     try:
         remarks = read_remarks(*read_profile(path))
     except DefinitionError:  # stands among the problems

@@ -276,6 +276,8 @@ def test_what_the_cameras_of_a_rig_cannot_tell_is_warned_of_with_numbers(paos, w
     more += ', "distance(blue_cube, red_tray) < 0.3", "tilt(red_cube) == 0.1", "not distance(red_cube, red_tray) > 0.1"'
     more += ', "not tilt(blue_cube) > 0.02", "not at(red_cube, red_tray, 0.001)", "not tilt(blue_cube) == 0.1"'
     more += ', "distance(red_cube, blue_tray) > 0.3", "distance(red_cube, blue_tray) < 0.302", "tilt(blue_cube) > 0.1"'
+    more += ', "distance(red_cube, bottle) < 10", "near(red_cube, bottle, 5)"'
+    graph = graph.replace("timeout_s: 60", "timeout_s: 60000")
     path = write("goal_graphs/tidy_table.yaml", f"{graph[: graph.index('accept:' + chr(10))]}accept: [{more}]")
     result = paos("lint", path)
     assert (result.code, "1 file checked, no problem") == (ExitCode.GOAL_MET, result.out.strip())
@@ -288,6 +290,9 @@ def test_what_the_cameras_of_a_rig_cannot_tell_is_warned_of_with_numbers(paos, w
         "UNDECIDABLE: found <= 2 mm in 'distance(green_cube, red_tray) <= 0.002'; expected more than ±3 mm",
         "UNDECIDABLE: found == 6° in 'tilt(red_cube) == 0.1'",
         "UNDECIDABLE: found > 1° in 'tilt(blue_cube) > 0.02'",
+        "INVALID_VALUE: found 10 m in 'distance(red_cube, bottle) < 10'; expected a length within the scene, 3",
+        "INVALID_VALUE: found 5 m in 'near(red_cube, bottle, 5)'",
+        "SESSION_TOO_LONG: found 60000 s; expected at most 600 s for 'panda' by safety.yaml. For milliseconds",
         "UNDECIDABLE: found 2 mm between the bounds of 'distance(red_cube, blue_tray)'; expected more than 5 mm",
     )
     assert [each for each in expected if each not in result.err] == [], result.err

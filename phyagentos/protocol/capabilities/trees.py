@@ -362,7 +362,7 @@ def _build(located: Located, address: Address, problems: list[Problem], default_
     if not isinstance(data, dict) or len(data) != 1:
         shown = f"a mapping with keys {', '.join(map(str, data))}" if isinstance(data, dict) else show_value(data)
         expected = "a mapping with one key: a node kind or a leaf"
-        hint = "Write each as an entry of its own." if isinstance(data, dict) and data else ""
+        hint = "Write each as an entry of its own, without brackets." if data else "Write its name."
         problems.append(located.problem("INVALID_VALUE", address, shown, expected, hint))
         return None
     key, body = next(iter(data.items()))

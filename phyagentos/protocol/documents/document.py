@@ -161,8 +161,11 @@ def split_front_matter(text: str, source: str) -> tuple[str, int]:
     """The YAML between the first two `---` lines, and the line it begins on; raises DefinitionError without any."""
     match = _FRONT.match(text)
     if match is None:
-        expected = "a first line '---', YAML, and a line '---'"
-        raise DefinitionError.of("MISSING_VALUE", f"{source}:1:1", repr(text.split("\n", 1)[0][:40]), expected)
+        expected, first = "a first line '---', YAML, and a line '---'", text.split("\n", 1)[0]
+        is_open = first.rstrip() == "---"
+        hint = f"Write a {'second' if is_open else 'first'} line '---'."
+        found = "a first line '---' alone" if is_open else repr(first[:40])
+        raise DefinitionError.of("MISSING_VALUE", f"{source}:1:1", found, expected, hint)
     return match[1], 2
 
 

@@ -28,7 +28,7 @@ from phyagentos.protocol.documents.yaml_scalars import (
     find_old_number,
     format_scalar,
 )
-from phyagentos.protocol.documents.yaml_syntax import QUOTE_OPEN, explain
+from phyagentos.protocol.documents.yaml_syntax import BRACKET_OPEN, QUOTE_OPEN, explain
 
 Address = tuple[str | int, ...]
 _Mapping = dict[Any, Any]
@@ -161,8 +161,11 @@ def parse_yaml(text: str, source: str, first_line: int = 1, values_max: int = VA
         finally:
             loader.dispose()
     except yaml.YAMLError as error:
-        detail, hint = explain(error)
-        mark = getattr(error, "context_mark" if QUOTE_OPEN in detail else "problem_mark", None)
+        mark = getattr(error, "problem_mark", None)
+        detail, hint = explain(error, text[mark.index : mark.index + 1] if mark else "")
+        opened = getattr(error, "context_mark", None)
+        if detail == QUOTE_OPEN or (detail == BRACKET_OPEN and opened and mark and opened.line < mark.line):
+            mark = opened
         if isinstance(error, yaml.reader.ReaderError):
             head = text[: error.position]
             mark = yaml.Mark("", error.position, head.count("\n"), len(head) - head.rfind("\n") - 1, None, 0)
@@ -461,6 +464,7 @@ def _phrase(kind: str, facts: Mapping[str, Any]) -> str:
 _UNITS = frozenset({"m", "kg", "s", "rad", "deg", "hz", "n", "nm", "px"})  # at the end of a key
 
 
+_NUMBER = re.compile(r"[-+]?[0-9]*\.?[0-9]+(e[-+]?[0-9]+)?$")
 _CONTAINERS = frozenset({"list_type", "tuple_type", "dict_type", "model_type"})
 _STEPS = {  # by pydantic's kind of error
     "greater_than": "Write more than {gt:g}.",
@@ -498,6 +502,9 @@ def _advise(kind: str, key: str, facts: Mapping[str, Any], found: object) -> str
         more = facts["max_length"] - facts["actual_length"]
         return f"Add {more}." if more > 0 else f"Remove {-more}."
     *_, of, unit = ("", *key.split("_"))
+    pieces = found.replace(",", " ").split() if isinstance(found, str) else []
+    if kind in {"list_type", "tuple_type"} and len(pieces) > 1 and all(map(_NUMBER.match, pieces)):
+        return f"Write [{', '.join(pieces)}]."
     if of and unit in _UNITS and isinstance(found, str):
         return f"{key!r} is in {f'{of}/{unit}' if of in _UNITS else unit}; write the number alone."
     if kind == "string_pattern_mismatch":

@@ -3,17 +3,17 @@
 import yaml
 
 QUOTE_OPEN = "a quote that is not closed"
+BRACKET_OPEN = "a list or mapping in brackets that is not closed, or lacks a comma"
 _QUOTE = "Quote a text that holds ': ' or ' #', or that begins with one of [ ] { } > | * & ! % @ `."
 _ALIGN = "Indent the keys of one mapping alike, with blanks."
 _CLOSE = "Close every [, { and quote, and put a comma between values; in brackets '${...}' stands in quotes."
 _WORDS = {  # part of the library's sentence: found, and what to do
     "mapping values are not allowed": ("a second ': ' in one line, or a key further in than those above it", _QUOTE),
     "could not find expected ':'": ("a line that is no key, as ': ' is missing", "Write 'key: value'."),
-    "cannot start any token": ("a letter that begins no value: a tab, @, ` or %", f"Use blanks for tabs. {_QUOTE}"),
     "a tab character": ("a tab", "Indent with blanks."),
     "did not find expected key": ("a line that fits no mapping or list above it", f"{_ALIGN} Close every quote."),
     "did not find expected '-'": ("a line among the '- ' of a list that does not begin with '- '", _ALIGN),
-    "did not find expected ',' or": ("a list or mapping in brackets that is not closed, or lacks a comma", _CLOSE),
+    "did not find expected ',' or": (BRACKET_OPEN, _CLOSE),
     "did not find expected node content": ("a bracket or comma where a value is expected", _CLOSE),
     "found unexpected end of stream": (QUOTE_OPEN, "Close it."),
     "found unexpected document indicator": (QUOTE_OPEN, "Close it."),
@@ -40,10 +40,12 @@ def _split(said: str) -> tuple[str, str]:
     return found, step and f"{step[0].upper()}{step[1:]}."
 
 
-def explain(error: yaml.YAMLError) -> tuple[str, str]:
-    """What was found, and what to do next."""
+def explain(error: yaml.YAMLError, letter: str = "") -> tuple[str, str]:
+    """What was found, and what to do next; `letter` stands where the problem is."""
     said = f"{getattr(error, 'problem', None) or ''} {getattr(error, 'context', None) or ''}"
     said = said if said.strip() else str(error)
+    if "cannot start any token" in said:
+        return ("a tab", "Indent with blanks.") if letter == "\t" else (f"{letter!r}, which begins no value", _QUOTE)
     known = next((words for part, words in _WORDS.items() if part in said), None)
     if known is not None:
         return known

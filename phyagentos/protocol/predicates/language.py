@@ -121,7 +121,7 @@ class _Parser:
         if token.kind == "," and before.kind == "number":
             return "Write a point in a number, not a comma."
         if before.kind == ")" and token.kind == "name":
-            return "Join predicates with 'and' or 'or'."
+            return "Join predicates with 'and' or 'or'; compare with <, <=, >, >= or ==."
         both = token.kind == before.kind == "name" and token is not before
         if both and self._position == 1:
             first = "A predicate stands before its arguments: inside(a, b)."

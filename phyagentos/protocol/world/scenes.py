@@ -386,8 +386,9 @@ def _parse_scene(text: str, path: Path) -> SceneSpec:
     problems += _iter_unplaced(spec, located)
     spec = spec.model_copy(update={"bodies": _arrange(spec.bodies, spec.rows, spec.stacks)})
     problems += [*_find_dangling(spec, located), *_iter_misnamed(spec, located), *_iter_oversized(spec, located)]
-    if not path.with_suffix("").as_posix().endswith(f"scenes/{spec.scene}"):
-        problems.append(located.problem("INVALID_VALUE", ("scene",), repr(spec.scene), "the file's path below scenes/"))
+    if not (place := path.with_suffix("").as_posix()).endswith(f"scenes/{spec.scene}"):
+        expected, hint = "the file's path below scenes/", f"Write {place.rpartition('scenes/')[2]!r}."
+        problems.append(located.problem("INVALID_VALUE", ("scene",), repr(spec.scene), expected, hint))
     raise_any(problems)
     return spec
 
