@@ -174,7 +174,7 @@ def test_every_integer_that_a_record_can_hold_is_read():
         ("a: !foo x", "f.yaml:1:4: SYNTAX: found a tag"),
         ("a: 1\n---\nb: 1", "f.yaml:2:1: SYNTAX: found a second document"),
         ("a: 1\na: 2\n", "f.yaml:2:1: DUPLICATE_NAME: found 'a'"),
-        ("a: [1\n", "f.yaml:2:1: SYNTAX"),
+        ("a: [1\n", "f.yaml:1:4: SYNTAX"),
         ("- 1\n", r"f.yaml:1:1: INVALID_VALUE: found \[1\]; expected a mapping. Write {name: …}."),
     ],
 )
