@@ -74,8 +74,10 @@ def read_manifest(folder: Path) -> Manifest:
         return msgspec.json.decode(read_regular(folder / MANIFEST, PART_MAX), type=Manifest)
     except (OSError, msgspec.MsgspecError) as error:
         hint = "Name a folder that `paos bench run` has made."
-        where = str(folder / MANIFEST)
-        raise DefinitionError.of("NOT_A_WORKSPACE", where, str(error), "the folder of a run", hint) from error
+        found = "no such file" if isinstance(error, FileNotFoundError) else str(error)
+        raise DefinitionError.of(
+            "NOT_A_WORKSPACE", str(folder / MANIFEST), found, "the folder of a run", hint
+        ) from error
 
 
 def continue_run(folder: Path, plan: Plan) -> Manifest:

@@ -108,6 +108,11 @@ SEED_MAX = str(2**63 - 1)
         (("doctor", "nowhere"), "UNKNOWN_NAME (folder)"),
         (("help", "zzyzx"), "alike, approve, backup"),
         (("run", "tidy_table", "--verify", "sometimes"), "recovery"),
+        (("run", "tidy_table", "--seed", "abc"), "found 'abc'; expected a whole number"),
+        (("list", "robot"), "found 'robot'; expected one of graphs, leaves"),
+        (("memory", "list"), "No such command 'list'. There are show, why, forget"),
+        (("bench", "compare", "a", "b"), "NOT_A_WORKSPACE: found no such file; expected the folder of a run"),
+        (("robot", "new", __file__), "found a file called '.py'; expected a model of a robot: .xml"),
         (
             ("compile", "tidy_table", "--set", "arm=panda"),
             "--set arm: UNKNOWN_NAME (parameter): found 'arm'; expected targets.arm",

@@ -394,7 +394,7 @@ def _to_problem(model: type[Authored], located: Located, base: Address, item: Er
         if kind == "union_tag_not_found":
             return located.problem("MISSING_VALUE", path, "nothing", f"key {tag!r}", f"Add {tag!r}.")
         path, found, facts = (*path, tag), facts["tag"], {"expected": _ENUM.sub(r"\1", facts["expected_tags"])}
-    expected = str(facts.get("expected") or _phrase(kind, facts))
+    expected = str(facts.get("expected") or phrase(kind, facts))
     names = expected.replace("'", "").replace(" or ", ", ").split(", ")
     hint = advise_form(found, _FORMS.get(kind.partition("_")[0], ""))
     hint = hint or (format_hint(found, names) if isinstance(found, str) else "")
@@ -454,7 +454,8 @@ _PATTERNS = {
 }
 
 
-def _phrase(kind: str, facts: Mapping[str, Any]) -> str:
+def phrase(kind: str, facts: Mapping[str, Any]) -> str:
+    """What is expected where a value is of the wrong kind, by pydantic's name of the error."""
     if facts.get("pattern") in _PATTERNS:
         return _PATTERNS[facts["pattern"]]
     kind = kind.removesuffix("_type").removesuffix("_parsing")

@@ -22,7 +22,7 @@ from phyagentos.protocol.documents.schema import Address, read_yaml, validate
 from phyagentos.runtime.models.base import free_base, freeze, put_on_plane
 from phyagentos.runtime.models.compiling import compile_model, explain
 from phyagentos.runtime.models.meshes import settle_meshes
-from phyagentos.runtime.models.sources import find_model, find_models, is_urdf
+from phyagentos.runtime.models.sources import find_model, find_models, is_urdf, require_reader
 from phyagentos.runtime.models.urdf import ModelSource, describe_left_out, read_urdf
 
 GRIPPER_ACTUATOR = "act_gripper"
@@ -235,6 +235,7 @@ def read_model(path: Path, arguments: Mapping[str, str] = {}, replaced: Collecti
     Raises:
         DefinitionError: `MODEL_INVALID`, `UNREADABLE_FILE`, also for the file of a solid.
     """
+    require_reader(path)
     if is_urdf(path):
         source = read_urdf(path, arguments, replaced)
     else:

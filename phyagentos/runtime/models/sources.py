@@ -20,6 +20,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile, is_beside
 from phyagentos.protocol.documents.enclosure import leads_out
 
 MODELS, MENAGERIE_ROOT = "PHYAGENTOS_MODELS", "MENAGERIE_ROOT"
+SUFFIXES = (".xml", ".mjcf", ".urdf", ".xacro")
 
 
 def find_model(model: str, folder: Path, environ: Mapping[str, str] = os.environ) -> Path:
@@ -95,7 +96,10 @@ def is_urdf(path: Path) -> bool:
 
 
 def require_reader(path: Path) -> None:
-    """Raise `MODEL_INVALID` for a xacro file where what expands it is not installed."""
+    """Raise `MODEL_INVALID` for what is no model, and a xacro file where what expands it is not installed."""
+    if path.suffix not in SUFFIXES:
+        found, expected = f"a file called {path.suffix or path.name!r}", f"a model of a robot: {', '.join(SUFFIXES)}"
+        raise DefinitionError.of("MODEL_INVALID", str(path), found, expected, "Name it by what it is.")
     if path.suffix == ".xacro" and importlib.util.find_spec("xacrodoc") is None:
         raise DefinitionError.of("MODEL_INVALID", str(path), "a xacro file", "a URDF file", format_install("xacro"))
 

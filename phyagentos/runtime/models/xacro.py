@@ -8,7 +8,6 @@ from pathlib import Path
 
 from phyagentos.errors import DefinitionError, Problem
 from phyagentos.runtime.models.meshes import iter_package_folders
-from phyagentos.runtime.models.sources import require_reader
 
 _PACKAGES = 64  # that one file may name
 _USED, _DECLARED = re.compile(r"\$\(arg (\w+)\)"), re.compile(r"""<xacro:arg\s+name=["'](\w+)["']\s+default=""")
@@ -32,7 +31,6 @@ def expand_xacro(path: Path, arguments: Mapping[str, str]) -> str:
     Raises:
         DefinitionError: `MODEL_INVALID` for whatever cannot be expanded, `UNREADABLE_FILE` for an absent package.
     """
-    require_reader(path)
     import xacro  # type: ignore[import-not-found, import-untyped, unused-ignore]
     from xacrodoc import packages  # type: ignore[import-not-found, import-untyped, unused-ignore]
 
