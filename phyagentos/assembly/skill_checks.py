@@ -75,9 +75,12 @@ def _check_predicates(skill: SkillRuntime, located: Located) -> Iterator[Problem
 
 
 def _iter_targets_as_objects(skill: SkillRuntime, located: Located, at: Address, text: str) -> Iterator[Problem]:
-    """The session's own target where an object or a place is asked for."""
+    """The session's own target where an object or a place is asked for, and a parameter that lacks its brackets."""
     written = parse_predicate(text.replace(f"${{{TARGET_WORD}}}", TARGET_WORD), template=True)
     for each in () if TARGET_WORD in skill.parameters else written.iter_references():
+        if each.name in skill.parameters:
+            wanted = f"a name of the scene, or the parameter '${{{each.name}}}'"
+            yield located.problem("INVALID_VALUE", at, f"{each.name!r} in {text!r}", wanted, "It stands in ${ }.")
         if each.name == TARGET_WORD and each.kind is not ArgumentKind.TARGET:
             found = f"{TARGET_WORD!r}, the session's own target, as {each.kind} in {text!r}"
             known = (f"${{{name}}}" for name in skill.parameters)

@@ -112,8 +112,8 @@ def read_target(path: Path) -> TargetProfile:
     located = read_yaml(path)
     profile = validate(TargetProfile, located)
     if profile.target != path.parent.name:
-        expected = f"the folder's name {path.parent.name!r}"
-        raise DefinitionError(located.problem("INVALID_VALUE", ("target",), repr(profile.target), expected))
+        expected, hint = f"the folder's name {path.parent.name!r}", f"Write {path.parent.name!r}, or rename the folder."
+        raise DefinitionError(located.problem("INVALID_VALUE", ("target",), repr(profile.target), expected, hint))
     return profile
 
 

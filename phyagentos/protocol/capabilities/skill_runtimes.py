@@ -295,9 +295,8 @@ def read_skill(path: Path) -> tuple[SkillRuntime, Located]:
     located = parse_library_yaml(front, str(path), first_line)
     skill = validate(SkillRuntime, located)
     if skill.skill != path.parent.name:
-        raise DefinitionError(
-            located.problem("INVALID_VALUE", ("skill",), repr(skill.skill), f"the folder's name {path.parent.name!r}")
-        )
+        expected, hint = f"the folder's name {path.parent.name!r}", f"Write {path.parent.name!r}, or rename the folder."
+        raise DefinitionError(located.problem("INVALID_VALUE", ("skill",), repr(skill.skill), expected, hint))
     if (book := path.with_name(RECIPES)).is_file():
         skill = skill.model_copy(update={"recipes": (*skill.recipes, *read_recipes(book))})
     return skill, located

@@ -210,7 +210,7 @@ class Arm(Authored):
     stiffness_nm_rad: tuple[NotNegative, ...]
     damping_nms_rad: tuple[NotNegative, ...]
     armature_kg_m2: float = pydantic.Field(default=0.0, ge=0.0)
-    payload_kg: float = pydantic.Field(default=0.0, ge=0.0)
+    payload_kg: float = pydantic.Field(default=0.0, ge=0.0, le=500.0)
     position_noise_rad: float = pydantic.Field(default=0.0, ge=0.0)
     velocity_noise_rad_s: float = pydantic.Field(default=0.0, ge=0.0)
     state_delay_s: float = pydantic.Field(default=0.0, ge=0.0)
@@ -272,7 +272,7 @@ class Gripper(Authored):
     force_n: NotNegative
     mass_kg: float = pydantic.Field(default=0.0, ge=0.0)
     speed_m_s: float = pydantic.Field(default=0.1, gt=0.0)
-    close_time_s: NotNegative = 0.4
+    close_time_s: float = pydantic.Field(default=0.4, ge=0.0, le=10.0)
     palm_depth_m: NotNegative = 0.02
     palm_height_m: NotNegative = 0.055
     fingertip_m: NotNegative = 0.016

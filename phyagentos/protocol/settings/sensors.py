@@ -124,7 +124,7 @@ class NoiseLevel(Authored):
     depth_grazing: float = pydantic.Field(default=0.0, ge=0.0, le=0.1)
     depth_unit_m: float = pydantic.Field(default=0.0, ge=0.0, le=0.1)
     lateral_std_rad: float = pydantic.Field(default=0.0, ge=0.0, le=0.1)
-    pixel_dropout: float = pydantic.Field(default=0.0, ge=0.0, le=1.0)
+    pixel_dropout: float = pydantic.Field(default=0.0, ge=0.0, lt=1.0)
     glass_dropout: float = pydantic.Field(default=0.0, ge=0.0, le=1.0)
     black_dropout: float = pydantic.Field(default=0.0, ge=0.0, le=1.0)
     exposure_s: float = pydantic.Field(default=0.0, ge=0.0, le=0.1)

@@ -23,7 +23,7 @@ class When(Authored):
 
     time_s: float | None = pydantic.Field(default=None, ge=0.0)
     session: str | None = None
-    lifted_m: float | None = pydantic.Field(default=None, ge=0.0)
+    lifted_m: float | None = pydantic.Field(default=None, ge=0.0, le=5.0)
     gripper_near_m: float | None = pydantic.Field(default=None, ge=0.0)
 
 

@@ -319,11 +319,18 @@ def _iter_literal_problems(tree: Tree, place: Address, value: Any, port: PortInf
         return
     if expected := find_misfit(value, port):
         yield tree.located.problem("INVALID_VALUE", place, format_scalar(value), expected, port.description)
+    elif isinstance(value, str) and value in tree.header.inputs and place[-1] == value:
+        wanted = f"a name of the scene, or the key '${{{value}}}'"
+        yield tree.located.problem("INVALID_VALUE", place, format_scalar(value), wanted, "A key stands in ${ }.")
 
 
 def _iter_condition_problems(tree: Tree, node: Node, written: dict[str, type]) -> Iterator[Problem]:
     try:
-        parse_predicate(node.text, address=tree.located.address_of(node.address), template=True)
+        written_names = parse_predicate(node.text, address=tree.located.address_of(node.address), template=True)
+        for each in written_names.iter_references():
+            if each.name in tree.header.inputs:
+                found, wanted = f"{each.name!r} in {node.text!r}", f"a name of the scene, or the key '${{{each.name}}}'"
+                yield tree.located.problem("INVALID_VALUE", node.address, found, wanted, "A key stands in ${ }.")
     except DefinitionError as error:
         yield from error.problems
     for key in find_references(node.text):

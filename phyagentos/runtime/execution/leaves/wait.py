@@ -7,7 +7,9 @@ class Wait(Leaf):
     """Hold still for some time."""
 
     ROLE = Role.WAIT
-    INPUT_PORTS = {"seconds": Port(data_type=float, minimum=0.0, description="How long, simulated [s].")}
+    INPUT_PORTS = {
+        "seconds": Port(data_type=float, minimum=0.0, maximum=3600.0, description="How long, simulated [s].")
+    }
 
     _until_s = 0.0
 
