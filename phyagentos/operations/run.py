@@ -27,7 +27,7 @@ from phyagentos.assembly.memory_choice import choose_memory
 from phyagentos.assembly.paths import choose_folder, serve_alone
 from phyagentos.assembly.planes import Plane, start_watch
 from phyagentos.assembly.planted_faults import check_planted, find_unstruck
-from phyagentos.assembly.project import admit_python, get_file, open_library, parse_overrides
+from phyagentos.assembly.project import admit_python, get_file, open_library, parse_overrides, read_limits
 from phyagentos.assembly.skill_checks import check_arguments, check_skill
 from phyagentos.clock import Clock
 from phyagentos.errors import DefinitionError, ExecutionError, Problem, has_room
@@ -288,7 +288,7 @@ def _check_own(
 
     if is_beside(profile.model) and not (file.parent / profile.model).is_file():
         return []
-    if not _is_shipped(file) and (problems := check_profile(file)):
+    if not _is_shipped(file) and (problems := check_profile(file, read_limits(library, profile.target))):
         return problems
     trees, registry = {catalogue.skills[each.skill].tree for each in graph.choices.values()}, read_registry(library)
     if not all(tree and needs_grasp(read_tree(library.get_tree(tree)).root, library, registry) for tree in trees):

@@ -1,6 +1,7 @@
 """`paos robot new`: a draft from a model, which the profile names so that it is found again."""
 
 import json
+import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -107,6 +108,13 @@ def test_a_run_refuses_of_a_robot_of_the_project_what_its_check_refuses(paos, mo
         refused = paos(*command)
         assert refused.code == ExitCode.INVALID_INPUT
         assert "target.yaml:9:3: INVALID_VALUE" in refused.out + refused.err
+    model.write_text(MODEL)
+    profile.write_text(re.sub(r"velocity_rad_s: \[[^,]*", "velocity_rad_s: [57", text))
+    for command in (("robot", "check", "arm"), ("run", "tidy_table", "--set", "targets.arm=arm")):
+        refused = paos(*command)
+        assert "found 57; expected at most 1, which" in refused.out + refused.err
+        assert "safety.yaml allows as joint_velocity_max. For degrees write 0.9948." in refused.out + refused.err
+    model.write_text(MODEL.replace('mass="1"', 'mass="0"'))
     profile.write_text(text)
     for command in (("robot", "check", "arm"), ("robot", "render", "arm"), ("robot", "show", "arm"),
                     ("run", "tidy_table", "--set", "targets.arm=arm")):  # fmt: skip

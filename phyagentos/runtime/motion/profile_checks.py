@@ -10,13 +10,15 @@ from phyagentos.errors import DefinitionError, Problem
 from phyagentos.geometry import convert_euler, multiply
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.schema import Located, read_yaml
-from phyagentos.protocol.settings.safety import Safety
+from phyagentos.protocol.settings.safety import Safety, TargetLimits, as_numbers
 from phyagentos.runtime.models.robot import compile_robot, read_profile
 from phyagentos.runtime.motion.planning_scene import PlanningScenes
 from phyagentos.runtime.motion.requests import World
 from phyagentos.runtime.motion.robot_model import RobotModel, build_robot_model, iter_finger_bounds
 
 _POINTS = {90: "x", 180: "-z", -90: "-x"}  # where fingers point, by the turn about y that mends it
+PLANNED = (("joint_velocity_max", "velocity_rad_s"), ("joint_acceleration_max", "acceleration_rad_s2"))
+TOLERANCE = 1e-6
 ALONG_COS = 0.9  # between the way of the fingers and the closing axis
 
 
@@ -27,7 +29,9 @@ def find_profile_problems(path: Path, profile: TargetProfile, limits: Safety | N
         DefinitionError: The model cannot be built at all.
     """
     located = read_yaml(path)
-    problems = [] if limits is None or profile.target in limits.targets else [_describe_no_limits(profile, path)]
+    own = None if limits is None else limits.targets.get(profile.target)
+    problems = [] if limits is None or own else [_describe_no_limits(profile, path)]
+    problems += _iter_faster(profile, own, located) if own else []
     if not profile.model:
         return problems
     compile_robot(profile, path.parent)  # physics needs masses, planning none
@@ -38,6 +42,20 @@ def find_model_problems(robot: RobotModel, located: Located) -> Iterator[Problem
     """Problems of postures and hand in the model, at their lines of the profile."""
     yield from _iter_posture_problems(robot, located)
     yield from _iter_gripper_problems(robot, located)
+
+
+def _iter_faster(profile: TargetProfile, limits: TargetLimits, located: Located) -> Iterator[Problem]:
+    """The first joint whose speed, and whose acceleration, is planned with and refused by the guard."""
+    for name, field in PLANNED:
+        planned, allowed = np.array(getattr(profile.arm, field)), np.array(as_numbers(getattr(limits, name)))
+        if len(allowed) not in {1, len(planned)}:
+            continue  # safety.yaml's own problem
+        for index in np.flatnonzero(planned > allowed * (1.0 + TOLERANCE)).tolist()[:1]:
+            at_most = float(np.broadcast_to(allowed, planned.shape)[index])
+            found, expected = f"{planned[index]:g}", f"at most {at_most:g}, which safety.yaml allows as {name}"
+            turned = float(np.radians(planned[index]))
+            hint = f"For degrees write {turned:.4g}." if turned <= at_most * 1.01 else f"Write {at_most:g} or less."
+            yield located.problem("INVALID_VALUE", ("arm", field, index), found, expected, hint)
 
 
 def _describe_no_limits(profile: TargetProfile, path: Path) -> Problem:
