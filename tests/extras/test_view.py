@@ -232,6 +232,9 @@ def test_a_narrow_scene_shows_no_controls_of_its_own(browser, shown):
     scene = get_scene(page)
     assert scene.get_by_text("Connected").count() == 1, "its client has them"
     assert not scene.get_by_text("Connected").is_visible()
+    wide = page.locator(".stage").bounding_box()["width"]
+    assert page.locator(".stage iframe").bounding_box()["width"] == pytest.approx(wide, abs=1)
+    assert scene.evaluate("innerWidth") == pytest.approx(wide / 2, abs=1), "the processor draws a quarter of the points"
     visits.end()
 
 

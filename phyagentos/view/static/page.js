@@ -73,7 +73,10 @@ function play(starts) {
 document.addEventListener("click", (event) => { if (event.target.id === "play") play(!playing); if (event.target.matches("#result .close")) one("#result").replaceChildren(); });
 // Where nothing draws in 3D, pictures stand in place of the scene.
 const canvas = document.createElement("canvas");
-const isFlat = !(canvas.getContext("webgl2") || canvas.getContext("webgl"));
+const graphics = canvas.getContext("webgl2") || canvas.getContext("webgl"), isFlat = !graphics;
+// Where the processor draws, a quarter of the points keeps it in time with the run.
+const drawer = graphics?.getParameter(graphics.getExtension("WEBGL_debug_renderer_info")?.UNMASKED_RENDERER_WEBGL ?? graphics.RENDERER);
+if (/swiftshader|llvmpipe|software/i.test(drawer)) document.documentElement.classList.add("in-software");
 if (isFlat) document.documentElement.classList.add("flat-only");
 document.addEventListener("error", (event) => event.target.closest?.("figure[data-drawn]")?.remove(), true); // no graphics where the page is served
 const move = (to) => { share = Math.min(Math.max(to, 0), 1); follow(); };
