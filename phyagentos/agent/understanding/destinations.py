@@ -70,13 +70,22 @@ class Destinations(Nouns):
 
     def _check_bare(self, noun: Node, dest: Node) -> None:
         """`yellow on the blue` after places were named: the blue one of the places, or of what is moved, is open."""
-        plains = [each for each in list_children(noun) if each.data == "plain"] if dest.data == "onto" else []
+        plains = [each for each in list_children(noun) if each.data == "plain"]
         heads = self.heads.get(Slot.PLACE, ""), self.heads.get(Slot.MOVED, "")
         if len(plains) != 1 or self._read_head(plains[0])[0] or not all(heads) or heads[0] == heads[1]:
             return
         before = dict(self.heads)
-        found = [{each.name for each in self._find_candidates(plains[0], Slot.PLACE, head)[0]} for head in heads]
+        asked = len(self.questions)
+        found = [
+            {
+                each.name
+                for each in self._find_candidates(plains[0], Slot.PLACE, head)[0]
+                if each.name not in self.recent[-1] and (dest.data != "into" or each.has_interior)
+            }
+            for head in heads
+        ]
         self.heads = before
+        del self.questions[asked:]
         if all(found) and found[0].isdisjoint(found[1]):
             chosen = self.ask(QuestionKind.WHICH, noun, sorted(found[0] | found[1]))
             self.heads[Slot.PLACE] = heads[chosen[0] in found[1]] if chosen else heads[0]
