@@ -338,12 +338,17 @@ class Discourse:
         if tail.data in {"is_so", "is_not_so"}:
             (state,) = list_children(tail)
             return [item for item in found if self.is_so(item, state) is (tail.data == "is_so")]
+        if has_token(tail, "it"):  # what is put there
+            origins = [item for name in self.recent[-1] if (item := self.get(name)).movable]
+            return [each for item in origins[:1] for each in self._select([*found], tail, str(tail.data), item)]
         if not list_children(tail):  # `on the left`, `largest`
             return self._select(list(found), tail, str(tail.data), None, nth)
         heads = dict(self.heads)
         plains = [part for part in list_children(tail) if part.data == "plain"]
         owners = [owner.name for plain in plains for owner in self._find_candidates(plain, Slot.ANY, "")[0]]
         self.heads = heads
+        if tail.data == "not_called":
+            return [item for item in found if item.name not in owners]
         if tail.data == "not_located":
             found = [*found]
             there = self._list_standing(found, owners)

@@ -143,8 +143,10 @@ def _interpret(
     if open_or_missing := said.conclude():
         return open_or_missing
     about = {name for step in (*steps, accept, constraints) for text in step for name in find_entities(text)}
-    unheard = [words for words, names in iter_named(read.text, vocabulary) if names.isdisjoint(about | said.heard)]
-    if unheard and not any(get_type(token) in _TAKEN_BACK for token in list_tokens(tree)):
+    tokens = list_tokens(tree)
+    spoken = " ".join(each if get_type(each) in {"noun", "adj", "elliptic"} else "," for each in tokens)
+    unheard = [words for words, names in iter_named(spoken, vocabulary) if names.isdisjoint(about | said.heard)]
+    if unheard and _TAKEN_BACK.isdisjoint(map(get_type, tokens)):
         return refuse(RequestProblemKind.SENTENCE, *unheard)
     parts = {"constraints": constraints, "steps": steps, "accept": accept}
     reasons, chosen = (tuple(dict.fromkeys(each)) for each in (said.reasons, said.chosen))

@@ -192,6 +192,8 @@ class Nouns(Discourse):
     def find_alternatives(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
         """The one of `the red or the blue cube` that the person names."""
         names = dict.fromkeys(name for each in self._resolve_parts(list_children(phrase), slot) for name in each.names)
+        if has_token(phrase, "any_of") and names:
+            return self._choose(Named(names=tuple(names), words=self.quote(phrase)), 1, keeps_rest=False).names
         return self.ask(QuestionKind.WHICH, phrase, names) if len(names) > 1 else tuple(names)
 
     def find_opening(self, name: str) -> str:
@@ -208,7 +210,8 @@ class Nouns(Discourse):
         found = found or tuple(name for name in self.list_past() if self.get(name).movable)
         fitting = [each.name for each in self.list_fitting(Slot.MOVED)]
         if not found and len(fitting) > 1:
-            return self.ask(QuestionKind.HOW_MANY, noun, fitting)
+            is_one_kind = len({self.get(name).kind for name in fitting}) == 1
+            return tuple(fitting) if is_one_kind else self.ask(QuestionKind.HOW_MANY, noun, fitting)
         return found if len(found) > 1 else self.lack(RequestProblemKind.SENTENCE, noun)
 
     def find_everything(self, noun: Node, slot: Slot) -> tuple[str, ...]:
@@ -292,6 +295,9 @@ class Nouns(Discourse):
                 return Named()
         if slot is Slot.LOOSE:
             return self._find_loose(noun, found, kind, number)
+        is_one = [str(token) for token in plain.scan_values(lambda _: True)] == ["one"]
+        if not quantities and is_one and self.kin and self.heads.get(slot):  # `two cubes go there and one here`
+            kind, found = "any", tuple(name for name in self.kin if name not in self.moved)
         found = tuple(name for name in found if name in self.among) or found
         found = self._find_pointed(quantities, found)
         is_pending = asked > 0 and any(has_token(each, "other") for each in quantities)  # than what is not yet chosen
@@ -374,7 +380,8 @@ class Nouns(Discourse):
         if is_bare and self.kin and slot is Slot.PLACE:  # `one cube onto the other`
             return tuple(name for name in self.kin if name not in recent)
         owners = {self.get(each).stands for each in recent} | {*self.list_past(is_place=True)}
-        before = owners if slot is Slot.PLACE else {*self.moved, *self.spared, *recent}
+        said = {*self.moved, *self.spared, *recent} & {*found}
+        before = owners if slot is Slot.PLACE else said or {*self.list_past()}
         left = tuple(name for name in found if name not in before) if before & {*found} else ()
         return tuple(name for name in left if name in self.kin or not is_bare or not self.kin)
 
