@@ -21,6 +21,7 @@ _ALONG = {"toward": -1.0, "away": 1.0}  # the line from the robot, or from anoth
 _REACH_M = (0.3, 0.7)  # from the mount, as shipped arms have it; plans find out what one can reach
 GAP_M = 0.04  # between two objects that are put side by side
 BESIDE_M = 0.15  # between the middles of objects that are next to each other
+NEARLY_M = 0.24  # of those that a person may call so, too
 _ORDERS_MAX = 6  # to choose from
 _TALL = 1.2  # height to width
 _APART_M, _ALIKE = 0.01, 0.05  # places, and shares of a size, that are taken for equal
@@ -52,11 +53,13 @@ def list_most(bodies: Sequence[SceneObject], kind: str, view: float, reference: 
 
 
 def _list_middle(bodies: Sequence[SceneObject]) -> list[str]:
-    """The middle one of an odd number, along the axis on which they are farthest apart; all where there is none."""
+    """The middle one of an odd number that stand along a line; all where there is none."""
     columns = [[body.at_m[axis] for body in bodies if body.at_m is not None] for axis in (0, 1)]
     axis = max((0, 1), key=lambda each: max(columns[each]) - min(columns[each]))
     ordered = sorted(bodies, key=lambda body: columns[axis][bodies.index(body)])
-    return [each.name for each in (bodies if len(bodies) % 2 == 0 else [ordered[len(bodies) // 2]])]
+    middle = ordered[len(bodies) // 2]
+    is_one = len(bodies) % 2 == 1 and (len(bodies) == 1 or is_between(middle, (ordered[0], ordered[-1])))
+    return [each.name for each in ([middle] if is_one else bodies)]
 
 
 def list_nth(
@@ -92,14 +95,16 @@ def list_by_size(bodies: Sequence[SceneObject]) -> list[list[str]]:
     return orders if len(orders) <= _ORDERS_MAX else []
 
 
-def list_beside(bodies: Sequence[SceneObject], kind: str, view: float, owner: SceneObject) -> list[str]:
-    """Those on a side of an object, or `beside` it; all where places are not known."""
+def list_beside(
+    bodies: Sequence[SceneObject], kind: str, view: float, owner: SceneObject, most_m: float = BESIDE_M
+) -> list[str]:
+    """Those on a side of an object, or `beside` it, so far at most; all where places are not known."""
     others = [body for body in bodies if body.name != owner.name]
     if owner.at_m is None or any(body.at_m is None for body in others):
         return [body.name for body in others]
     if kind == "beside":  # what an object is in, or has in it, is not beside it
         others = [each for each in others if each.name != owner.stands and each.stands != owner.name]
-        return [each.name for each in others if each.at_m and math.dist(each.at_m[:2], owner.at_m[:2]) <= BESIDE_M]
+        return [each.name for each in others if each.at_m and math.dist(each.at_m[:2], owner.at_m[:2]) <= most_m]
     if kind == "under":
         return [each.name for each in others if _is_under(each, owner)]
     border = _rank(owner, kind, view, None)

@@ -244,8 +244,8 @@ class Clauses(FollowUps):
     def _read_by_means(self, _: Node, *parts: Node) -> Step:
         """A goal says what is true then, and not with what: which of several handles it is stays open."""
         tool, command = sorted(parts, key=lambda part: part.data != "things")
-        if not any(self.list_alike(plain, Slot.ANY) for plain in tool.find_data("plain")):
-            self.resolve(tool, Slot.ANY)
+        alike = [name for plain in tool.find_data("plain") for name in self.list_alike(plain, Slot.ANY)]
+        self.recent[-1] += alike if len(alike) == 1 else self.resolve(tool, Slot.ANY).names if not alike else ()
         self.unsaid.append(f"with {self.quote(tool)}")
         return self._read_texts(command)
 

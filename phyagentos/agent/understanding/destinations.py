@@ -6,15 +6,17 @@ Upstream: noun phrases. Downstream: the clauses and the questions. Each becomes 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
-from phyagentos.agent.understanding.bearings import SIDES, VIEWS, find_beside, list_beside, place_beside
+from phyagentos.agent.understanding.bearings import SIDES, VIEWS, find_beside, list_beside, place_beside, shift
 from phyagentos.agent.understanding.discourse import Named, Slot
 from phyagentos.agent.understanding.nouns import Nouns
 from phyagentos.agent.understanding.phrases import Node, find_child, has_token, is_open, list_children
 from phyagentos.agent.understanding.steps import Step, get_object, says
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
-from phyagentos.agent.understanding.vocabulary import SceneObject
+from phyagentos.agent.understanding.vocabulary import SURFACES, SceneObject
 from phyagentos.geometry import Vector
 from phyagentos.protocol.predicates.library import Meaning
+
+STEPS_M = {"5 cm": 0.05, "10 cm": 0.1, "20 cm": 0.2}  # to choose from, where no measure is said
 
 
 @dataclass(slots=True, kw_only=True)
@@ -70,13 +72,22 @@ class Destinations(Nouns):
 
     def _check_bare(self, noun: Node, dest: Node) -> None:
         """`yellow on the blue` after places were named: the blue one of the places, or of what is moved, is open."""
-        plains = [each for each in list_children(noun) if each.data == "plain"] if dest.data == "onto" else []
+        plains = [each for each in list_children(noun) if each.data == "plain"]
         heads = self.heads.get(Slot.PLACE, ""), self.heads.get(Slot.MOVED, "")
         if len(plains) != 1 or self._read_head(plains[0])[0] or not all(heads) or heads[0] == heads[1]:
             return
         before = dict(self.heads)
-        found = [{each.name for each in self._find_candidates(plains[0], Slot.PLACE, head)[0]} for head in heads]
+        asked = len(self.questions)
+        found = [
+            {
+                each.name
+                for each in self._find_candidates(plains[0], Slot.PLACE, head)[0]
+                if each.name not in self.recent[-1] and (dest.data != "into" or each.has_interior)
+            }
+            for head in heads
+        ]
         self.heads = before
+        del self.questions[asked:]
         if all(found) and found[0].isdisjoint(found[1]):
             chosen = self.ask(QuestionKind.WHICH, noun, sorted(found[0] | found[1]))
             self.heads[Slot.PLACE] = heads[chosen[0] in found[1]] if chosen else heads[0]
@@ -136,6 +147,10 @@ class Destinations(Nouns):
             return ""
         view = self.ask_view(dest)
         owner = self.find_stood(place, dest)
+        if owner.kind in SURFACES:  # a part of the table, and not what is beside it
+            far = self.ask(QuestionKind.HOW_FAR, dest, STEPS_M)
+            at_m = self.get(name).at_m or (0.0, 0.0, 0.0)
+            return self._stand_at(name, shift(at_m, str(dest.data), view, STEPS_M[far[0]])) if view and far else ""
         point_m = place_beside(self.get(name), str(dest.data), view, owner) if view else None
         return self._stand_at(name, point_m) if point_m is not None else ""
 

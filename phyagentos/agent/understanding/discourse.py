@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from phyagentos.agent.understanding.bearings import (
+    NEARLY_M,
     SIDES,
     VIEWS,
     is_between,
@@ -94,6 +95,7 @@ class Discourse:
         among: Those that a phrase means where several fit: what an exception is of, or where something stands.
         count: How many `the two cubes nearest to the bottle` are, while they are found.
         left_out: Objects that stay where they are, each with what is missing.
+        heard: Every object that a phrase was found to fit.
         exempt: What `everything except the bottle` leaves aside.
         picked: What `pick every cube up and put it` takes up, while it says where to.
         view: Whose left and right are meant, as in `VIEWS`; 0 where a request does not say.
@@ -120,6 +122,7 @@ class Discourse:
     count: int = 0
     picked: tuple[str, ...] = ()
     left_out: dict[str, str] = field(default_factory=dict)
+    heard: set[str] = field(default_factory=set)
     exempt: list[str] = field(default_factory=list)
     view: float = 0.0
     unmet: str = ""
@@ -190,7 +193,7 @@ class Discourse:
 
     def lack_named(self, plain: Node, words: str | Node) -> tuple[str, ...]:
         """Note that what a phrase means is not here, or in no inventory."""
-        is_seen = self.vocabulary.is_unlisted(self._read_head(plain)[0], _read_adjectives(plain)[0])
+        is_seen = self.vocabulary.is_unlisted(self._read_head(plain)[0], read_adjectives(plain)[0])
         if is_seen:
             return self.lack(RequestProblemKind.UNLISTED, words)
         return self.lack(RequestProblemKind.OBJECT, words, self.vocabulary.objects)
@@ -207,7 +210,7 @@ class Discourse:
 
     def _find_candidates(self, plain: Node, slot: Slot, lent: str) -> tuple[list[SceneObject], bool, bool]:
         """Objects that a noun with its words fits, whether it is a plural, and whether each goes by colour."""
-        adjectives, unlike = _read_adjectives(plain)
+        adjectives, unlike = read_adjectives(plain)
         by_colour = has_token(plain, "matching") or has_token(plain, "of_its_colour")
         head, is_plural, is_generic = self._read_head(plain)
         if slot is Slot.LOOSE and self.is_loose(plain):
@@ -238,12 +241,27 @@ class Discourse:
         found = [each for each in found if all(self.is_so(each, part) for part in states)]
         parts = [part for part in parts if part not in states and not (by_colour and part.data == "coloured_as")]
         for part in sorted(parts, key=lambda part: part.data not in _OWNED):
-            found = self._filter(found, part, nth)
+            among, found = found, self._filter(found, part, nth)
+            if slot is Slot.PLACE and any(get_type(token) in {"nearest", "farthest"} for token in part.children):
+                found = self._ask_origin(plain, among, found, str(part.data))
         if (
             parts and not head and found and self.vocabulary.unlisted
         ):  # `the nearest object` may be none of the inventory
             found = [self.get(name) for name in self.ask(QuestionKind.WHICH, plain, [each.name for each in found])]
+        self.heard.update(each.name for each in found)
         return found, is_plural and not has_token(plain, "among"), by_colour
+
+    def _ask_origin(
+        self, plain: Node, among: Sequence[SceneObject], found: list[SceneObject], kind: str
+    ) -> list[SceneObject]:
+        """`the nearest tray` is that of the robot, or of what is put there; a question where these differ."""
+        moved = [item for name in self.recent[-1] if (item := self.get(name)).movable]
+        among = [each for each in among if each not in moved]
+        others = [each for item in moved for each in self._select(among, plain, kind, item)]
+        names = dict.fromkeys(each.name for each in (*found, *others))
+        if len(names) <= len(found):
+            return found
+        return [self.get(name) for name in self.ask(QuestionKind.WHICH, plain, names)]
 
     def is_so(self, item: SceneObject, state: Node) -> bool:
         """Whether an object is in a state as the scene begins: `the open drawer`, `the empty tray`."""
@@ -270,7 +288,7 @@ class Discourse:
 
     def _guess(self, plain: Node, names: Sequence[str]) -> str:
         """The likeliest of several: `green` alone is the green cube rather than a bottle of green glass."""
-        adjectives = _read_adjectives(plain)[0]
+        adjectives = read_adjectives(plain)[0]
         called = [name for name in names if adjectives and adjectives <= {*name.split("_")}]
         return called[0] if len(called) == 1 else ""
 
@@ -283,8 +301,9 @@ class Discourse:
             found = [self.get(name) for name in self.ask(QuestionKind.WHICH, phrase, [each.name for each in found])]
         if owner is not None and kind in {*SIDES, "beside", "under"}:
             seen = [list_beside(found, kind, view, owner) for view in views]
-            if kind == "beside" and not seen[0] and not self.asks:  # `the post near the tray`: none is
-                seen = [[*self.ask(QuestionKind.WHICH, phrase, (each.name for each in found))]]
+            nearly = list_beside(found, kind, 1.0, owner, NEARLY_M) if kind == "beside" else seen[0]
+            if kind == "beside" and not self.asks and not (seen[0] and nearly == seen[0]):
+                seen = [[*self.ask(QuestionKind.WHICH, phrase, nearly or (each.name for each in found))]]
         else:
             at_m = owner.at_m if owner is not None else None
             seen = [list_first(found, kind, view, max(self.count, 1), at_m) for view in views]
@@ -319,12 +338,17 @@ class Discourse:
         if tail.data in {"is_so", "is_not_so"}:
             (state,) = list_children(tail)
             return [item for item in found if self.is_so(item, state) is (tail.data == "is_so")]
+        if has_token(tail, "it"):  # what is put there
+            origins = [item for name in self.recent[-1] if (item := self.get(name)).movable]
+            return [each for item in origins[:1] for each in self._select([*found], tail, str(tail.data), item)]
         if not list_children(tail):  # `on the left`, `largest`
             return self._select(list(found), tail, str(tail.data), None, nth)
         heads = dict(self.heads)
         plains = [part for part in list_children(tail) if part.data == "plain"]
         owners = [owner.name for plain in plains for owner in self._find_candidates(plain, Slot.ANY, "")[0]]
         self.heads = heads
+        if tail.data == "not_called":
+            return [item for item in found if item.name not in owners]
         if tail.data == "not_located":
             found = [*found]
             there = self._list_standing(found, owners)
@@ -380,7 +404,7 @@ class Discourse:
         ]
 
 
-def _read_adjectives(plain: Node) -> tuple[set[str], set[str]]:
+def read_adjectives(plain: Node) -> tuple[set[str], set[str]]:
     """Words that an object of a phrase has, and those that it must not have: `that is not yellow`."""
     words = {kind: {str(token) for token in plain.children if get_type(token) == kind} for kind in ("adj", "elliptic")}
     return (

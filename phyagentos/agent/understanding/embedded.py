@@ -7,8 +7,9 @@ from itertools import islice, product
 
 from phyagentos.agent.goals.spec import WantedGoal
 from phyagentos.agent.understanding.clauses import Clauses
+from phyagentos.agent.understanding.grounding import iter_named
 from phyagentos.agent.understanding.inquiries import read_inquiry
-from phyagentos.agent.understanding.phrases import Node, has_token, list_children
+from phyagentos.agent.understanding.phrases import Node, get_type, has_token, list_children, list_tokens
 from phyagentos.agent.understanding.reading import Readings, find_letters, read_request
 from phyagentos.agent.understanding.steps import finish, list_flipped
 from phyagentos.agent.understanding.understanding import (
@@ -21,12 +22,14 @@ from phyagentos.agent.understanding.understanding import (
     Understanding,
     Understood,
     conclude,
+    refuse,
 )
 from phyagentos.agent.understanding.vocabulary import Vocabulary
 from phyagentos.protocol.predicates.predicate import find_entities
 
 Texts = tuple[str, ...]
 _SPELLINGS_MAX = 24  # of a request with several slips
+_TAKEN_BACK = {"correction", "instead", "rather_than", "untrue"}  # what stands beside it is not meant
 READING = "reading"  # key of the question which of several readings is meant
 
 
@@ -139,6 +142,12 @@ def _interpret(
         said.lack(RequestProblemKind.GOAL, read.text)
     if open_or_missing := said.conclude():
         return open_or_missing
+    about = {name for step in (*steps, accept, constraints) for text in step for name in find_entities(text)}
+    tokens = list_tokens(tree)
+    spoken = " ".join(each if get_type(each) in {"noun", "adj", "elliptic"} else "," for each in tokens)
+    unheard = [words for words, names in iter_named(spoken, vocabulary) if names.isdisjoint(about | said.heard)]
+    if unheard and _TAKEN_BACK.isdisjoint(map(get_type, tokens)):
+        return refuse(RequestProblemKind.SENTENCE, *unheard)
     parts = {"constraints": constraints, "steps": steps, "accept": accept}
     reasons, chosen = (tuple(dict.fromkeys(each)) for each in (said.reasons, said.chosen))
     told = {"reasons": reasons, "left_out": said.left_out, "unsaid": (*read.unsaid, *said.unsaid), "chosen": chosen}

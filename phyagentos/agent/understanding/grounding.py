@@ -31,7 +31,7 @@ def choose_statements(request: str, vocabulary: Vocabulary) -> dict[str, Fields]
     where there are any. No list foresees a number in a request, or is longer than `STATEMENTS_MAX`.
     """
     words = re.findall(r"[a-z]+|\d", request.lower())
-    named = list(_iter_named(request, vocabulary))
+    named = list(iter_named(request, vocabulary))
     said = replace(vocabulary, postures=_find_postures(request, vocabulary))
     wanted, kept = (_narrow(texts(said), request, vocabulary) for texts in (list_wanted, list_kept))
     if not {*read_lexicon()["ending"]["words"]}.isdisjoint(
@@ -81,7 +81,7 @@ def find_disagreements(request: str, goal: WantedGoal, vocabulary: Vocabulary) -
     """
     wanted = frozenset[str]().union(*map(_find, (*goal.accept, *(text for step in goal.steps for text in step))))
     about = wanted.union(*map(_find, goal.constraints))
-    left_out = [words for words, names in _iter_named(request, vocabulary) if not names & about]
+    left_out = [words for words, names in iter_named(request, vocabulary) if not names & about]
     if not names_anything(request, vocabulary):
         return []
     return [
@@ -99,7 +99,7 @@ def _find_meant(request: str, vocabulary: Vocabulary) -> frozenset[str]:
     """All objects that the nouns of a request can mean; every one where a word in it can mean any."""
     if not {*read_lexicon()["general"]["words"]}.isdisjoint(request.lower().split()):
         return frozenset(vocabulary.objects)
-    return frozenset[str]().union(*(names for _, names in _iter_named(request, vocabulary)))
+    return frozenset[str]().union(*(names for _, names in iter_named(request, vocabulary)))
 
 
 def _find_postures(request: str, vocabulary: Vocabulary) -> tuple[str, ...]:
@@ -112,12 +112,16 @@ def _find(text: str) -> frozenset[str]:
     return frozenset(find_entities(text)) - {ROLE}
 
 
-def _iter_named(request: str, vocabulary: Vocabulary) -> Iterator[tuple[str, frozenset[str]]]:
+def iter_named(request: str, vocabulary: Vocabulary) -> Iterator[tuple[str, frozenset[str]]]:
     """Words of the scene, and the objects that each noun with the adjectives before it can mean."""
     adjectives, nouns = vocabulary.list_words()
     singular = {plural: noun for noun in nouns for plural in (noun, pluralise(noun))}
     before: list[str] = []
-    for word in re.findall(r"[a-z]+", request.lower()):
+    spoken = re.findall(r"[a-z]+|[,;]", request.lower())
+    for word, after in zip(spoken, [*spoken[1:], ""], strict=True):
+        if after in singular and word in adjectives:  # `the cupboard door`
+            before = [*before, word]
+            continue
         if noun := singular.get(word):
             called = (each for each in vocabulary.objects.values() if noun in each.heads)
             if found := frozenset(each.name for each in called if each.words.issuperset(before)):

@@ -7,8 +7,8 @@ lack; a phrase is never taken for the nearest object.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from phyagentos.agent.understanding.bearings import list_most
-from phyagentos.agent.understanding.discourse import Discourse, Named, Slot
+from phyagentos.agent.understanding.bearings import SIDES, list_most
+from phyagentos.agent.understanding.discourse import Discourse, Named, Slot, read_adjectives
 from phyagentos.agent.understanding.phrases import (
     Node,
     find_child,
@@ -21,6 +21,7 @@ from phyagentos.agent.understanding.phrases import (
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
 
 _RANKS = {"large", "small", "tall", "long"}
+_CHOOSING = {*SIDES, "near", "far", "middle", "top", "bottom"}
 
 
 @dataclass(slots=True, kw_only=True)
@@ -39,6 +40,8 @@ class Nouns(Discourse):
         if slot is Slot.LOOSE and len(named) > 1:  # two numbers are no one number
             self.lack(RequestProblemKind.SENTENCE, objects)
         names = tuple(dict.fromkeys(name for each in named for name in each.names))
+        if len(names) < len(named) == sum(len(each.names) for each in named):  # one object is no two
+            self.ask(QuestionKind.WHICH, objects, [each.name for each in self.list_fitting(slot)])
         if len(parts) > 1 and self._is_of_both(*parts[:2]):
             self.ask(QuestionKind.HOW_MANY, objects, names)
         alike = self.list_called(self.heads.get(slot, ""), slot) if any(each.only for each in named) else []
@@ -107,7 +110,23 @@ class Nouns(Discourse):
         self.grouped.update(named.names if len(named.names) > 1 else ())
         if named.only or named.rest or named.by_colour:
             self.unmet = self.quote(noun)
+        elif slot is not Slot.LOOSE and noun.data != "everything" and {*named.names} - {*self._list_literal(noun)}:
+            said = f"{self.quote(noun)}: {', '.join(named.names)}"
+            self.reasons += [] if any(each.startswith(said) for each in self.reasons) else [said]
         return replace(named, words=self.quote(noun))
+
+    def _list_literal(self, noun: Node) -> list[str]:
+        """All objects that are called as a phrase says, where no more than nouns and adjectives choose them."""
+        literal: list[str] = []
+        for plain in noun.find_data("plain"):
+            (head, is_plural, _), words = self._read_head(plain), read_adjectives(plain)[0]
+            found = [
+                each.name
+                for each in self.vocabulary.objects.values()
+                if head in {each.kind, each.name.split("_")[-1]} and words <= each.words
+            ]
+            literal += found if is_plural is (len(found) > 1) or is_open(noun) else []
+        return literal
 
     def resolve_aside(self, noun: Node, slot: Slot) -> Named:
         """As `resolve_one`, of a phrase that `it` will not mean."""
@@ -173,6 +192,8 @@ class Nouns(Discourse):
     def find_alternatives(self, phrase: Node, slot: Slot) -> tuple[str, ...]:
         """The one of `the red or the blue cube` that the person names."""
         names = dict.fromkeys(name for each in self._resolve_parts(list_children(phrase), slot) for name in each.names)
+        if has_token(phrase, "any_of") and names:
+            return self._choose(Named(names=tuple(names), words=self.quote(phrase)), 1, keeps_rest=False).names
         return self.ask(QuestionKind.WHICH, phrase, names) if len(names) > 1 else tuple(names)
 
     def find_opening(self, name: str) -> str:
@@ -189,7 +210,8 @@ class Nouns(Discourse):
         found = found or tuple(name for name in self.list_past() if self.get(name).movable)
         fitting = [each.name for each in self.list_fitting(Slot.MOVED)]
         if not found and len(fitting) > 1:
-            return self.ask(QuestionKind.HOW_MANY, noun, fitting)
+            is_one_kind = len({self.get(name).kind for name in fitting}) == 1
+            return tuple(fitting) if is_one_kind else self.ask(QuestionKind.HOW_MANY, noun, fitting)
         return found if len(found) > 1 else self.lack(RequestProblemKind.SENTENCE, noun)
 
     def find_everything(self, noun: Node, slot: Slot) -> tuple[str, ...]:
@@ -251,7 +273,8 @@ class Nouns(Discourse):
         """Each phrase of a list; `the red and the green cube` lends its noun to the first."""
         named = []
         for n, part in enumerate(parts):
-            after = (plain for later in parts[n + 1 :] for plain in later.find_data("plain"))
+            later = (plain for each in parts[n + 1 :] for plain in each.find_data("plain"))
+            after = (plain for plain in later if len(plain.children) > 1)  # `the green one and the bottle` lends none
             lent = next(filter(None, (self._read_head(plain)[0] for plain in after)), "")
             named.append(self.resolve_one(part, slot, lent=lent, **how))
         return named
@@ -272,6 +295,9 @@ class Nouns(Discourse):
                 return Named()
         if slot is Slot.LOOSE:
             return self._find_loose(noun, found, kind, number)
+        is_one = [str(token) for token in plain.scan_values(lambda _: True)] == ["one"]
+        if not quantities and is_one and self.kin and self.heads.get(slot):  # `two cubes go there and one here`
+            kind, found = "any", tuple(name for name in self.kin if name not in self.moved)
         found = tuple(name for name in found if name in self.among) or found
         found = self._find_pointed(quantities, found)
         is_pending = asked > 0 and any(has_token(each, "other") for each in quantities)  # than what is not yet chosen
@@ -313,9 +339,10 @@ class Nouns(Discourse):
         return Named(names=tuple(found), number=self._count_contents(tuple(found)) if is_all else number)
 
     def _is_vague(self, plain: Node, found: Sequence[str]) -> bool:
-        """Whether a size leaves open which of several are meant: `the little boxes`, `the small stuff`."""
-        is_ranked = any(part.data in _RANKS for part in list_children(plain))
-        return is_ranked and (len(found) == 1 or self._read_head(plain)[2])
+        """Whether a size or a place leaves open which of several are meant: `the little boxes`, `the nearest cubes`."""
+        kinds = {str(part.data) for part in list_children(plain)}
+        is_ranked, is_chosen = not kinds.isdisjoint(_RANKS), not kinds.isdisjoint({*_RANKS, *_CHOOSING})
+        return (is_chosen and len(found) == 1) or (is_ranked and self._read_head(plain)[2])
 
     def _find_pointed(self, quantities: Sequence[Node], found: tuple[str, ...]) -> tuple[str, ...]:
         """Of several the ones that were named last, where it is `that tray`."""
@@ -353,7 +380,8 @@ class Nouns(Discourse):
         if is_bare and self.kin and slot is Slot.PLACE:  # `one cube onto the other`
             return tuple(name for name in self.kin if name not in recent)
         owners = {self.get(each).stands for each in recent} | {*self.list_past(is_place=True)}
-        before = owners if slot is Slot.PLACE else {*self.moved, *self.spared, *recent}
+        said = {*self.moved, *self.spared, *recent} & {*found}
+        before = owners if slot is Slot.PLACE else said or {*self.list_past()}
         left = tuple(name for name in found if name not in before) if before & {*found} else ()
         return tuple(name for name in left if name in self.kin or not is_bare or not self.kin)
 

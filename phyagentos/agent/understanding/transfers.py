@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise, permutations
 
 from phyagentos.agent.understanding.bearings import SIDES, find_beside, find_between, find_row, list_by_size, shift
-from phyagentos.agent.understanding.destinations import Destinations
+from phyagentos.agent.understanding.destinations import STEPS_M, Destinations
 from phyagentos.agent.understanding.discourse import Named, Slot
 from phyagentos.agent.understanding.phrases import (
     NUMBERS,
@@ -28,7 +28,6 @@ from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.predicate import find_entities
 
 ALONG = 0.9  # cosine of the angle between a side and what slides to it, at least
-_STEPS_M = {"5 cm": 0.05, "10 cm": 0.1, "20 cm": 0.2}  # to choose from, where no measure is said
 _HEAP_MAX = 5  # objects of a tower whose orders are listed to choose from
 SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
 
@@ -243,6 +242,7 @@ class Transfers(Destinations):
 
     def _read_put_where(self, clause: Node, nouns: Node, other: Node) -> Step:
         """To where another object is: in or on what bears it; else, where that stays, a question what is meant."""
+        self._verb = "put"
         names, owners = self.resolve(nouns, Slot.MOVED).names, self.resolve_one(other, Slot.MOVED).names
         if len(names) != 1 or len(owners) != 1 or names == owners:
             return () if self.questions or self.lacks else self.lack(RequestProblemKind.SENTENCE, clause)
@@ -302,7 +302,7 @@ class Transfers(Destinations):
         if not said and has_token(clause, "rotation") and names and len(fallen) == len(names):  # `flip the stool over`
             return self._say_upright(names)
         if side in {*SIDES, "toward", "away"} and not said and names:
-            by_m = next((_STEPS_M[each] for each in self.ask(QuestionKind.HOW_FAR, clause, _STEPS_M)), 0.0)
+            by_m = next((STEPS_M[each] for each in self.ask(QuestionKind.HOW_FAR, clause, STEPS_M)), 0.0)
             if not by_m:
                 return []
         if side not in {*SIDES, "toward", "away"} or by_m <= 0.04 or any(self.get(name).at_m is None for name in names):
@@ -418,6 +418,8 @@ class Transfers(Destinations):
         names = self.resolve(nouns, Slot.MOVED).names
         names += self.resolve_one(other[0], Slot.MOVED).names if other else ()
         places = [self.get(name).stands for name in names]
+        for name, place in zip(names, places, strict=True):
+            self.check_within([self.get(name)], place)
         if len(names) == 2 and all(places) and places[0] != places[1]:
             return [self._relate(name, place) for name, place in zip(names, reversed(places), strict=True)]
         if len(names) == 2 and {*names} & {*places}:  # one on the other
