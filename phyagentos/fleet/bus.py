@@ -70,10 +70,10 @@ class Offer(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Claim(msgspec.Struct, frozen=True, kw_only=True):
-    """Who holds a session.
+    """Who holds a session; read it by `read_claim`.
 
     Attributes:
-        host: Empty while no host holds it.
+        host: Empty while no host holds it. A host's own claim need not name it: its subject does.
         epoch: 0 while it is open; one more with each claim and each fence.
         beat: Renewals so far.
         is_fenced: Whether the hub ended it: no host may take it, renew it or go on under it.
@@ -116,10 +116,11 @@ class Frame(NamedTuple):
 
 
 class Stored(NamedTuple):
-    """A value with its revision."""
+    """A value with its revision; `by` whom, as the subject of a claim says: only that one may write there."""
 
     value: bytes
     revision: int
+    by: str
 
 
 class BusLost(ExecutionError):
@@ -151,7 +152,7 @@ class Bus(Protocol):
     def bundles(self) -> int:
         """How many bundles have arrived at the server, as far as this has been heard; it grows."""
 
-    def view(self, bucket: Bucket) -> Mapping[str, bytes]:
+    def view(self, bucket: Bucket) -> Mapping[str, Stored]:
         """The values of a bucket as far as they have arrived here."""
 
     def on_change(self, bucket: Bucket, act: Callable[[bytes], None]) -> None:
@@ -200,6 +201,20 @@ class Bus(Protocol):
         """Let go of the connection."""
 
 
+def read_claim(found: Stored | None) -> Claim | None:
+    """A claim, None where none can be read. Only the hub fences, and names the host that it has fenced."""
+    claim = find_read(found.value, Claim) if found is not None else None
+    if claim is None or found is None or found.by == HUB:
+        return claim
+    return msgspec.structs.replace(claim, host=found.by, is_fenced=False)
+
+
+def read_cards(values: Mapping[str, Stored]) -> list[HostCard]:
+    """What hosts say of themselves, each under the key that it alone may write: of another one it says nothing."""
+    found = {key: find_read(each.value, HostCard) for key, each in sorted(values.items())}
+    return [card for key, card in found.items() if card is not None and encode_key(card.host) == key]
+
+
 def find_read(value: bytes | None, of: type[_Struct]) -> _Struct | None:
     """What a hub or host wrote; None for anything else, as by one of another version: that ends no process."""
     try:
@@ -208,9 +223,9 @@ def find_read(value: bytes | None, of: type[_Struct]) -> _Struct | None:
         return None
 
 
-def iter_read(values: Iterable[bytes], of: type[_Struct]) -> Iterator[_Struct]:
+def iter_read(values: Iterable[Stored], of: type[_Struct]) -> Iterator[_Struct]:
     """The values that can be read."""
-    return (found for value in values if (found := find_read(value, of)) is not None)
+    return (found for each in values if (found := find_read(each.value, of)) is not None)
 
 
 def hide_token(url: str) -> str:
@@ -221,6 +236,11 @@ def hide_token(url: str) -> str:
 def encode_key(text: str) -> str:
     """A name as one token of a key: letters, digits, `_` and `-`; the rest by its number."""
     return re.sub(r"[^A-Za-z0-9_-]", lambda found: f"={ord(found[0]):x}=", text)
+
+
+def decode_key(token: str) -> str:
+    """The name of a token."""
+    return re.sub(r"=([0-9a-f]+)=", lambda found: chr(int(found[1], 16)), token)
 
 
 def get_offer_key(session: Session) -> str:

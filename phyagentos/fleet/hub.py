@@ -24,10 +24,12 @@ from phyagentos.fleet.bus import (
     EndEntry,
     HostCard,
     Offer,
+    Stored,
     encode_key,
-    find_read,
     get_offer_key,
     iter_read,
+    read_cards,
+    read_claim,
 )
 from phyagentos.fleet.host import BY
 from phyagentos.fleet.lanes import LanePublisher, LaneReplica
@@ -60,7 +62,7 @@ class Placed:
     """A session with an offer: its claim as seen last, and since when [s]."""
 
     offer: Offer
-    claim: bytes = b""
+    claim: Stored | None = None
     since_s: float = 0.0
 
 
@@ -87,6 +89,7 @@ class FleetHub:
         self._replicas: dict[str, LaneReplica] = {}
         self._waiting: dict[SessionId, deque[tuple[str, Record]]] = defaultdict(deque)  # by lane, not recorded here yet
         self._over: set[SessionId] = set()  # final in the lane of its host
+        self._holders: dict[SessionId, str] = {}  # hosts that claimed them first: no other one may in their place
         self._placed: dict[SessionId, Placed] | None = None  # None: not read yet
         self._seen: dict[str, tuple[int, float]] = {}  # host -> beat, and since when [s]
         self._cards: list[HostCard] = []
@@ -142,8 +145,7 @@ class FleetHub:
 
     def _read_cards(self) -> None:
         """The hosts that have ever joined; the health of their targets is published."""
-        found = {key: find_read(value, HostCard) for key, value in self._bus.view(Bucket.HOSTS).items()}
-        self._cards = [each for key, each in found.items() if each is not None and encode_key(each.host) == key]
+        self._cards = read_cards(self._bus.view(Bucket.HOSTS))
         now_s = self._clock.now_s()
         for card in self._cards:
             if self._seen.get(card.host, (-1, 0.0))[0] != card.beat:
@@ -237,11 +239,12 @@ class FleetHub:
     def _holds(self, lane: str, id: SessionId) -> bool:
         """Whether the host of a lane has claimed a session, fenced since or not: another one has no say in it."""
         key = encode_key(id)
-        claim = find_read(self._bus.view(Bucket.CLAIMS).get(key), Claim)
-        if claim is None or claim.host != lane:  # its lane may be faster than the news of its claim
-            found = self._bus.get(Bucket.CLAIMS, key)
-            claim = find_read(found.value, Claim) if found is not None else None
-        return claim is not None and claim.host == lane
+        if id not in self._holders:
+            claim = read_claim(self._bus.view(Bucket.CLAIMS).get(key)) or Claim()
+            if not claim.host:  # its lane may be faster than the news of its claim
+                claim = read_claim(self._bus.get(Bucket.CLAIMS, key)) or Claim()
+            self._holders |= {id: claim.host} if claim.host else {}
+        return self._holders.get(id) == lane
 
     def _has_evidence(self, id: SessionId, lane: str) -> bool:
         """Whether its bundle is here; what is damaged comes no more, which the verdict shows."""
@@ -302,7 +305,7 @@ class FleetHub:
         for key, session in keys.items():
             revision = opened[key]
             if revision is None and (found := self._bus.get(Bucket.CLAIMS, key)) is not None:
-                revision = found.revision if find_read(found.value, Claim) == Claim() else None
+                revision = found.revision if read_claim(found) == Claim() else None
             if revision is None:
                 taken = Problem(
                     "BUSY", f"{session.id}: the server has a claim of this name", expected="another goal id"
@@ -332,29 +335,24 @@ class FleetHub:
         self._enforce_at_s = now_s + ENFORCE_S
         for id, each in placed.items():
             status = self._ledger.sessions.get(id)
-            value = claims.get(encode_key(id), b"")
-            if status is None or status.state in _SETTLED or not value:
+            found = claims.get(encode_key(id))
+            if status is None or status.state in _SETTLED or found is None:
                 continue
-            if value != each.claim:
-                each.claim, each.since_s = value, now_s
-            claim = find_read(value, Claim) or Claim()
+            if found != each.claim:
+                each.claim, each.since_s = found, now_s
+            claim = read_claim(found) or Claim()
+            host = self._holders.setdefault(id, claim.host) if claim.host else ""
             patience_s = claim.lease_s + GRACE_S if claim.host else status.contract.limits.queue_s
-            is_late = now_s - each.since_s > patience_s or claim.host in self._aside
-            if claim.is_fenced or (is_late and self._fence(id, value)):
-                why = self._aside.get(
-                    claim.host, f"host {claim.host} did not renew its lease in time: lost, or cut off"
-                )
-                self._give_up(status, claim.host, why)
+            is_late = now_s - each.since_s > patience_s or host in self._aside or host != claim.host
+            if claim.is_fenced or (is_late and self._fence(id, found)):
+                why = self._aside.get(host, f"host {host} did not renew its lease in time: lost, or cut off")
+                self._give_up(status, host, why)
 
-    def _fence(self, id: SessionId, seen: bytes) -> bool:
+    def _fence(self, id: SessionId, seen: Stored) -> bool:
         """End the claim that was seen, unless it has changed; from here on no host may act under it."""
-        key = encode_key(id)
-        found = self._bus.get(Bucket.CLAIMS, key)
-        if found is None or found.value != seen:
-            return False
-        claim = find_read(seen, Claim) or Claim()
+        claim = read_claim(seen) or Claim()
         fenced = msgspec.structs.replace(claim, epoch=claim.epoch + 1, is_fenced=True)
-        return self._bus.swap(Bucket.CLAIMS, key, msgspec.json.encode(fenced), found.revision) is not None
+        return self._bus.swap(Bucket.CLAIMS, encode_key(id), msgspec.json.encode(fenced), seen.revision) is not None
 
     def _give_up(self, status: SessionStatus, host: str, why: str) -> None:
         id, state, epoch = status.contract.id, status.state, status.epoch
@@ -392,14 +390,15 @@ class FleetHub:
             del placed[contract.id]
             self._fetched.forget(contract.id)
         self._over &= placed.keys()
+        self._holders = {id: host for id, host in self._holders.items() if id in placed}
 
     def _is_over_there(self, id: SessionId) -> bool:
         """Whether no host will do anything more about it."""
         if id in self._over:
             return True
-        value = self._bus.view(Bucket.CLAIMS).get(encode_key(id), b"")
-        claim = find_read(value, Claim) or Claim()
-        return not claim.host and (claim.is_fenced or self._fence(id, value))
+        found = self._bus.view(Bucket.CLAIMS).get(encode_key(id))
+        claim = read_claim(found) or Claim()
+        return not claim.host and found is not None and (claim.is_fenced or self._fence(id, found))
 
 
 def _build_end(offer: Offer, status: SessionStatus | None) -> Offer:

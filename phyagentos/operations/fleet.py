@@ -18,7 +18,7 @@ from phyagentos.assembly.paths import open_project, serve_alone
 from phyagentos.assembly.planes import STOP_S, start_watch
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, needs_extra
-from phyagentos.fleet.bus import HOST_NAME, HUB, OPERATOR, Bucket, Bus, HostCard, hide_token, iter_read
+from phyagentos.fleet.bus import HOST_NAME, HUB, OPERATOR, Bucket, Bus, HostCard, hide_token, read_cards
 from phyagentos.fleet.host import BEAT_S, BY, FleetHost
 from phyagentos.fleet.hub import LEASE_S, FleetHub
 from phyagentos.fleet.server import FleetSettings, configure, configure_alone
@@ -207,11 +207,11 @@ def read_status(url: str) -> FleetStatus:
     """Hosts and open sessions of a fleet; a host is alive that beats while this looks."""
     with open_bus(url, "status", OPERATOR) as bus:
         bus.wait(ANSWER_S)
-        before = _read_cards(bus)
+        before = read_cards(bus.view(Bucket.HOSTS))
         SystemClock().sleep(2.0 * BEAT_S)
         lines = [
-            HostLine(card=each, records=bus.count(each.host), is_alive=before.get(name) != each)
-            for name, each in _read_cards(bus).items()
+            HostLine(card=each, records=bus.count(each.host), is_alive=each not in before)
+            for each in read_cards(bus.view(Bucket.HOSTS))
         ]
         return FleetStatus(server=hide_token(url), hosts=tuple(lines), offers=len(bus.view(Bucket.OFFERS)))
 
@@ -223,13 +223,8 @@ def stop_fleet(url: str, *, reason: str = "", by: str = "paos fleet stop") -> Fl
         bus.wait(ANSWER_S)
         bus.put(Bucket.STOPS, "stop", msgspec.json.encode(Latch(by=by, reason=reason, at=clock.wall_iso())))
         deadline_s = clock.now_s() + ANSWER_S
-        while any(not each.is_stopped for each in _read_cards(bus).values()) and clock.now_s() < deadline_s:
+        while not all(each.is_stopped for each in read_cards(bus.view(Bucket.HOSTS))) and clock.now_s() < deadline_s:
             clock.sleep(0.02)
-        cards = _read_cards(bus)
-        stopped = {name for name, each in cards.items() if each.is_stopped}
-        return FleetStop(stopped=tuple(sorted(stopped)), silent=tuple(sorted(cards.keys() - stopped)))
-
-
-def _read_cards(bus: Bus) -> dict[str, HostCard]:
-    found = iter_read(bus.view(Bucket.HOSTS).values(), HostCard)
-    return {each.host: each for each in sorted(found, key=lambda each: each.host)}
+        cards = read_cards(bus.view(Bucket.HOSTS))
+        stopped, silent = (tuple(each.host for each in cards if each.is_stopped is is_it) for is_it in (True, False))
+        return FleetStop(stopped=stopped, silent=silent)

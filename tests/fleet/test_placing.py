@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.fleet.bus import Bucket, Claim, HostCard, Offer, encode_key
+from phyagentos.fleet.bus import Bucket, Claim, HostCard, Offer, encode_key, read_cards
 from phyagentos.fleet.host import BY, FleetHost
 from phyagentos.fleet.hub import GRACE_S, LEASE_S, FleetHub
 from phyagentos.operations.fleet import _choose_lane, _refuse_half_a_world
@@ -34,7 +34,7 @@ class Place:
     """One workspace with its journals; a host, or the hub."""
 
     def __init__(self, root, server, clock, *, name, is_hub=False, targets=("panda",)):
-        self.workspace, self.clock, self.bus = Workspace.create(root, Library(())), clock, FakeBus(server)
+        self.workspace, self.clock, self.bus = Workspace.create(root, Library(())), clock, FakeBus(server, name)
         self.agent = Journal(root, side=Side.AGENT, by=BY if not is_hub else "agent", clock=clock, partition=name)
         self.runtime = Journal(root, side=Side.RUNTIME, by="watchdog", clock=clock, partition=name)
         self.targets = dict.fromkeys(targets, ("pick_and_place",))
@@ -187,7 +187,7 @@ def test_of_two_hosts_that_claim_at_once_one_begins(fleet):
     fleet.turn(seconds=2.0)
     fleet.submit()
     fleet.turn(fleet.hub)
-    (offer,) = (msgspec.json.decode(each, type=Offer) for each in fleet.hub.bus.view(Bucket.OFFERS).values())
+    (offer,) = (msgspec.json.decode(each.value, type=Offer) for each in fleet.hub.bus.view(Bucket.OFFERS).values())
     for host in fleet.hosts:
         host.process._take(offer)
 
@@ -444,7 +444,7 @@ def test_what_runs_is_given_up_when_the_server_has_lost_its_claims(fleet):
 
 def test_a_claim_of_an_earlier_session_of_the_same_name_is_not_taken_over(fleet):
     fleet.turn(seconds=2.0)
-    fleet.server.write(Bucket.CLAIMS, encode_key("g.a"), msgspec.json.encode(Claim(host="h3", epoch=1)))
+    fleet.server.write(Bucket.CLAIMS, encode_key("g.a"), msgspec.json.encode(Claim(epoch=1)), "h3")
     fleet.submit()
     fleet.turn()
     assert fleet.hub.read_state() == "rejected"
@@ -455,6 +455,37 @@ def test_a_host_of_another_name_than_its_key_does_not_count(fleet):
     fleet.server.write(Bucket.HOSTS, "h9", msgspec.json.encode(HostCard(host="h1", targets={"panda": ()}, beat=7)))
     fleet.turn(fleet.hub)
     assert fleet.hub.process._cards == []
+    assert read_cards(fleet.hub.bus.view(Bucket.HOSTS)) == []
+
+
+def test_who_claims_is_whose_subject_it_is_whatever_host_the_claim_names(fleet):
+    named, writer = fleet.hosts
+    fleet.turn(seconds=2.0)
+    fleet.submit()
+    fleet.turn(fleet.hub)
+    (opened,) = fleet.hub.bus.view(Bucket.CLAIMS).values()
+    forged = msgspec.json.encode(Claim(host="h1", epoch=1, lease_s=LEASE_S, is_fenced=True))
+    assert writer.bus.swap(Bucket.CLAIMS, encode_key("g.a"), forged, opened.revision)
+    fleet.turn(named)
+    assert named.read_state() is None
+    assert not fleet.hub.process._holds("h1", "g.a")
+    assert fleet.hub.process._holds("h2", "g.a")
+
+
+def test_a_claim_that_another_host_takes_over_is_fenced_and_its_host_has_no_say(fleet):
+    holder, other = fleet.place()
+    (held,) = fleet.hub.bus.view(Bucket.CLAIMS).values()
+    taken = msgspec.json.encode(Claim(epoch=1, lease_s=LEASE_S))
+    assert other.bus.swap(Bucket.CLAIMS, encode_key("g.a"), taken, held.revision)
+    contract = make_contract(id="g.a")
+    other.agent.commit([Entry("g.a", "submit", dict(msgspec.to_builtins(contract)))])
+    other.begin("g.a")
+    other.finish("g.a")
+    fleet.turn(other, fleet.hub, seconds=2.0)
+    (status,) = fleet.hub.process._ledger.sessions.values()
+    assert (status.state, status.execution.code) == ("awaiting_verification", "HOST_LOST")
+    assert holder.agent.folder.name in status.execution.message
+    assert not fleet.hub.workspace.evidence_of("g.a").exists()
 
 
 def test_what_is_over_is_forgotten(fleet):
