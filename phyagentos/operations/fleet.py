@@ -24,7 +24,7 @@ from phyagentos.fleet.hub import LEASE_S, FleetHub
 from phyagentos.fleet.server import FleetSettings, configure, configure_alone
 from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
-from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile, find_own_world
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.sessions.estop import Latch
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -155,8 +155,8 @@ def join_fleet(
 
 
 def _refuse_half_a_world(known: Mapping[str, TargetProfile], served: Collection[str]) -> None:
-    """Two hosts have two worlds, in which different events happen: one world is on one host."""
-    worlds = {known[each].world for each in served if known[each].world}
+    """Two hosts have two worlds, in which different events happen: one world is on one host, or served to several."""
+    worlds = {find_own_world(known[each]) for each in served} - {""}
     if missing := sorted(name for name, each in known.items() if each.world in worlds and name not in served):
         text = f"{', '.join(sorted(served))} without {missing[0]}"
         raise DefinitionError.of(

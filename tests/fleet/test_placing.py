@@ -528,11 +528,13 @@ def test_a_target_that_is_unknown_here_keeps_no_other_one_from_being_shown(fleet
 
 
 def test_a_host_offers_a_shared_world_as_a_whole():
-    known = {name: SimpleNamespace(world=world) for name, world in {"l": "table", "r": "table", "p": ""}.items()}
+    worlds = {"l": "table", "r": "table", "p": ""}
+    known = {name: SimpleNamespace(world=world, driver="mujoco") for name, world in worlds.items()}
     _refuse_half_a_world(known, {"p"})
     _refuse_half_a_world(known, {"l", "r"})
     with pytest.raises(DefinitionError, match="l without r"):
         _refuse_half_a_world(known, {"l"})
+    _refuse_half_a_world(dict.fromkeys(worlds, SimpleNamespace(world="table", driver="remote")), {"l"})  # one, served
 
 
 def test_a_store_without_a_leader_keeps_no_lease_from_being_renewed(fleet):
