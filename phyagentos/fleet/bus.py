@@ -7,7 +7,7 @@ hub in order.
 """
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from typing import Annotated, NamedTuple, Protocol, TypeVar
 
@@ -19,6 +19,7 @@ from phyagentos.protocol.sessions.evidence_manifest import FileName
 from phyagentos.protocol.sessions.session import Session
 
 HUB, OPERATOR = "hub", "operator"  # who is no host
+PAGE = r"^(https?://[^\x00-\x20]+)?$"  # a link that a page may show
 HOST_NAME = r"^(?!\.\.?$)[^/\x00-\x1f]{1,60}$"  # also that of a folder
 _Struct = TypeVar("_Struct", bound=msgspec.Struct)
 
@@ -95,6 +96,7 @@ class HostCard(msgspec.Struct, frozen=True, kw_only=True):
         load: Sessions that it holds.
         beat: Grows with each renewal.
         is_stopped: Whether its emergency stop is latched.
+        page: Address of the page of its workspace, for people; empty without one.
     """
 
     host: Annotated[str, msgspec.Meta(pattern=HOST_NAME)]
@@ -102,6 +104,7 @@ class HostCard(msgspec.Struct, frozen=True, kw_only=True):
     load: int = 0
     beat: int = 0
     is_stopped: bool = False
+    page: Annotated[str, msgspec.Meta(pattern=PAGE)] = ""
 
     def offers(self, session: Session) -> bool:
         """Whether it can carry out this skill on this target."""
@@ -167,14 +170,11 @@ class Bus(Protocol):
     def swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         """Replace the value of this revision, 0 for none; the new one, or None where another one stands there."""
 
-    def put_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> None:
-        """Replace several values, in the time of one."""
+    def put_all(self, values: Mapping[tuple[Bucket, str], bytes | None]) -> None:
+        """Replace several values, and forget those that are None, in the time of one."""
 
     def open_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> dict[str, int | None]:
         """Set what is not there; the revisions, None where something is."""
-
-    def remove_all(self, keys: Collection[tuple[Bucket, str]]) -> None:
-        """Forget several keys."""
 
     def find_end(self, lane: str) -> int:
         """Number of the last record of a lane, as far as that has arrived here."""

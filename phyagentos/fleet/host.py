@@ -53,16 +53,23 @@ class FleetHost:
         bus: To the server.
         clock: For leases; wall clocks play no part.
         targets: Those that it runs, with the skills that they can carry out.
+        page: Where people find the page of its workspace.
     """
 
     def __init__(
-        self, workspace: Workspace, journal: Journal, bus: Bus, clock: Clock, targets: Mapping[str, tuple[str, ...]]
+        self,
+        workspace: Workspace,
+        journal: Journal,
+        bus: Bus,
+        clock: Clock,
+        targets: Mapping[str, tuple[str, ...]],
+        page: str = "",
     ) -> None:
         self._workspace, self._journal, self._bus, self._clock = workspace, journal, bus, clock
         self._leases = workspace.leases
         self._ledger = journal.open_ledger()
         self._publisher = LanePublisher(journal, bus)
-        self._card = HostCard(host=journal.folder.name, targets=dict(targets))
+        self._card = HostCard(host=journal.folder.name, targets=dict(targets), page=page)
         self._beat_at_s = -float("inf")
         self._held: dict[SessionId, HeldClaim] = {}
         self._transfers = Transfers(bus, send_bundle)

@@ -32,7 +32,7 @@ from phyagentos.fleet.bus import (
     read_claim,
 )
 from phyagentos.fleet.host import BY
-from phyagentos.fleet.lanes import LanePublisher, LaneReplica
+from phyagentos.fleet.lanes import LaneReplica
 from phyagentos.protocol.capabilities.registries import publish_health, read_target_registry
 from phyagentos.protocol.capabilities.targets import Health, TargetHealth
 from phyagentos.protocol.sessions.estop import read_latch
@@ -84,7 +84,6 @@ class FleetHub:
         self._own, self._ledger = journal, journal.open_ledger()
         self._journal = SupervisorJournal(journal, self._ledger, lambda _: None)
         self._operator = OperatorSignals(workspace, self._journal, clock)
-        self._publisher = LanePublisher(journal, bus)
         self._fetched = Transfers(bus, fetch_bundle)
         self._replicas: dict[str, LaneReplica] = {}
         self._waiting: dict[SessionId, deque[tuple[str, Record]]] = defaultdict(deque)  # by lane, not recorded here yet
@@ -113,18 +112,16 @@ class FleetHub:
             return False
         with contextlib.suppress(BusLost):
             self._pass_stop_on()
-        with contextlib.suppress(BusLost):
-            more = self._publisher.publish(self._ledger.seq)
         self._read_cards()
         with contextlib.suppress(BusLost):
-            more |= self._follow_lanes()
+            more = self._follow_lanes()
             self._relay()
         with contextlib.suppress(BusLost):
             if self._placed is None:
                 self._placed = self._read_placed()
-            self._place(self._placed)
+            offers = self._place(self._placed)
             self._enforce(self._placed)
-            self._end(self._placed)
+            self._put(self._placed, offers)
         return more
 
     def close(self) -> None:
@@ -270,8 +267,8 @@ class FleetHub:
                 self._give_up(status, "", "the server does not know its claim any more")
         return found
 
-    def _place(self, placed: dict[SessionId, Placed]) -> None:
-        """Offer what waits, the senior first; resources are given to one session at a time."""
+    def _place(self, placed: dict[SessionId, Placed]) -> list[Offer]:
+        """Offers of what waits, the senior first; resources are given to one session at a time."""
         waiting = list(self._ledger.iter_pending())
         held = [each.contract for each in self._ledger.live_sessions() if each.state not in _RESTING]
         held += [each.contract for each in waiting if each.contract.id in placed]
@@ -284,7 +281,7 @@ class FleetHub:
             elif taken.isdisjoint(session.resources):
                 taken.update(session.resources)
                 new.append(session)
-        self._put(placed, [*changed, *self._open(new)])
+        return [*changed, *(self._open(new) if new else ())]
 
     def _update(self, offer: Offer, session: Session) -> Offer:
         """As it should be now: the lease of a session that several hosts can take is short, else one may finish it."""
@@ -299,8 +296,9 @@ class FleetHub:
 
     def _open(self, sessions: list[Session]) -> list[Offer]:
         """Offers of those whose claim is open: since now, or by an earlier process that ended before it offered it."""
+        self._own.sync()  # what a power cut could take back here must not stand elsewhere
         keys = {encode_key(each.id): each for each in sessions}
-        opened = self._bus.open_all(Bucket.CLAIMS, dict.fromkeys(keys, msgspec.json.encode(Claim()))) if keys else {}
+        opened = self._bus.open_all(Bucket.CLAIMS, dict.fromkeys(keys, msgspec.json.encode(Claim())))
         offers = []
         for key, session in keys.items():
             revision = opened[key]
@@ -316,16 +314,6 @@ class FleetHub:
             offer = Offer(contract=session, number=self._number, revision=revision, lease_s=0.0)
             offers.append(self._update(offer, session))
         return offers
-
-    def _put(self, placed: dict[SessionId, Placed], offers: list[Offer]) -> None:
-        """Placed is what the server has confirmed: the rest is offered again."""
-        if offers:
-            self._bus.put_all(
-                Bucket.OFFERS, {get_offer_key(each.contract): msgspec.json.encode(each) for each in offers}
-            )
-        for each in offers:
-            known = placed.setdefault(each.contract.id, Placed(each, since_s=self._clock.now_s()))
-            known.offer = each
 
     def _enforce(self, placed: dict[SessionId, Placed]) -> None:
         """Fence what was not renewed in time, and what no host has taken in time."""
@@ -371,21 +359,29 @@ class FleetHub:
         body = {"execution": msgspec.to_builtins(lost)}
         self._record([*entries, Entry(id, "reconcile", body, epoch)], host or BY)
 
-    def _end(self, placed: dict[SessionId, Placed]) -> None:
-        """Let hosts know of verdicts and cancellations, and forget what is over on both sides."""
-        over, changed = [], []
+    def _put(self, placed: dict[SessionId, Placed], offers: list[Offer]) -> None:
+        """Send these, let hosts know of verdicts and cancellations, and forget what is over on both sides.
+
+        Placed is what the server has confirmed: the rest is sent again.
+        """
+        over, ended = [], []
         for id, each in placed.items():
             status = self._ledger.sessions.get(id)
             if (status is None or status.state in FINAL_STATES) and self._is_over_there(id):
                 over.append(each.offer.contract)
             elif (wanted := _build_end(each.offer, status)) != each.offer:
-                changed.append(wanted)
-        if changed:
+                ended.append(wanted)
+        if ended:
             self._own.sync()  # the verdicts that are passed on
-            self._put(placed, changed)
-        if over:
-            keys = [(Bucket.OFFERS, get_offer_key(each)) for each in over]
-            self._bus.remove_all([*keys, *((Bucket.CLAIMS, encode_key(each.id)) for each in over)])
+        sent = {each.contract.id: each for each in (*offers, *ended)}
+        values: dict[tuple[Bucket, str], bytes | None]
+        values = {(Bucket.OFFERS, get_offer_key(each.contract)): msgspec.json.encode(each) for each in sent.values()}
+        values |= {(Bucket.OFFERS, get_offer_key(each)): None for each in over}
+        values |= {(Bucket.CLAIMS, encode_key(each.id)): None for each in over}
+        if values:
+            self._bus.put_all(values)
+        for id, offer in sent.items():
+            placed.setdefault(id, Placed(offer, since_s=self._clock.now_s())).offer = offer
         for contract in over:
             del placed[contract.id]
             self._fetched.forget(contract.id)

@@ -32,6 +32,7 @@ CALL_S = 5.0
 RETRY_S = 0.2
 PING_S = 2.0  # a peer that answers neither of two is gone: a cut cable closes no connection
 RESCAN_S = 5.0
+HEARD_MAX = 4096  # records of a lane that wait to be read; others are asked for
 TOGETHER = 64  # requests on their way at once
 SEGMENT = "Segment"
 _WRONG_SEQUENCE = frozenset({10071, 10164})
@@ -53,14 +54,14 @@ class NatsBus:
     def __init__(self, url: str, *, name: str, role: str = HUB, targets: Collection[str] | None = None) -> None:
         self._url, self._name, self._shown = url, name, hide_token(url)
         self._role, self._token, self._is_hub = role, encode_key(role), role == HUB
-        self._wanted = {Bucket.OFFERS: [">"], Bucket.HOSTS: [">"], Bucket.STOPS: [">"]}
-        self._wanted |= {Bucket.CLAIMS: [">"]} if self._is_hub else {}
+        self._wanted = {bucket: [">"] for bucket in Bucket}
         if targets is not None:
             self._wanted = {Bucket.OFFERS: [f"{encode_key(each)}.>" for each in targets], Bucket.STOPS: [">"]}
         self._views: dict[Bucket, dict[str, Stored]] = {bucket: {} for bucket in Bucket}
         self._changed: dict[Bucket, set[str]] = {bucket: set() for bucket in Bucket}  # since a look at all began
         self._acts: dict[Bucket, Callable[[bytes], None]] = {}
         self._ends: dict[str, int] = {}
+        self._heard: dict[str, dict[int, Frame]] = {}  # records of lanes that came as news, until they are read
         self._bundles = 0
         self._news = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         self._client = Client()
@@ -114,11 +115,11 @@ class NatsBus:
 
     def put(self, bucket: Bucket, key: str, value: bytes) -> None:
         """As of the port."""
-        self.put_all(bucket, {key: value})
+        self.put_all({(bucket, key): value})
 
-    def put_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> None:
+    def put_all(self, values: Mapping[tuple[Bucket, str], bytes | None]) -> None:
         """As of the port."""
-        self._call(lambda: _gather(values, lambda key: self._put(bucket, key, values[key])))
+        self._call(lambda: _gather(values, lambda key: self._put(*key, values[key])))
 
     def open_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> dict[str, int | None]:
         """As of the port."""
@@ -128,10 +129,6 @@ class NatsBus:
     def swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         """As of the port."""
         return self._call(lambda: self._swap(bucket, key, value, revision))
-
-    def remove_all(self, keys: Collection[tuple[Bucket, str]]) -> None:
-        """As of the port."""
-        self._call(lambda: _gather(keys, lambda each: self._remove(*each)))
 
     def count(self, lane: str) -> int:
         """As of the port."""
@@ -274,8 +271,11 @@ class NatsBus:
         self.ring()
 
     async def _hear_lane(self, message: Msg) -> None:
-        lane, seq = message.subject.removeprefix(f"{NEWS}{LANE}"), (message.headers or {}).get("Nats-Sequence", "0")
-        self._ends[lane] = max(self._ends.get(lane, 0), int(seq))
+        lane, headers = message.subject.removeprefix(f"{NEWS}{LANE}"), message.headers or {}
+        seq, heard = int(headers.get("Nats-Sequence", "0")), self._heard.setdefault(lane, {})
+        if len(heard) < HEARD_MAX:
+            heard[seq] = Frame(headers.get(SEGMENT, ""), message.data)
+        self._ends[lane] = max(self._ends.get(lane, 0), seq)
         self.ring()
 
     async def _hear_bundle(self, _: Msg) -> None:
@@ -320,10 +320,10 @@ class NatsBus:
                 return None
             raise
 
-    async def _put(self, bucket: Bucket, key: str, value: bytes) -> None:
-        await self._js.publish(f"{locate(bucket)}{key}", value, timeout=CALL_S)
-
-    async def _remove(self, bucket: Bucket, key: str) -> None:
+    async def _put(self, bucket: Bucket, key: str, value: bytes | None) -> None:
+        if value is not None:
+            await self._js.publish(f"{locate(bucket)}{key}", value, timeout=CALL_S)
+            return
         await self._js.purge_stream(name_store(bucket), subject=_cover(bucket, key))
         self._note(bucket, key, None)
 
@@ -357,9 +357,11 @@ class NatsBus:
         await _gather(range(len(frames)), send)
 
     async def _read(self, lane: str, after: int, up_to: int) -> list[Frame]:
-        stream = await self._provide_lane(lane)
+        stream, heard = await self._provide_lane(lane), self._heard.pop(encode_key(lane), {})
 
         async def load(seq: int) -> Frame | None:
+            if seq in heard:
+                return heard[seq]
             try:
                 message = await self._js.get_msg(stream, seq=seq, direct=True)
             except nats.js.errors.NotFoundError:  # it was heard, and refused

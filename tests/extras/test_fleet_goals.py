@@ -1,4 +1,4 @@
-"""A goal over hosts that share no folder: two arms of one world that a third machine serves, each on a host of its own."""
+"""A goal over hosts that share no folder: arms of one world that a third machine serves, each on a host of its own."""
 
 import contextlib
 import json

@@ -74,17 +74,13 @@ class FakeBus:
         self._answer()
         return new
 
-    def put_all(self, bucket, values) -> None:
-        for key, value in values.items():
-            self.put(bucket, key, value)
+    def put_all(self, values) -> None:
+        self._look()
+        for (bucket, key), value in values.items():
+            self.server.values[bucket].pop(key, None) if value is None else self.put(bucket, key, value)
 
     def open_all(self, bucket, values):
         return {key: self.swap(bucket, key, value, 0) for key, value in values.items()}
-
-    def remove_all(self, keys) -> None:
-        self._look()
-        for bucket, key in keys:
-            self.server.values[bucket].pop(key, None)
 
     def count(self, lane: str) -> int:
         self._look()
