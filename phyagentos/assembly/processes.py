@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 
 from phyagentos.assembly.drivers import DRIVERS, open_shared_world
 from phyagentos.assembly.graphics import choose_graphics
+from phyagentos.assembly.paths import open_project
 from phyagentos.assembly.process_tuning import ask_for_precedence, collect_rarely
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, find_full_disk
@@ -50,7 +51,7 @@ def run_world(root: Path, world: str, socket: str, *, outlives: bool, certificat
     from phyagentos.runtime.supervision.workers import end_with_parent
     from phyagentos.runtime.supervision.world_process import end_when_unwatched, get_lock
 
-    workspace, clock = Workspace.open(root), SystemClock()
+    workspace, clock = open_project(root) if is_port(socket) else Workspace.open(root), SystemClock()
     become_sole(get_lock(workspace.root, world), clock, "BUSY", f"another world process has {world}")
     choose_graphics()
     sites = find_sites(workspace, world, clock)

@@ -21,7 +21,7 @@ from phyagentos.operations.fleet import FleetWatch
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.view.access import Access
 from phyagentos.view.documents import Documents
-from phyagentos.view.fleet import add_fleet
+from phyagentos.view.fleet_page import add_fleet
 from phyagentos.view.overview import read_overview
 from phyagentos.view.places import Place, find_places
 from phyagentos.view.scenes import PATH

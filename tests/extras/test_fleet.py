@@ -205,7 +205,8 @@ def test_a_host_can_write_what_is_its_own_alone_and_a_leader_that_is_killed_lose
         hub.count(lane)
         revision = hub.swap(Bucket.CLAIMS, "s", b"open", 0)
         check_rights(host, hub)
-        assert (held := host.swap(Bucket.CLAIMS, "s", b"h2", revision))
+        held = host.swap(Bucket.CLAIMS, "s", b"h2", revision)
+        assert held is not None
         assert other.swap(Bucket.CLAIMS, "s", b"h2", revision) is None
         card = HostCard(host=lane, targets={"t": ()}, is_stopped=True)
         host.put(Bucket.HOSTS, encode_key(lane), msgspec.json.encode(card))

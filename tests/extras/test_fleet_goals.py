@@ -57,8 +57,9 @@ def machines(tmp_path):
 
 def serve_table(machines, keys):
     """The world, where the simulator is; endpoints of the arms."""
-    root = Workspace.create(machines.folder / "table" / "w", Library.open(machines.add("table"))).root
-    command = ["-m", "phyagentos.assembly.processes", "world", "--workspace", str(root), "--target", "table"]
+    machines.add("table")
+    place = ("--workspace", str(machines.folder / "table" / "w"), "--target", "table")
+    command = ["-m", "phyagentos.assembly.processes", "world", *place]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     table = machines.start("table", sys.executable, *command, "--socket", "ws://127.0.0.1:0", **pipes)
     table.stdin.write("".join(f"{arm} {key}\n" for arm, key in keys.items()).encode())

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
+from phyagentos.assembly.processes import locate_doors
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.fleet.bus import Bucket, Claim, HostCard, Offer, encode_key, read_cards
 from phyagentos.fleet.host import BY, FleetHost
@@ -535,6 +536,12 @@ def test_a_host_offers_a_shared_world_as_a_whole():
     with pytest.raises(DefinitionError, match="l without r"):
         _refuse_half_a_world(known, {"l"})
     _refuse_half_a_world(dict.fromkeys(worlds, SimpleNamespace(world="table", driver="remote")), {"l"})  # one, served
+
+
+def test_targets_of_a_served_world_have_a_port_each():
+    assert locate_doors("wss://[::1]:7000", "lr") == {"l": "wss://[::1]:7000", "r": "wss://[::1]:7001"}
+    assert locate_doors("ws://127.0.0.1:0", "lr") == dict.fromkeys("lr", "ws://127.0.0.1:0")
+    assert locate_doors("/run/a/table.world", "l") == {"l": "/run/a/l.world"}
 
 
 def test_a_store_without_a_leader_keeps_no_lease_from_being_renewed(fleet):
