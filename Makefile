@@ -113,7 +113,7 @@ test-extras: setup $(OTHERS:%=build/%/.installed) $(ROS2:%=build/%/.installed) b
 	--lerobot-python=build/$(LEROBOT06)/bin/python tests/extras/test_lerobot.py tests/extras/test_lerobot_bridge.py
 	@$(DRIVERS)/bin/pytest -q -m device
 	@$(DRIVERS)/bin/pytest -q tests/runtime/policies/test_onnx.py tests/runtime/models/test_xacro.py tests/runtime/models/test_collada.py tests/examples/test_trained_policy.py
-	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py tests/extras/test_mcp.py tests/extras/test_bt_cpp.py tests/extras/test_groot2.py tests/extras/test_fleet.py tests/extras/test_rerun.py tests/extras/test_site.py
+	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python tests/extras/test_ray.py tests/extras/test_mcp.py tests/extras/test_bt_cpp.py tests/extras/test_groot2.py tests/extras/test_fleet.py tests/extras/test_fleet_goals.py tests/extras/test_rerun.py tests/extras/test_site.py
 	@$(DRIVERS)/bin/pytest -q -m extras --peers-python=build/peers/bin/python --ros2-python=build/ros2/bin/python --ros2_jazzy-python=build/ros2_jazzy/bin/python \
 	tests/extras/test_ros2_goals.py tests/extras/ros2/test_cyclone.py
 	@$(VIEW)/bin/pytest -q -m extras --peers-python=build/peers/bin/python --axe $(VIEW)/$(AXE).tgz $(wildcard tests/extras/test_view*.py)

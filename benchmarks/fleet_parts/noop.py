@@ -5,16 +5,22 @@
 Host and hub are those of `paos fleet`; a runtime that does nothing stands for each watchdog, and an agent that accepts
 everything for the agent plane. Each host has one target, and one session at a time waits for it or runs: the time to
 the claim is no time in a queue. Without a host the same agent and runtime share one workspace.
+
+What a session and a heartbeat cost the server and the hub is measured beside it, and multiplied: what many robots need.
 """
 
 import contextlib
 import datetime
 import math
+import os
 import subprocess
 import sys
 import threading
+import time
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -40,6 +46,8 @@ from phyagentos.store.watch import Watch
 from phyagentos.testing import make_contract
 
 LIMIT_S, STOP_LIMIT_S = 1500.0, 10.0
+IDLE_S = 10.0  # for what heartbeats alone cost
+ROBOTS, SESSIONS_PER_H = 1000, 20.0  # what is computed on paper, one target a host
 ATTEMPT = {"attempt": msgspec.to_builtins(Attempt(verdict=Verdict.SUCCESS, criteria=()))}
 
 
@@ -110,19 +118,53 @@ def run_host(root: Path, url: str, name: str) -> None:
         take_turns(lambda: host.turn() | runtime.turn(), bus, journal.folder, ends)
 
 
+class Cost(NamedTuple):
+    """What has been used up so far: messages to and from the server, bytes that it stores, CPU of both [s]."""
+
+    messages: float
+    stored: float
+    server_s: float
+    hub_s: float
+
+    def since(self, before: "Cost", per: float) -> "Cost":
+        """The share of one."""
+        return Cost(*((now - then) / per for now, then in zip(self, before, strict=True)))
+
+
+class Server(NamedTuple):
+    """A running server, whose monitor tells what it does."""
+
+    url: str
+    monitor: int
+    pid: int
+
+    def read(self) -> Cost:
+        """As of now; the hub is this process, and the agent with it."""
+        traffic, stored = (self._ask(each) for each in ("varz", "jsz"))
+        clock = os.sysconf("SC_CLK_TCK")
+        times = Path(f"/proc/{self.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[11:13]
+        messages = traffic["in_msgs"] + traffic["out_msgs"]
+        return Cost(messages, stored["bytes"], sum(map(int, times)) / clock, time.process_time())
+
+    def _ask(self, what: str) -> dict[str, float]:
+        with urllib.request.urlopen(f"http://127.0.0.1:{self.monitor}/{what}", timeout=10) as answer:
+            found: dict[str, float] = msgspec.json.decode(answer.read())
+        return found
+
+
 @contextlib.contextmanager
-def open_fleet(folder: Path, hosts: list[str]) -> Iterator[str]:
-    """A server and hosts in processes of their own; the URL."""
-    prepared = prepare_server(folder / "server", f"127.0.0.1:{choose_port()}")
+def open_fleet(folder: Path, hosts: list[str]) -> Iterator[Server]:
+    """A server and hosts in processes of their own."""
+    prepared, monitor = prepare_server(folder / "server", f"127.0.0.1:{choose_port()}"), choose_port()
     module = [sys.executable, "-m", "benchmarks.fleet_parts.noop"]
     with contextlib.ExitStack() as stack, (folder / "log").open("ab") as log:
-        server = stack.enter_context(subprocess.Popen(prepared.command, stderr=log))
+        server = stack.enter_context(subprocess.Popen([*prepared.command, "-m", str(monitor)], stderr=log))
         stack.callback(server.terminate)
         for name in hosts:
             arguments = [*module, str(folder / name), prepared.urls[ALL], name]
             host = stack.enter_context(subprocess.Popen(arguments, stdin=subprocess.PIPE, stderr=log))
             stack.callback(host.stdin.close)
-        yield prepared.urls[ALL]
+        yield Server(prepared.urls[ALL], monitor, server.pid)
 
 
 def time_stop(folder: Path, hosts: list[str], bus: Bus) -> float:
@@ -135,13 +177,23 @@ def time_stop(folder: Path, hosts: list[str], bus: Bus) -> float:
     return 1e3 * (clock.now_s() - begun_s) if not left else math.inf
 
 
-def time_fleet(folder: Path, sessions: int, hosts: list[str]) -> tuple[list[Record], float]:
-    """Every record of the hub's lane, and of the hosts' as the hub has them; the stop of all [ms]."""
+class Timed(NamedTuple):
+    """Every record of the hub's lane, and of the hosts' as the hub has them; the stop of all [ms]; what one costs."""
+
+    records: list[Record]
+    stop_ms: float
+    session: Cost
+    heartbeat: Cost
+
+
+def time_fleet(folder: Path, sessions: int, hosts: list[str], idle_s: float = 0.0) -> Timed:
+    """Sessions on these hosts, after they have stood idle for some time."""
     workspace, ends = Workspace.create(folder / "hub", Library(())), threading.Event()
     agent = Agent(workspace, "hub", hosts, sessions)
     journal = Journal(workspace.root, side=Side.RUNTIME, by=BY, clock=SystemClock(), partition="hub")
     with contextlib.ExitStack() as stack:
-        bus = stack.enter_context(open_bus(stack.enter_context(open_fleet(folder, hosts)), "hub"))
+        server = stack.enter_context(open_fleet(folder, hosts))
+        bus = stack.enter_context(open_bus(server.url, "hub"))
         hub = stack.enter_context(contextlib.closing(FleetHub(workspace, journal, bus, SystemClock())))
         stack.callback(journal.close)
         stack.callback(agent.journal.close)
@@ -151,11 +203,22 @@ def time_fleet(folder: Path, sessions: int, hosts: list[str]) -> tuple[list[Reco
         while len(bus.view(Bucket.HOSTS)) < len(hosts) and clock.now_s() - begun_s < LIMIT_S:
             clock.sleep(0.2)
         clock.sleep(2.0)
+        rested = server.read()
+        clock.sleep(idle_s)
+        begun, begun_s = server.read(), clock.now_s()
+        beat = begun.since(rested, max(1.0, idle_s * len(hosts)))
         agent.run()
+        beats = (clock.now_s() - begun_s) * len(hosts)
+        session = Cost(
+            *(
+                total - beats / sessions * each
+                for total, each in zip(server.read().since(begun, sessions), beat, strict=True)
+            )
+        )
         ends.set()
         leading.join()
         records = [*read(journal.folder), *(each for name in hosts for each in read_replica(hub, name))]
-        return records, time_stop(folder, hosts, bus)
+        return Timed(records, time_stop(folder, hosts, bus), session, beat)
 
 
 def time_alone(folder: Path, sessions: int) -> list[Record]:
@@ -212,6 +275,33 @@ def sum_up(records: list[Record], sessions: int) -> tuple[float, float, float]:
     )
 
 
+def compute_on_paper(timed: Timed, sessions: int) -> dict[str, float]:
+    """Constants as measured, of a session and a heartbeat, and what `ROBOTS` hosts of one target need by them.
+
+    A session without work has next to no evidence, so that storage is what the fleet itself adds. Of what grows, the
+    CPU of the hub, which is one thread, and of the server, which has several, decide what is too slow first.
+    """
+    session, beat = timed.session, timed.heartbeat
+    in_lanes = sum(each.id.startswith("noop.") for each in timed.records) / sessions
+    rate = SESSIONS_PER_H / 3600.0  # of one robot [1/s]
+    hub, server = (beat[at] + rate * session[at] for at in (3, 2))
+    figures = {f"{name}_per_session": value for name, value in session._asdict().items()}
+    figures |= {f"{name}_per_heartbeat": value for name, value in beat._asdict().items()}
+    figures |= {
+        "records_per_session": in_lanes,
+        "paper_robots": float(ROBOTS),
+        "paper_sessions_per_h": SESSIONS_PER_H,
+        "paper_streams": float(2 * ROBOTS + len(Bucket)),
+        "paper_messages_per_s": ROBOTS * (beat.messages + rate * session.messages),
+        "paper_stored_gb_per_day": 86400.0 * ROBOTS * rate * session.stored / 1e9,
+        "paper_hub_cores": ROBOTS * hub,
+        "paper_server_cores": ROBOTS * server,
+        "paper_robots_of_one_hub": 1.0 / hub,
+        "paper_robots_of_a_server_core": 1.0 / server,
+    }
+    return figures
+
+
 def measure_noop(folder: Path, sessions: int, hosts: int) -> dict[str, float]:
     """Without a fleet, on one host and on all of them."""
     figures, rows = {}, []
@@ -220,7 +310,12 @@ def measure_noop(folder: Path, sessions: int, hosts: int) -> dict[str, float]:
         place.mkdir()
         some = sessions if count != 1 else max(1, sessions // max(1, hosts))
         names = [f"t{n}" for n in range(count)]
-        records, stop_ms = time_fleet(place, some, names) if count else (time_alone(place, some), 0.0)
+        if count:
+            timed = time_fleet(place, some, names, IDLE_S if count == hosts else 0.0)
+            records, stop_ms = timed.records, timed.stop_ms
+            figures |= compute_on_paper(timed, some) if count == hosts else {}
+        else:
+            records, stop_ms = time_alone(place, some), 0.0
         rate, median_ms, p99_ms = sum_up(records, some)
         figures |= {f"noop_per_s_{name}": rate, f"claim_ms_{name}": median_ms, f"claim_p99_ms_{name}": p99_ms}
         figures |= {f"stop_ms_{name}": stop_ms} if count else {}

@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 
 from phyagentos.assembly.drivers import DRIVERS, open_shared_world
 from phyagentos.assembly.graphics import choose_graphics
+from phyagentos.assembly.paths import open_project
 from phyagentos.assembly.process_tuning import ask_for_precedence, collect_rarely
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, find_full_disk
@@ -38,9 +39,9 @@ def run_world(root: Path, world: str, socket: str, *, outlives: bool, certificat
     """The process of one world, and of every target in it, until its supervisor ends.
 
     A world that is not shared has the name of its only target, which listens at `socket`: the path of a UNIX socket, or
-    `ws://host:port`, with a `certificate` `wss://host:port`, for commanders of another workspace. Targets that share a
-    world listen beside that path, each at `<target>.world`. With `outlives`, it waits for another watchdog when the
-    process that started it dies.
+    `ws://host:port`, with a `certificate` `wss://host:port`, for commanders of other workspaces. Targets that share a
+    world listen beside that path, each at `<target>.world`, or at that port and those behind it, in the order of their
+    names. With `outlives`, it waits for another watchdog when the process that started it dies.
 
     Raises:
         ExecutionError: `BUSY` when another one lives.
@@ -50,7 +51,7 @@ def run_world(root: Path, world: str, socket: str, *, outlives: bool, certificat
     from phyagentos.runtime.supervision.workers import end_with_parent
     from phyagentos.runtime.supervision.world_process import end_when_unwatched, get_lock
 
-    workspace, clock = Workspace.open(root), SystemClock()
+    workspace, clock = open_project(root) if is_port(socket) else Workspace.open(root), SystemClock()
     become_sole(get_lock(workspace.root, world), clock, "BUSY", f"another world process has {world}")
     choose_graphics()
     sites = find_sites(workspace, world, clock)
@@ -74,7 +75,7 @@ def run_world(root: Path, world: str, socket: str, *, outlives: bool, certificat
     if len(sites) == 1:
         serve_one(sites[0], socket, tokens[sites[0].profile.target], pace_by, certificate)
     else:
-        serve_shared(sites, Path(socket).parent, tokens, pace_by)
+        serve_shared(sites, socket, tokens, pace_by, certificate)
 
 
 def find_sites(workspace: Workspace, world: str, clock: Clock) -> list[DriverSite]:
@@ -111,8 +112,13 @@ def serve_one(site: DriverSite, socket: str, tokens: Tokens, pace_by: Clock | No
         serve(served, open_door(socket, certificate=certificate), tokens)
 
 
-def serve_shared(sites: list[DriverSite], sockets: Path, tokens: Mapping[str, Tokens], pace_by: Clock | None) -> None:
-    """Serve the robots of a world that several targets share."""
+def serve_shared(
+    sites: list[DriverSite], socket: str, tokens: Mapping[str, Tokens], pace_by: Clock | None, certificate: Path | None
+) -> None:
+    """Serve the robots of a world that several targets share.
+
+    For commanders of other workspaces no runtime plane says which sessions run: in lockstep, those that have begun do.
+    """
     from phyagentos.runtime.drivers.mujoco.shared_target import SharedTarget, serve_together
     from phyagentos.runtime.targets.agreement import AgreementReceiver
     from phyagentos.runtime.targets.receive_log import ReceiveLog
@@ -120,9 +126,9 @@ def serve_shared(sites: list[DriverSite], sockets: Path, tokens: Mapping[str, To
     from phyagentos.runtime.targets.stop_listener import StopListener
 
     workspace, world = sites[0].workspace, sites[0].profile.world
-    agreement = AgreementReceiver(sockets / f"{world}.time")
+    agreement = None if is_port(socket) else AgreementReceiver(Path(socket).parent / f"{world}.time")
     stops = StopListener(workspace.signals.parent, sites[0].clock)
-    robots = open_shared_world(sites, agreement.read if pace_by is None else None)
+    robots = open_shared_world(sites, agreement.read if agreement is not None and pace_by is None else None)
     members: list[SharedTarget] = []
     for robot in robots:
         log = ReceiveLog(workspace.logs / f"receive-{robot.profile.target}.jsonl", sites[0].clock)
@@ -131,11 +137,13 @@ def serve_shared(sites: list[DriverSite], sockets: Path, tokens: Mapping[str, To
             robot, log, members, is_estopped=stops.is_latched, keep_stop=stops.keep, truth=truth, permits=permits
         )
     lock = robots[0].world.simulation.lock
-    threading.Thread(target=agreement.wake, args=(lock,), daemon=True, name="hear-what-runs").start()
+    if agreement is not None:
+        threading.Thread(target=agreement.wake, args=(lock,), daemon=True, name="hear-what-runs").start()
+    doors = {name: open_door(place, 0.0, certificate) for name, place in locate_doors(socket, list(tokens)).items()}
 
     def serve_at(target: SharedTarget) -> None:
         name = target.robot.profile.target
-        serve(target, open_door(str(sockets / f"{name}.world"), spin_s=0.0), tokens[name])
+        serve(target, doors[name], tokens[name])
 
     collect_rarely()
     serve_together(members, serve_at, pace_by)
@@ -160,11 +168,25 @@ def reads_truth(workspace: Workspace) -> bool:
         return False
 
 
+def is_port(where: str) -> bool:
+    """Whether commanders come over the network."""
+    return where.startswith(("ws:", "wss:"))
+
+
+def locate_doors(socket: str, targets: Sequence[str]) -> dict[str, str]:
+    """Where each target of a shared world listens."""
+    if not is_port(socket):
+        return {name: str(Path(socket).parent / f"{name}.world") for name in targets}
+    parts = urlsplit(socket)
+    where = socket if parts.port is None else socket.rpartition(":")[0]
+    return {name: f"{where}:{parts.port + number if parts.port else 0}" for number, name in enumerate(targets)}
+
+
 def open_door(where: str, spin_s: float = SPIN_S, certificate: Path | None = None) -> "Door":
     """Where commanders come in; a WebSocket's endpoint is printed, since its port may be a free one."""
     from phyagentos.runtime.targets.server import UnixDoor
 
-    if not where.startswith(("ws:", "wss:")):
+    if not is_port(where):
         return UnixDoor(where, spin_s)
     from phyagentos.runtime.targets.websocket import WebSocketDoor
 

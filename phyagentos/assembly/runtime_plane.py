@@ -19,7 +19,7 @@ from phyagentos.assembly.processes import make_command, reads_truth
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, PhyAgentOSError
 from phyagentos.protocol.capabilities.registries import read_target_registry
-from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile, find_own_world
 from phyagentos.protocol.documents.regular_files import read_regular
 from phyagentos.protocol.sessions.evidence_manifest import Sealer, list_unsealed
 from phyagentos.protocol.sessions.lifecycle import FINAL_STATES, Side
@@ -218,10 +218,10 @@ def open_shared_time(
     targets: Mapping[str, TargetProfile], workspace: Workspace, sockets: Path, clock: Clock
 ) -> SharedTime | None:
     """What holds the time of shared worlds, and repeatable targets in turn; None without any, and in real time."""
-    names = Counter(profile.world for profile in targets.values() if profile.world)
+    worlds = {name: world for name, profile in targets.items() if (world := find_own_world(profile))}
     shared = {
-        world: ([name for name, profile in targets.items() if profile.world == world], sockets / f"{world}.time")
-        for world, count in names.items()
+        world: ([name for name, each in worlds.items() if each == world], sockets / f"{world}.time")
+        for world, count in Counter(worlds.values()).items()
         if count > 1
     }
     is_lockstep = _read_rules(workspace).world_mode is WorldMode.LOCKSTEP

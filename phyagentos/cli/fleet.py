@@ -48,12 +48,13 @@ def join(
     name: Annotated[str | None, typer.Option(help="Of this host in the fleet; that of the machine by default.")] = None,
     target: Annotated[list[str] | None, typer.Option(help="To offer; all of TARGETS.md by default.")] = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Render nothing.")] = False,
+    page: Annotated[str, typer.Option(help="Address of the page of this workspace, for people.")] = "",
     trust_python: TrustPython = False,
 ) -> None:
     """Carry out sessions of a fleet on targets of this host, in its own workspace; Ctrl-C ends."""
     admit_python(workspace, is_trusted=trust_python, announce=print_note)
-    ends = _end_on_signals()
-    fleet.join_fleet(workspace, server, ends, print_note, name=name, targets=target or (), pictures=not no_pictures)
+    ends, pictures = _end_on_signals(), not no_pictures
+    fleet.join_fleet(workspace, server, ends, print_note, name=name, targets=target or (), pictures=pictures, page=page)
 
 
 def status(server: Server) -> Reply[FleetStatus]:

@@ -1,12 +1,14 @@
 """`view`: the page of a workspace in the browser."""
 
+import contextlib
 import os
 import socket
 import webbrowser
+from collections.abc import Callable
 from pathlib import Path
 from threading import Event
 from types import FrameType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typing_extensions import override
@@ -14,6 +16,12 @@ from typing_extensions import override
 from phyagentos.cli.arguments import choose_newest
 from phyagentos.cli.outcome import print_note, print_result
 from phyagentos.errors import needs_extra
+from phyagentos.operations.fleet import watch_fleet
+
+if TYPE_CHECKING:
+    from starlette.types import ASGIApp
+
+    from phyagentos.view.access import Access
 
 NICE = 10  # a run on the same machine comes first
 _SPACE_HELP = "A workspace, the run of a suite, or a folder that holds several; several begin with a list."
@@ -32,16 +40,25 @@ def view(
     allow_actions: Annotated[bool, typer.Option("--allow-actions", help=_ACTIONS_HELP)] = False,
     run: Annotated[list[Path] | None, typer.Option(help="Folder of a suite's run, to compare; repeatable.")] = None,
     browser: Annotated[bool, typer.Option(help="Open the page in the browser.")] = True,
+    fleet: Annotated[str, typer.Option(help="URL of a fleet, which has a page too.", envvar="PHYAGENTOS_FLEET")] = "",
 ) -> None:
     """Show runs in the browser, before, while and after they run, until Ctrl-C; a token is printed."""
     with needs_extra("view", "paos view"):
-        import uvicorn
-
-        from phyagentos.assembly.graphics import choose_graphics
-        from phyagentos.view.access import Access
         from phyagentos.view.site import open_places
-    ends = Event()
-    build = open_places(workspace, ends, allows_actions=allow_actions, runs={path.name: path for path in run or ()})
+    ends, runs = Event(), {path.name: path for path in run or ()}
+    with watch_fleet(fleet) if fleet else contextlib.nullcontext() as watch:
+        build = open_places(workspace, ends, allows_actions=allow_actions, runs=runs, fleet=watch)
+        shown = ", ".join(str(each.resolve()) for each in workspace)
+        note = f"{shown}, {'with actions' if allow_actions else 'read-only'}; Ctrl-C ends"
+        _serve(build, ends, host, port, note, opens=browser)
+
+
+def _serve(build: "Callable[[Access], ASGIApp]", ends: Event, host: str, port: int, note: str, *, opens: bool) -> None:
+    import uvicorn
+
+    from phyagentos.assembly.graphics import choose_graphics
+    from phyagentos.view.access import Access
+
     os.nice(NICE)
     choose_graphics()  # for pictures that stand in place of a scene
     listening, scenes = socket.create_server((host, port)), socket.create_server((host, 0))
@@ -51,9 +68,8 @@ def view(
     access = Access(frozenset(f"{each}:{number}" for each in names), frozenset({f"{name}:{beside}"}))
     address = f"http://{host}:{number}/?token={access.token}"
     print_result(address)
-    shown = ", ".join(str(each.resolve()) for each in workspace)
-    print_note(f"{shown}, {'with actions' if allow_actions else 'read-only'}; Ctrl-C ends")
-    if browser:
+    print_note(note)
+    if opens:
         webbrowser.open(address)
     config = uvicorn.Config(build(access), log_level="warning", ws_max_size=64 << 20, timeout_graceful_shutdown=1)
 

@@ -7,7 +7,7 @@ hub in order.
 """
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from typing import Annotated, NamedTuple, Protocol, TypeVar
 
@@ -19,6 +19,7 @@ from phyagentos.protocol.sessions.evidence_manifest import FileName
 from phyagentos.protocol.sessions.session import Session
 
 HUB, OPERATOR = "hub", "operator"  # who is no host
+PAGE = r"^(https?://[^\x00-\x20]+)?$"  # a link that a page may show
 HOST_NAME = r"^(?!\.\.?$)[^/\x00-\x1f]{1,60}$"  # also that of a folder
 _Struct = TypeVar("_Struct", bound=msgspec.Struct)
 
@@ -70,10 +71,10 @@ class Offer(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Claim(msgspec.Struct, frozen=True, kw_only=True):
-    """Who holds a session.
+    """Who holds a session; read it by `read_claim`.
 
     Attributes:
-        host: Empty while no host holds it.
+        host: Empty while no host holds it. A host's own claim need not name it: its subject does.
         epoch: 0 while it is open; one more with each claim and each fence.
         beat: Renewals so far.
         is_fenced: Whether the hub ended it: no host may take it, renew it or go on under it.
@@ -95,6 +96,7 @@ class HostCard(msgspec.Struct, frozen=True, kw_only=True):
         load: Sessions that it holds.
         beat: Grows with each renewal.
         is_stopped: Whether its emergency stop is latched.
+        page: Address of the page of its workspace, for people; empty without one.
     """
 
     host: Annotated[str, msgspec.Meta(pattern=HOST_NAME)]
@@ -102,6 +104,7 @@ class HostCard(msgspec.Struct, frozen=True, kw_only=True):
     load: int = 0
     beat: int = 0
     is_stopped: bool = False
+    page: Annotated[str, msgspec.Meta(pattern=PAGE)] = ""
 
     def offers(self, session: Session) -> bool:
         """Whether it can carry out this skill on this target."""
@@ -116,10 +119,11 @@ class Frame(NamedTuple):
 
 
 class Stored(NamedTuple):
-    """A value with its revision."""
+    """A value with its revision; `by` whom, as the subject of a claim says: only that one may write there."""
 
     value: bytes
     revision: int
+    by: str
 
 
 class BusLost(ExecutionError):
@@ -151,7 +155,7 @@ class Bus(Protocol):
     def bundles(self) -> int:
         """How many bundles have arrived at the server, as far as this has been heard; it grows."""
 
-    def view(self, bucket: Bucket) -> Mapping[str, bytes]:
+    def view(self, bucket: Bucket) -> Mapping[str, Stored]:
         """The values of a bucket as far as they have arrived here."""
 
     def on_change(self, bucket: Bucket, act: Callable[[bytes], None]) -> None:
@@ -166,14 +170,11 @@ class Bus(Protocol):
     def swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         """Replace the value of this revision, 0 for none; the new one, or None where another one stands there."""
 
-    def put_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> None:
-        """Replace several values, in the time of one."""
+    def put_all(self, values: Mapping[tuple[Bucket, str], bytes | None]) -> None:
+        """Replace several values, and forget those that are None, in the time of one."""
 
     def open_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> dict[str, int | None]:
         """Set what is not there; the revisions, None where something is."""
-
-    def remove_all(self, keys: Collection[tuple[Bucket, str]]) -> None:
-        """Forget several keys."""
 
     def find_end(self, lane: str) -> int:
         """Number of the last record of a lane, as far as that has arrived here."""
@@ -200,6 +201,20 @@ class Bus(Protocol):
         """Let go of the connection."""
 
 
+def read_claim(found: Stored | None) -> Claim | None:
+    """A claim, None where none can be read. Only the hub fences, and names the host that it has fenced."""
+    claim = find_read(found.value, Claim) if found is not None else None
+    if claim is None or found is None or found.by == HUB:
+        return claim
+    return msgspec.structs.replace(claim, host=found.by, is_fenced=False)
+
+
+def read_cards(values: Mapping[str, Stored]) -> list[HostCard]:
+    """What hosts say of themselves, each under the key that it alone may write: of another one it says nothing."""
+    found = {key: find_read(each.value, HostCard) for key, each in sorted(values.items())}
+    return [card for key, card in found.items() if card is not None and encode_key(card.host) == key]
+
+
 def find_read(value: bytes | None, of: type[_Struct]) -> _Struct | None:
     """What a hub or host wrote; None for anything else, as by one of another version: that ends no process."""
     try:
@@ -208,9 +223,9 @@ def find_read(value: bytes | None, of: type[_Struct]) -> _Struct | None:
         return None
 
 
-def iter_read(values: Iterable[bytes], of: type[_Struct]) -> Iterator[_Struct]:
+def iter_read(values: Iterable[Stored], of: type[_Struct]) -> Iterator[_Struct]:
     """The values that can be read."""
-    return (found for value in values if (found := find_read(value, of)) is not None)
+    return (found for each in values if (found := find_read(each.value, of)) is not None)
 
 
 def hide_token(url: str) -> str:
@@ -221,6 +236,11 @@ def hide_token(url: str) -> str:
 def encode_key(text: str) -> str:
     """A name as one token of a key: letters, digits, `_` and `-`; the rest by its number."""
     return re.sub(r"[^A-Za-z0-9_-]", lambda found: f"={ord(found[0]):x}=", text)
+
+
+def decode_key(token: str) -> str:
+    """The name of a token."""
+    return re.sub(r"=([0-9a-f]+)=", lambda found: chr(int(found[1], 16)), token)
 
 
 def get_offer_key(session: Session) -> str:

@@ -13,7 +13,7 @@ import msgspec
 from phyagentos.clock import Clock
 from phyagentos.errors import ExecutionError
 from phyagentos.fleet.bundles import Transfers, send_bundle
-from phyagentos.fleet.bus import Bucket, Bus, BusLost, Claim, HostCard, Offer, Stored, encode_key, find_read
+from phyagentos.fleet.bus import Bucket, Bus, BusLost, Claim, HostCard, Offer, Stored, encode_key, find_read, read_claim
 from phyagentos.fleet.lanes import LanePublisher
 from phyagentos.protocol.sessions.estop import Latch, is_latched, latch
 from phyagentos.protocol.sessions.lease_files import ENDED_S, remove_lease, write_lease
@@ -53,16 +53,23 @@ class FleetHost:
         bus: To the server.
         clock: For leases; wall clocks play no part.
         targets: Those that it runs, with the skills that they can carry out.
+        page: Where people find the page of its workspace.
     """
 
     def __init__(
-        self, workspace: Workspace, journal: Journal, bus: Bus, clock: Clock, targets: Mapping[str, tuple[str, ...]]
+        self,
+        workspace: Workspace,
+        journal: Journal,
+        bus: Bus,
+        clock: Clock,
+        targets: Mapping[str, tuple[str, ...]],
+        page: str = "",
     ) -> None:
         self._workspace, self._journal, self._bus, self._clock = workspace, journal, bus, clock
         self._leases = workspace.leases
         self._ledger = journal.open_ledger()
         self._publisher = LanePublisher(journal, bus)
-        self._card = HostCard(host=journal.folder.name, targets=dict(targets))
+        self._card = HostCard(host=journal.folder.name, targets=dict(targets), page=page)
         self._beat_at_s = -float("inf")
         self._held: dict[SessionId, HeldClaim] = {}
         self._transfers = Transfers(bus, send_bundle)
@@ -92,9 +99,9 @@ class FleetHost:
         found = self._bus.get(Bucket.HOSTS, encode_key(self._card.host)) if not self._card.beat else None
         if found is not None and (other := find_read(found.value, HostCard)) is not None:
             self._refuse_twin(other)
-        for value in self._bus.view(Bucket.STOPS).values():  # one that was given while this host was away
+        for given in self._bus.view(Bucket.STOPS).values():  # one that was given while this host was away
             with contextlib.suppress(OSError):  # on a full disk again at the next beat
-                self._stop(value)
+                self._stop(given.value)
         self._card = msgspec.structs.replace(
             self._card,
             beat=self._card.beat + 1,
@@ -118,7 +125,7 @@ class FleetHost:
         return (each for each in self._ledger.live_sessions() if each.asked_by == BY)
 
     def _follow_offers(self) -> None:
-        found, now_s = {*self._bus.view(Bucket.OFFERS).values()}, self._clock.now_s()
+        found, now_s = {each.value for each in self._bus.view(Bucket.OFFERS).values()}, self._clock.now_s()
         new = {each: (find_read(each, Offer), now_s) for each in found if each not in self._offers}
         self._offers = {each: seen for each, seen in (self._offers | new).items() if each in found}
         mine = [(offer, at_s) for offer, at_s in self._offers.values() if offer and self._card.offers(offer.contract)]
@@ -150,7 +157,7 @@ class FleetHost:
         id, begun_s = offer.contract.id, self._clock.now_s()
         if (id, offer.revision) in self._lost:
             return
-        if not self._hold(id, Claim(host=self._card.host, epoch=1, lease_s=offer.lease_s), offer.revision):
+        if not self._hold(id, Claim(epoch=1, lease_s=offer.lease_s), offer.revision):
             self._lost.add((id, offer.revision))
             return
         write_lease(self._leases, id, begun_s + offer.lease_s)
@@ -171,7 +178,7 @@ class FleetHost:
     def _find_own(self, key: str) -> tuple[Claim, Stored] | None:
         """The claim as the server has it, while it is of this host and not fenced."""
         found = self._bus.get(Bucket.CLAIMS, key)
-        claim = find_read(found.value, Claim) if found is not None else None
+        claim = read_claim(found)
         is_own = claim is not None and claim.host == self._card.host and not claim.is_fenced
         return (claim, found) if claim is not None and found is not None and is_own else None
 

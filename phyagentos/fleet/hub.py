@@ -24,13 +24,15 @@ from phyagentos.fleet.bus import (
     EndEntry,
     HostCard,
     Offer,
+    Stored,
     encode_key,
-    find_read,
     get_offer_key,
     iter_read,
+    read_cards,
+    read_claim,
 )
 from phyagentos.fleet.host import BY
-from phyagentos.fleet.lanes import LanePublisher, LaneReplica
+from phyagentos.fleet.lanes import LaneReplica
 from phyagentos.protocol.capabilities.registries import publish_health, read_target_registry
 from phyagentos.protocol.capabilities.targets import Health, TargetHealth
 from phyagentos.protocol.sessions.estop import read_latch
@@ -60,7 +62,7 @@ class Placed:
     """A session with an offer: its claim as seen last, and since when [s]."""
 
     offer: Offer
-    claim: bytes = b""
+    claim: Stored | None = None
     since_s: float = 0.0
 
 
@@ -82,11 +84,11 @@ class FleetHub:
         self._own, self._ledger = journal, journal.open_ledger()
         self._journal = SupervisorJournal(journal, self._ledger, lambda _: None)
         self._operator = OperatorSignals(workspace, self._journal, clock)
-        self._publisher = LanePublisher(journal, bus)
         self._fetched = Transfers(bus, fetch_bundle)
         self._replicas: dict[str, LaneReplica] = {}
         self._waiting: dict[SessionId, deque[tuple[str, Record]]] = defaultdict(deque)  # by lane, not recorded here yet
         self._over: set[SessionId] = set()  # final in the lane of its host
+        self._holders: dict[SessionId, str] = {}  # hosts that claimed them first: no other one may in their place
         self._placed: dict[SessionId, Placed] | None = None  # None: not read yet
         self._seen: dict[str, tuple[int, float]] = {}  # host -> beat, and since when [s]
         self._cards: list[HostCard] = []
@@ -110,18 +112,16 @@ class FleetHub:
             return False
         with contextlib.suppress(BusLost):
             self._pass_stop_on()
-        with contextlib.suppress(BusLost):
-            more = self._publisher.publish(self._ledger.seq)
         self._read_cards()
         with contextlib.suppress(BusLost):
-            more |= self._follow_lanes()
+            more = self._follow_lanes()
             self._relay()
         with contextlib.suppress(BusLost):
             if self._placed is None:
                 self._placed = self._read_placed()
-            self._place(self._placed)
+            offers = self._place(self._placed)
             self._enforce(self._placed)
-            self._end(self._placed)
+            self._put(self._placed, offers)
         return more
 
     def close(self) -> None:
@@ -142,8 +142,7 @@ class FleetHub:
 
     def _read_cards(self) -> None:
         """The hosts that have ever joined; the health of their targets is published."""
-        found = {key: find_read(value, HostCard) for key, value in self._bus.view(Bucket.HOSTS).items()}
-        self._cards = [each for key, each in found.items() if each is not None and encode_key(each.host) == key]
+        self._cards = read_cards(self._bus.view(Bucket.HOSTS))
         now_s = self._clock.now_s()
         for card in self._cards:
             if self._seen.get(card.host, (-1, 0.0))[0] != card.beat:
@@ -237,11 +236,12 @@ class FleetHub:
     def _holds(self, lane: str, id: SessionId) -> bool:
         """Whether the host of a lane has claimed a session, fenced since or not: another one has no say in it."""
         key = encode_key(id)
-        claim = find_read(self._bus.view(Bucket.CLAIMS).get(key), Claim)
-        if claim is None or claim.host != lane:  # its lane may be faster than the news of its claim
-            found = self._bus.get(Bucket.CLAIMS, key)
-            claim = find_read(found.value, Claim) if found is not None else None
-        return claim is not None and claim.host == lane
+        if id not in self._holders:
+            claim = read_claim(self._bus.view(Bucket.CLAIMS).get(key)) or Claim()
+            if not claim.host:  # its lane may be faster than the news of its claim
+                claim = read_claim(self._bus.get(Bucket.CLAIMS, key)) or Claim()
+            self._holders |= {id: claim.host} if claim.host else {}
+        return self._holders.get(id) == lane
 
     def _has_evidence(self, id: SessionId, lane: str) -> bool:
         """Whether its bundle is here; what is damaged comes no more, which the verdict shows."""
@@ -267,8 +267,8 @@ class FleetHub:
                 self._give_up(status, "", "the server does not know its claim any more")
         return found
 
-    def _place(self, placed: dict[SessionId, Placed]) -> None:
-        """Offer what waits, the senior first; resources are given to one session at a time."""
+    def _place(self, placed: dict[SessionId, Placed]) -> list[Offer]:
+        """Offers of what waits, the senior first; resources are given to one session at a time."""
         waiting = list(self._ledger.iter_pending())
         held = [each.contract for each in self._ledger.live_sessions() if each.state not in _RESTING]
         held += [each.contract for each in waiting if each.contract.id in placed]
@@ -281,7 +281,7 @@ class FleetHub:
             elif taken.isdisjoint(session.resources):
                 taken.update(session.resources)
                 new.append(session)
-        self._put(placed, [*changed, *self._open(new)])
+        return [*changed, *(self._open(new) if new else ())]
 
     def _update(self, offer: Offer, session: Session) -> Offer:
         """As it should be now: the lease of a session that several hosts can take is short, else one may finish it."""
@@ -296,13 +296,14 @@ class FleetHub:
 
     def _open(self, sessions: list[Session]) -> list[Offer]:
         """Offers of those whose claim is open: since now, or by an earlier process that ended before it offered it."""
+        self._own.sync()  # what a power cut could take back here must not stand elsewhere
         keys = {encode_key(each.id): each for each in sessions}
-        opened = self._bus.open_all(Bucket.CLAIMS, dict.fromkeys(keys, msgspec.json.encode(Claim()))) if keys else {}
+        opened = self._bus.open_all(Bucket.CLAIMS, dict.fromkeys(keys, msgspec.json.encode(Claim())))
         offers = []
         for key, session in keys.items():
             revision = opened[key]
             if revision is None and (found := self._bus.get(Bucket.CLAIMS, key)) is not None:
-                revision = found.revision if find_read(found.value, Claim) == Claim() else None
+                revision = found.revision if read_claim(found) == Claim() else None
             if revision is None:
                 taken = Problem(
                     "BUSY", f"{session.id}: the server has a claim of this name", expected="another goal id"
@@ -314,16 +315,6 @@ class FleetHub:
             offers.append(self._update(offer, session))
         return offers
 
-    def _put(self, placed: dict[SessionId, Placed], offers: list[Offer]) -> None:
-        """Placed is what the server has confirmed: the rest is offered again."""
-        if offers:
-            self._bus.put_all(
-                Bucket.OFFERS, {get_offer_key(each.contract): msgspec.json.encode(each) for each in offers}
-            )
-        for each in offers:
-            known = placed.setdefault(each.contract.id, Placed(each, since_s=self._clock.now_s()))
-            known.offer = each
-
     def _enforce(self, placed: dict[SessionId, Placed]) -> None:
         """Fence what was not renewed in time, and what no host has taken in time."""
         claims, now_s = self._bus.view(Bucket.CLAIMS), self._clock.now_s()
@@ -332,29 +323,24 @@ class FleetHub:
         self._enforce_at_s = now_s + ENFORCE_S
         for id, each in placed.items():
             status = self._ledger.sessions.get(id)
-            value = claims.get(encode_key(id), b"")
-            if status is None or status.state in _SETTLED or not value:
+            found = claims.get(encode_key(id))
+            if status is None or status.state in _SETTLED or found is None:
                 continue
-            if value != each.claim:
-                each.claim, each.since_s = value, now_s
-            claim = find_read(value, Claim) or Claim()
+            if found != each.claim:
+                each.claim, each.since_s = found, now_s
+            claim = read_claim(found) or Claim()
+            host = self._holders.setdefault(id, claim.host) if claim.host else ""
             patience_s = claim.lease_s + GRACE_S if claim.host else status.contract.limits.queue_s
-            is_late = now_s - each.since_s > patience_s or claim.host in self._aside
-            if claim.is_fenced or (is_late and self._fence(id, value)):
-                why = self._aside.get(
-                    claim.host, f"host {claim.host} did not renew its lease in time: lost, or cut off"
-                )
-                self._give_up(status, claim.host, why)
+            is_late = now_s - each.since_s > patience_s or host in self._aside or host != claim.host
+            if claim.is_fenced or (is_late and self._fence(id, found)):
+                why = self._aside.get(host, f"host {host} did not renew its lease in time: lost, or cut off")
+                self._give_up(status, host, why)
 
-    def _fence(self, id: SessionId, seen: bytes) -> bool:
+    def _fence(self, id: SessionId, seen: Stored) -> bool:
         """End the claim that was seen, unless it has changed; from here on no host may act under it."""
-        key = encode_key(id)
-        found = self._bus.get(Bucket.CLAIMS, key)
-        if found is None or found.value != seen:
-            return False
-        claim = find_read(seen, Claim) or Claim()
+        claim = read_claim(seen) or Claim()
         fenced = msgspec.structs.replace(claim, epoch=claim.epoch + 1, is_fenced=True)
-        return self._bus.swap(Bucket.CLAIMS, key, msgspec.json.encode(fenced), found.revision) is not None
+        return self._bus.swap(Bucket.CLAIMS, encode_key(id), msgspec.json.encode(fenced), seen.revision) is not None
 
     def _give_up(self, status: SessionStatus, host: str, why: str) -> None:
         id, state, epoch = status.contract.id, status.state, status.epoch
@@ -373,33 +359,42 @@ class FleetHub:
         body = {"execution": msgspec.to_builtins(lost)}
         self._record([*entries, Entry(id, "reconcile", body, epoch)], host or BY)
 
-    def _end(self, placed: dict[SessionId, Placed]) -> None:
-        """Let hosts know of verdicts and cancellations, and forget what is over on both sides."""
-        over, changed = [], []
+    def _put(self, placed: dict[SessionId, Placed], offers: list[Offer]) -> None:
+        """Send these, let hosts know of verdicts and cancellations, and forget what is over on both sides.
+
+        Placed is what the server has confirmed: the rest is sent again.
+        """
+        over, ended = [], []
         for id, each in placed.items():
             status = self._ledger.sessions.get(id)
             if (status is None or status.state in FINAL_STATES) and self._is_over_there(id):
                 over.append(each.offer.contract)
             elif (wanted := _build_end(each.offer, status)) != each.offer:
-                changed.append(wanted)
-        if changed:
+                ended.append(wanted)
+        if ended:
             self._own.sync()  # the verdicts that are passed on
-            self._put(placed, changed)
-        if over:
-            keys = [(Bucket.OFFERS, get_offer_key(each)) for each in over]
-            self._bus.remove_all([*keys, *((Bucket.CLAIMS, encode_key(each.id)) for each in over)])
+        sent = {each.contract.id: each for each in (*offers, *ended)}
+        values: dict[tuple[Bucket, str], bytes | None]
+        values = {(Bucket.OFFERS, get_offer_key(each.contract)): msgspec.json.encode(each) for each in sent.values()}
+        values |= {(Bucket.OFFERS, get_offer_key(each)): None for each in over}
+        values |= {(Bucket.CLAIMS, encode_key(each.id)): None for each in over}
+        if values:
+            self._bus.put_all(values)
+        for id, offer in sent.items():
+            placed.setdefault(id, Placed(offer, since_s=self._clock.now_s())).offer = offer
         for contract in over:
             del placed[contract.id]
             self._fetched.forget(contract.id)
         self._over &= placed.keys()
+        self._holders = {id: host for id, host in self._holders.items() if id in placed}
 
     def _is_over_there(self, id: SessionId) -> bool:
         """Whether no host will do anything more about it."""
         if id in self._over:
             return True
-        value = self._bus.view(Bucket.CLAIMS).get(encode_key(id), b"")
-        claim = find_read(value, Claim) or Claim()
-        return not claim.host and (claim.is_fenced or self._fence(id, value))
+        found = self._bus.view(Bucket.CLAIMS).get(encode_key(id))
+        claim = read_claim(found) or Claim()
+        return not claim.host and found is not None and (claim.is_fenced or self._fence(id, found))
 
 
 def _build_end(offer: Offer, status: SessionStatus | None) -> Offer:

@@ -25,13 +25,14 @@ from nats.js import JetStreamContext, api
 from nats.js.object_store import ObjectStore
 
 from phyagentos.clock import SystemClock
-from phyagentos.fleet.bus import HUB, Bucket, BusLost, Frame, HostCard, Stored, encode_key, find_read, hide_token
+from phyagentos.fleet.bus import HUB, Bucket, BusLost, Frame, Stored, decode_key, encode_key, hide_token, read_cards
 from phyagentos.fleet.subjects import LANE, NEWS, locate, locate_claim, name_evidence, name_inbox, name_lane, name_store
 
 CALL_S = 5.0
 RETRY_S = 0.2
 PING_S = 2.0  # a peer that answers neither of two is gone: a cut cable closes no connection
 RESCAN_S = 5.0
+HEARD_MAX = 4096  # records of a lane that wait to be read; others are asked for
 TOGETHER = 64  # requests on their way at once
 SEGMENT = "Segment"
 _WRONG_SEQUENCE = frozenset({10071, 10164})
@@ -53,14 +54,14 @@ class NatsBus:
     def __init__(self, url: str, *, name: str, role: str = HUB, targets: Collection[str] | None = None) -> None:
         self._url, self._name, self._shown = url, name, hide_token(url)
         self._role, self._token, self._is_hub = role, encode_key(role), role == HUB
-        self._wanted = {Bucket.OFFERS: [">"], Bucket.HOSTS: [">"], Bucket.STOPS: [">"]}
-        self._wanted |= {Bucket.CLAIMS: [">"]} if self._is_hub else {}
+        self._wanted = {bucket: [">"] for bucket in Bucket}
         if targets is not None:
             self._wanted = {Bucket.OFFERS: [f"{encode_key(each)}.>" for each in targets], Bucket.STOPS: [">"]}
-        self._views: dict[Bucket, dict[str, bytes]] = {bucket: {} for bucket in Bucket}
+        self._views: dict[Bucket, dict[str, Stored]] = {bucket: {} for bucket in Bucket}
         self._changed: dict[Bucket, set[str]] = {bucket: set() for bucket in Bucket}  # since a look at all began
         self._acts: dict[Bucket, Callable[[bytes], None]] = {}
         self._ends: dict[str, int] = {}
+        self._heard: dict[str, dict[int, Frame]] = {}  # records of lanes that came as news, until they are read
         self._bundles = 0
         self._news = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
         self._client = Client()
@@ -100,7 +101,7 @@ class NatsBus:
         """As of the port."""
         return self._bundles
 
-    def view(self, bucket: Bucket) -> Mapping[str, bytes]:
+    def view(self, bucket: Bucket) -> Mapping[str, Stored]:
         """As of the port."""
         return dict(self._views[bucket])
 
@@ -114,11 +115,11 @@ class NatsBus:
 
     def put(self, bucket: Bucket, key: str, value: bytes) -> None:
         """As of the port."""
-        self.put_all(bucket, {key: value})
+        self.put_all({(bucket, key): value})
 
-    def put_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> None:
+    def put_all(self, values: Mapping[tuple[Bucket, str], bytes | None]) -> None:
         """As of the port."""
-        self._call(lambda: _gather(values, lambda key: self._put(bucket, key, values[key])))
+        self._call(lambda: _gather(values, lambda key: self._put(*key, values[key])))
 
     def open_all(self, bucket: Bucket, values: Mapping[str, bytes]) -> dict[str, int | None]:
         """As of the port."""
@@ -128,10 +129,6 @@ class NatsBus:
     def swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         """As of the port."""
         return self._call(lambda: self._swap(bucket, key, value, revision))
-
-    def remove_all(self, keys: Collection[tuple[Bucket, str]]) -> None:
-        """As of the port."""
-        self._call(lambda: _gather(keys, lambda each: self._remove(*each)))
 
     def count(self, lane: str) -> int:
         """As of the port."""
@@ -256,14 +253,16 @@ class NatsBus:
 
     async def _hear(self, bucket: Bucket, message: Msg) -> None:
         key = message.subject.removeprefix(f"{NEWS}{locate(bucket)}")
-        self._note(bucket, key.split(".")[0] if bucket is Bucket.CLAIMS else key, message.data)
+        revision = int((message.headers or {}).get("Nats-Sequence", "0"))
+        self._note(bucket, _find_key(bucket, key), found := Stored(message.data, revision, _find_writer(key)))
         with contextlib.suppress(KeyError, OSError):  # what an act did not do, the next look does
             self._acts[bucket](message.data)
-        if self._is_hub and bucket is Bucket.HOSTS and (card := find_read(message.data, HostCard)) is not None:
+        if self._is_hub and bucket is Bucket.HOSTS:
             with contextlib.suppress(nats.errors.Error, TimeoutError):
-                await self._provide_lane(card.host)
+                for card in read_cards({key: found}):
+                    await self._provide_lane(card.host)
 
-    def _note(self, bucket: Bucket, key: str, value: bytes | None) -> None:
+    def _note(self, bucket: Bucket, key: str, value: Stored | None) -> None:
         self._changed[bucket].add(key)
         if value is None:
             self._views[bucket].pop(key, None)
@@ -272,8 +271,11 @@ class NatsBus:
         self.ring()
 
     async def _hear_lane(self, message: Msg) -> None:
-        lane, seq = message.subject.removeprefix(f"{NEWS}{LANE}"), (message.headers or {}).get("Nats-Sequence", "0")
-        self._ends[lane] = max(self._ends.get(lane, 0), int(seq))
+        lane, headers = message.subject.removeprefix(f"{NEWS}{LANE}"), message.headers or {}
+        seq, heard = int(headers.get("Nats-Sequence", "0")), self._heard.setdefault(lane, {})
+        if len(heard) < HEARD_MAX:
+            heard[seq] = Frame(headers.get(SEGMENT, ""), message.data)
+        self._ends[lane] = max(self._ends.get(lane, 0), seq)
         self.ring()
 
     async def _hear_bundle(self, _: Msg) -> None:
@@ -283,22 +285,21 @@ class NatsBus:
     async def _rescan(self) -> None:
         for bucket, keys in self._wanted.items():
             self._changed[bucket] = set()
-            found: dict[str, bytes] = {}
+            found: dict[str, Stored] = {}
             for key in keys:
                 names = await self._list_keys(bucket, key)
                 values = await _gather(names, partial(self._get, bucket))
-                found |= {name: each.value for name, each in zip(names, values, strict=True) if each is not None}
+                found |= {name: each for name, each in zip(names, values, strict=True) if each is not None}
             newer = {key: self._views[bucket].get(key) for key in self._changed[bucket]}
             self._views[bucket] = {key: each for key, each in (found | newer).items() if each is not None}
-        for value in self._views[Bucket.HOSTS].values() if self._is_hub else ():
-            if (card := find_read(value, HostCard)) is not None:
-                self._ends[encode_key(card.host)] = await self._count(card.host)
+        for card in read_cards(self._views[Bucket.HOSTS]) if self._is_hub else ():
+            self._ends[encode_key(card.host)] = await self._count(card.host)
 
     async def _list_keys(self, bucket: Bucket, key: str) -> list[str]:
         prefix = locate(bucket)
         info = await self._js.stream_info(name_store(bucket), subjects_filter=f"{prefix}{key}")
         names = [each.removeprefix(prefix) for each in info.state.subjects or {}]
-        return [*dict.fromkeys(each.split(".")[0] for each in names)] if bucket is Bucket.CLAIMS else names
+        return [*dict.fromkeys(_find_key(bucket, each) for each in names)]
 
     async def _get(self, bucket: Bucket, key: str) -> Stored | None:
         """As the leader has it: a copy may be behind."""
@@ -306,7 +307,7 @@ class NatsBus:
             found = await self._js.get_last_msg(name_store(bucket), _cover(bucket, key))
         except nats.js.errors.NotFoundError:
             return None
-        return Stored(found.data or b"", found.seq or 0)
+        return Stored(found.data or b"", found.seq or 0, _find_writer(found.subject or ""))
 
     async def _swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         """A claim stands under the subject of its writer; the latest of all is the one that counts."""
@@ -319,10 +320,10 @@ class NatsBus:
                 return None
             raise
 
-    async def _put(self, bucket: Bucket, key: str, value: bytes) -> None:
-        await self._js.publish(f"{locate(bucket)}{key}", value, timeout=CALL_S)
-
-    async def _remove(self, bucket: Bucket, key: str) -> None:
+    async def _put(self, bucket: Bucket, key: str, value: bytes | None) -> None:
+        if value is not None:
+            await self._js.publish(f"{locate(bucket)}{key}", value, timeout=CALL_S)
+            return
         await self._js.purge_stream(name_store(bucket), subject=_cover(bucket, key))
         self._note(bucket, key, None)
 
@@ -356,9 +357,11 @@ class NatsBus:
         await _gather(range(len(frames)), send)
 
     async def _read(self, lane: str, after: int, up_to: int) -> list[Frame]:
-        stream = await self._provide_lane(lane)
+        stream, heard = await self._provide_lane(lane), self._heard.pop(encode_key(lane), {})
 
         async def load(seq: int) -> Frame | None:
+            if seq in heard:
+                return heard[seq]
             try:
                 message = await self._js.get_msg(stream, seq=seq, direct=True)
             except nats.js.errors.NotFoundError:  # it was heard, and refused
@@ -392,6 +395,16 @@ class NatsBus:
 def _cover(bucket: Bucket, key: str) -> str:
     """The subject of a value; of a claim, those of all its writers."""
     return locate_claim(key, "*") if bucket is Bucket.CLAIMS else f"{locate(bucket)}{key}"
+
+
+def _find_key(bucket: Bucket, subject: str) -> str:
+    """Of a subject behind that of the bucket; several may write a claim."""
+    return subject.partition(".")[0] if bucket is Bucket.CLAIMS else subject
+
+
+def _find_writer(subject: str) -> str:
+    """The last token names it where several may write."""
+    return decode_key(subject.rpartition(".")[2])
 
 
 async def _gather(items: Collection[_Item], work: Callable[[_Item], Awaitable[_Result]]) -> list[_Result]:

@@ -45,7 +45,7 @@ def list_rights(role: str) -> dict[str, dict[str, list[str]]]:
     if role == HUB:
         return {"publish": {"allow": [">"]}, "subscribe": {"allow": [">"]}}
     token = encode_key(role)
-    heard = [Bucket.OFFERS, Bucket.STOPS, Bucket.HOSTS] if role == OPERATOR else [Bucket.OFFERS, Bucket.STOPS]
+    heard = [*Bucket] if role == OPERATOR else [Bucket.OFFERS, Bucket.STOPS]
     objects = name_evidence(token)
     own = [f"{LANE}{token}", f"{locate(Bucket.HOSTS)}{token}", locate_claim("*", token), f"$O.{objects}.>"]
     own += [f"$JS.API.STREAM.PURGE.OBJ_{objects}"]

@@ -18,13 +18,28 @@ from phyagentos.assembly.paths import open_project, serve_alone
 from phyagentos.assembly.planes import STOP_S, start_watch
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, needs_extra
-from phyagentos.fleet.bus import HOST_NAME, HUB, OPERATOR, Bucket, Bus, HostCard, hide_token, iter_read
+from phyagentos.fleet.bus import (
+    HOST_NAME,
+    HUB,
+    OPERATOR,
+    PAGE,
+    Bucket,
+    Bus,
+    Claim,
+    HostCard,
+    Offer,
+    encode_key,
+    hide_token,
+    iter_read,
+    read_cards,
+    read_claim,
+)
 from phyagentos.fleet.host import BEAT_S, BY, FleetHost
-from phyagentos.fleet.hub import LEASE_S, FleetHub
+from phyagentos.fleet.hub import LEASE_S, SILENCE_S, FleetHub
 from phyagentos.fleet.server import FleetSettings, configure, configure_alone
 from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
-from phyagentos.protocol.capabilities.targets import TargetProfile
+from phyagentos.protocol.capabilities.targets import TargetProfile, find_own_world
 from phyagentos.protocol.documents.schema import read_yaml, validate
 from phyagentos.protocol.sessions.estop import Latch
 from phyagentos.protocol.sessions.lifecycle import Side
@@ -73,6 +88,83 @@ class FleetStop(msgspec.Struct, frozen=True, kw_only=True):
     silent: tuple[str, ...]
 
 
+class HostSeen(msgspec.Struct, frozen=True, kw_only=True):
+    """A host, and how long ago its latest heartbeat came, or since when this side has listened [s]."""
+
+    card: HostCard
+    age_s: float
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the hub counts on it."""
+        return self.age_s < SILENCE_S
+
+
+class Open(msgspec.Struct, frozen=True, kw_only=True):
+    """A session that waits for a host, or has one."""
+
+    offer: Offer
+    claim: Claim
+
+    @property
+    def state(self) -> str:
+        """How far it is in the fleet."""
+        if self.claim.is_fenced or self.offer.is_cancelled:
+            return "cancelling" if self.offer.is_cancelled else "outcome_unknown"
+        return ("verifying" if self.offer.end else "running") if self.claim.host else "pending"
+
+
+class FleetSeen(msgspec.Struct, frozen=True, kw_only=True):
+    """What a page shows of a fleet; `stop` is the latest one for all."""
+
+    server: str
+    is_connected: bool
+    hosts: tuple[HostSeen, ...]
+    sessions: tuple[Open, ...]
+    stop: Latch | None
+
+
+class FleetWatch:
+    """What is there in a fleet, as news of it come."""
+
+    def __init__(self, bus: "NatsBus", url: str) -> None:
+        self.bus, self._server, self._clock = bus, hide_token(url), SystemClock()
+        self._beats: dict[str, tuple[int, float]] = {}  # revision of each card, and since when it is known [s]
+        bus.on_change(Bucket.HOSTS, lambda _: self._note())
+
+    def _note(self) -> None:
+        for key, found in self.bus.view(Bucket.HOSTS).items():
+            if self._beats.get(key, (0, 0.0))[0] != found.revision:
+                self._beats[key] = found.revision, self._clock.now_s()
+
+    def read(self) -> FleetSeen:
+        """As of now."""
+        self._note()
+        now_s, claims = self._clock.now_s(), self.bus.view(Bucket.CLAIMS)
+        hosts = (
+            HostSeen(card=each, age_s=now_s - self._beats[encode_key(each.host)][1])
+            for each in read_cards(self.bus.view(Bucket.HOSTS))
+        )
+        sessions = (
+            Open(offer=each, claim=read_claim(claims.get(encode_key(each.contract.id))) or Claim())
+            for each in iter_read(self.bus.view(Bucket.OFFERS).values(), Offer)
+        )
+        return FleetSeen(
+            server=self._server,
+            is_connected=self.bus.is_connected,
+            hosts=tuple(hosts),
+            sessions=tuple(sorted(sessions, key=lambda each: each.offer.number)),
+            stop=next(iter_read(self.bus.view(Bucket.STOPS).values(), Latch), None),
+        )
+
+
+@contextlib.contextmanager
+def watch_fleet(url: str) -> Iterator[FleetWatch]:
+    """What is there in a fleet, while the block runs; also before its server answers."""
+    with open_bus(url, "page", OPERATOR) as bus:
+        yield FleetWatch(bus, url)
+
+
 def prepare_server(store: Path, listen: str = LISTEN, *, settings: Path | None = None, member: str = "") -> FleetServer:
     """The URLs of a server of this fleet, and the command that runs it.
 
@@ -97,8 +189,7 @@ def prepare_server(store: Path, listen: str = LISTEN, *, settings: Path | None =
 def lead_fleet(root: Path, url: str, ends: Event, announce: Callable[[str], object], lease_s: float = LEASE_S) -> None:
     """Place the sessions of this workspace on the hosts of a fleet, until `ends`.
 
-    Raises ExecutionError `BUSY` where a watchdog or another hub serves it, `CHANGED` where the server holds the lane of
-    another workspace.
+    Raises ExecutionError `BUSY` where a watchdog or another hub serves it.
     """
     workspace, clock = open_project(root), SystemClock()
     busy = "a watchdog or another hub serves this workspace"
@@ -123,12 +214,16 @@ def join_fleet(
     name: str | None = None,
     targets: Collection[str] = (),
     pictures: bool = True,
+    page: str = "",
 ) -> None:
     """Carry out sessions of a fleet on targets of this workspace, all or those named, until `ends`.
 
-    Raises DefinitionError `UNKNOWN_NAME`, `INVALID_VALUE`; ExecutionError `BUSY`, `CHANGED`, `NOT_RUNNING`.
+    `page` is where people find the page of this workspace. Raises DefinitionError `UNKNOWN_NAME`, `INVALID_VALUE`;
+    ExecutionError `BUSY`, `CHANGED`, `NOT_RUNNING`.
     """
     workspace, clock = open_project(root), SystemClock()
+    if not re.match(PAGE, page):
+        raise DefinitionError.of("INVALID_VALUE", "--page", page, "an address that begins with http:// or https://")
     known = read_target_registry(workspace.target_registry)
     if missing := sorted(set(targets) - known.keys()):
         raise DefinitionError.unknown("target", "--target", missing[0], known)
@@ -141,7 +236,7 @@ def join_fleet(
         journal = Journal(workspace.root, side=Side.AGENT, by=BY, clock=clock, partition=lane)
         stack.enter_context(contextlib.closing(journal))
         bus = stack.enter_context(open_bus(url, f"host {lane}", lane, served))
-        host = FleetHost(workspace, journal, bus, clock, served)
+        host = FleetHost(workspace, journal, bus, clock, served, page)
         watch = stack.enter_context(start_watch(workspace, pictures=pictures).running(clock))
         announce(f"host {lane} at {hide_token(url)}: {', '.join(sorted(served))}")
 
@@ -155,8 +250,8 @@ def join_fleet(
 
 
 def _refuse_half_a_world(known: Mapping[str, TargetProfile], served: Collection[str]) -> None:
-    """Two hosts have two worlds, in which different events happen: one world is on one host."""
-    worlds = {known[each].world for each in served if known[each].world}
+    """Two hosts have two worlds, in which different events happen: one world is on one host, or served to several."""
+    worlds = {find_own_world(known[each]) for each in served} - {""}
     if missing := sorted(name for name, each in known.items() if each.world in worlds and name not in served):
         text = f"{', '.join(sorted(served))} without {missing[0]}"
         raise DefinitionError.of(
@@ -207,29 +302,29 @@ def read_status(url: str) -> FleetStatus:
     """Hosts and open sessions of a fleet; a host is alive that beats while this looks."""
     with open_bus(url, "status", OPERATOR) as bus:
         bus.wait(ANSWER_S)
-        before = _read_cards(bus)
+        before = read_cards(bus.view(Bucket.HOSTS))
         SystemClock().sleep(2.0 * BEAT_S)
         lines = [
-            HostLine(card=each, records=bus.count(each.host), is_alive=before.get(name) != each)
-            for name, each in _read_cards(bus).items()
+            HostLine(card=each, records=bus.count(each.host), is_alive=each not in before)
+            for each in read_cards(bus.view(Bucket.HOSTS))
         ]
         return FleetStatus(server=hide_token(url), hosts=tuple(lines), offers=len(bus.view(Bucket.OFFERS)))
 
 
 def stop_fleet(url: str, *, reason: str = "", by: str = "paos fleet stop") -> FleetStop:
     """Latch the emergency stop on every host; each resets its own with `paos estop --reset`."""
-    clock = SystemClock()
     with open_bus(url, by, OPERATOR) as bus:
         bus.wait(ANSWER_S)
-        bus.put(Bucket.STOPS, "stop", msgspec.json.encode(Latch(by=by, reason=reason, at=clock.wall_iso())))
-        deadline_s = clock.now_s() + ANSWER_S
-        while any(not each.is_stopped for each in _read_cards(bus).values()) and clock.now_s() < deadline_s:
-            clock.sleep(0.02)
-        cards = _read_cards(bus)
-        stopped = {name for name, each in cards.items() if each.is_stopped}
-        return FleetStop(stopped=tuple(sorted(stopped)), silent=tuple(sorted(cards.keys() - stopped)))
+        return stop_all(bus, reason=reason, by=by)
 
 
-def _read_cards(bus: Bus) -> dict[str, HostCard]:
-    found = iter_read(bus.view(Bucket.HOSTS).values(), HostCard)
-    return {each.host: each for each in sorted(found, key=lambda each: each.host)}
+def stop_all(bus: Bus, *, reason: str, by: str) -> FleetStop:
+    """The same over a connection that is there."""
+    clock = SystemClock()
+    bus.put(Bucket.STOPS, "stop", msgspec.json.encode(Latch(by=by, reason=reason, at=clock.wall_iso())))
+    deadline_s = clock.now_s() + ANSWER_S
+    while not all(each.is_stopped for each in read_cards(bus.view(Bucket.HOSTS))) and clock.now_s() < deadline_s:
+        clock.sleep(0.02)
+    cards = read_cards(bus.view(Bucket.HOSTS))
+    stopped, silent = (tuple(each.host for each in cards if each.is_stopped is is_it) for is_it in (True, False))
+    return FleetStop(stopped=stopped, silent=silent)

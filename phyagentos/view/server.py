@@ -126,16 +126,18 @@ def build_app(
     ends: Event | None = None,
     home: str = "",
     title: str = "",
+    has_fleet: bool = False,
 ) -> FastAPI:
     """The application of one workspace; `runs` are folders of suites that may be compared, by name.
 
     Streams end once the server `ends`. `home` is the list that the workspace stands in, relative to its page, `title`
     its name there.
     """
+    names: Fields = {"home": home, "title": title, "has_fleet": has_fleet}
     extras: Fields = {"actions": allows_actions, "live": True, "scene_address": access.scene_address}
     renderer = PanelRenderer(documents, lambda: extras)
     app = make_guarded(access)
-    _add_pages(app, renderer, access, Watcher(documents, ends or Event()), extras | {"home": home, "title": title})
+    _add_pages(app, renderer, access, Watcher(documents, ends or Event()), extras | names)
     _add_comparison(app, documents)
     add_runs(app, lambda: runs or {})
     _add_files(app, documents)

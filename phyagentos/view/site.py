@@ -17,9 +17,11 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError, get_known
+from phyagentos.operations.fleet import FleetWatch
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.view.access import Access
 from phyagentos.view.documents import Documents
+from phyagentos.view.fleet_page import add_fleet
 from phyagentos.view.overview import read_overview
 from phyagentos.view.places import Place, find_places
 from phyagentos.view.scenes import PATH
@@ -32,7 +34,12 @@ _NAMES = {"w": 1, "e": 2}  # parts of an address behind its first one that name 
 
 
 def open_places(
-    given: Sequence[Path], ends: Event, *, allows_actions: bool = False, runs: Mapping[str, Path] | None = None
+    given: Sequence[Path],
+    ends: Event,
+    *,
+    allows_actions: bool = False,
+    runs: Mapping[str, Path] | None = None,
+    fleet: FleetWatch | None = None,
 ) -> Callable[[Access], ASGIApp]:
     """What builds the application: the page of one workspace with one goal at most, else a list in front of all.
 
@@ -47,20 +54,37 @@ def open_places(
             opened.append(Documents(each))
             opened[-1].refresh()
     if len(opened) == len(given) == 1 and len(opened[0].ledger.goals) <= 1:
-        return lambda access: build_app(opened[0], access, allows_actions=allows_actions, runs=runs, ends=ends)
-    return lambda access: Site(given, access, ends, allows_actions=allows_actions, runs=runs or {})
+
+        def build(access: Access) -> FastAPI:
+            app = build_app(
+                opened[0], access, allows_actions=allows_actions, runs=runs, ends=ends, has_fleet=fleet is not None
+            )
+            add_fleet(app, fleet, access, allows_actions=allows_actions)
+            return app
+
+        return build
+    return lambda access: Site(given, access, ends, allows_actions=allows_actions, runs=runs or {}, fleet=fleet)
 
 
 class Site:
     """The application of the folders that were `given`, read anew whenever the list is."""
 
     def __init__(
-        self, given: Sequence[Path], access: Access, ends: Event, *, allows_actions: bool, runs: Mapping[str, Path]
+        self,
+        given: Sequence[Path],
+        access: Access,
+        ends: Event,
+        *,
+        allows_actions: bool,
+        runs: Mapping[str, Path],
+        fleet: FleetWatch | None = None,
     ) -> None:
         self._given, self._access, self._runs = tuple(given), access, runs
         self._build = partial(build_app, allows_actions=allows_actions, ends=ends)
         self._pages: dict[tuple[str, ...], FastAPI] = {}
-        self._front = self._build_front()
+        self._front = self._build_front(has_fleet=fleet is not None)
+        add_fleet(self._front, fleet, access, allows_actions=allows_actions)
+        self._front.add_api_route("/{name:path}", refuse)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, by the list or by the page of a workspace."""
@@ -109,13 +133,13 @@ class Site:
     def _find_suites(self) -> list[Place]:
         return [each for each in find_places(self._given).values() if each.is_suite]
 
-    def _build_front(self) -> FastAPI:
+    def _build_front(self, *, has_fleet: bool) -> FastAPI:
         app, clock = make_guarded(self._access), SystemClock()
         (only, *others) = find_places(self._given).values()
 
         @lru_cache(maxsize=8)
         def read(page: int, _: int) -> Fields:
-            return read_overview(self._given, page)
+            return read_overview(self._given, page) | {"has_fleet": has_fleet}
 
         @app.get("/")
         def show_list(page: int = 1) -> Response:
@@ -131,8 +155,9 @@ class Site:
             others = [each for each in self._find_suites() if each != place]
             return answer("grid", lambda: read_grid(place) | {"others": others}, "../../")
 
-        @app.get("/{name:path}")
-        def refuse(request: Request, name: str) -> Response:
-            raise request.scope.get("problem", LookupError(f"no page {name!r}"))
-
         return app
+
+
+def refuse(request: Request, name: str) -> Response:
+    """What no page is called."""
+    raise request.scope.get("problem", LookupError(f"no page {name!r}"))

@@ -14,7 +14,7 @@ from benchmarks.fleet_parts.links import Link
 from benchmarks.fleet_parts.noop import sum_up, time_fleet
 from benchmarks.fleet_parts.stage import choose_port
 from phyagentos.clock import SystemClock
-from phyagentos.fleet.bus import Bucket, BusLost, HostCard, encode_key
+from phyagentos.fleet.bus import HUB, Bucket, BusLost, HostCard, encode_key
 from phyagentos.fleet.host import BY, FleetHost
 from phyagentos.fleet.lanes import LanePublisher, LaneReplica
 from phyagentos.fleet.server import ALL
@@ -84,9 +84,9 @@ def test_a_claim_is_taken_once_and_a_stale_revision_is_refused(bus):
     assert bus.swap(Bucket.CLAIMS, "a", b"open", 0) is None
     second = bus.swap(Bucket.CLAIMS, "a", b"h1", first)
     assert bus.swap(Bucket.CLAIMS, "a", b"h2", first) is None
-    assert bus.get(Bucket.CLAIMS, "a") == (b"h1", second)
-    wait_until(lambda: bus.view(Bucket.CLAIMS) == {"a": b"h1"})
-    bus.remove_all([(Bucket.CLAIMS, "a")])
+    assert bus.get(Bucket.CLAIMS, "a") == (b"h1", second, HUB)
+    wait_until(lambda: bus.view(Bucket.CLAIMS) == {"a": (b"h1", second, HUB)})
+    bus.put_all({(Bucket.CLAIMS, "a"): None})
     assert bus.swap(Bucket.CLAIMS, "a", b"h2", second) is None
     assert bus.get(Bucket.CLAIMS, "a") is None
 
@@ -155,11 +155,12 @@ def test_the_stop_of_a_fleet_latches_on_a_host(server, bus, journal, tmp_path):
 
 @pytest.mark.slow
 def test_sessions_go_to_a_host_and_come_back_with_their_evidence(tmp_path):
-    records, stop_ms = time_fleet(tmp_path, 6, ["t0", "t1"])
-    assert all(map(math.isfinite, sum_up(records, 6)))
+    timed = time_fleet(tmp_path, 6, ["t0", "t1"])
+    assert all(map(math.isfinite, sum_up(timed.records, 6)))
+    assert timed.session.messages > 10
     bundles = list((tmp_path / "hub" / "evidence").glob("noop.*/execution.json"))
     assert len(bundles) == 6
-    assert stop_ms < 2000.0  # some milliseconds where nothing else runs
+    assert timed.stop_ms < 2000.0  # some milliseconds where nothing else runs
 
 
 def test_a_claim_that_was_refused_is_not_what_the_hub_sees(server, bus):
@@ -169,7 +170,7 @@ def test_a_claim_that_was_refused_is_not_what_the_hub_sees(server, bus):
         for _ in range(3):
             assert host.swap(Bucket.CLAIMS, "a", b"second", 0) is None
         CLOCK.sleep(1.0)
-        assert bus.view(Bucket.CLAIMS)["a"] == b"first"
+        assert bus.view(Bucket.CLAIMS)["a"].value == b"first"
 
 
 SETTINGS = """
@@ -204,7 +205,8 @@ def test_a_host_can_write_what_is_its_own_alone_and_a_leader_that_is_killed_lose
         hub.count(lane)
         revision = hub.swap(Bucket.CLAIMS, "s", b"open", 0)
         check_rights(host, hub)
-        assert (held := host.swap(Bucket.CLAIMS, "s", b"h.1", revision))
+        held = host.swap(Bucket.CLAIMS, "s", b"h2", revision)
+        assert held is not None
         assert other.swap(Bucket.CLAIMS, "s", b"h2", revision) is None
         card = HostCard(host=lane, targets={"t": ()}, is_stopped=True)
         host.put(Bucket.HOSTS, encode_key(lane), msgspec.json.encode(card))
@@ -218,7 +220,8 @@ def test_a_host_can_write_what_is_its_own_alone_and_a_leader_that_is_killed_lose
         cluster[leader].kill()
         last = fill(journal, *"def")
         assert not retry(publisher.publish, last)
-        assert retry(hub.get, Bucket.CLAIMS, "s") == (b"h.1", held)
+        assert retry(hub.get, Bucket.CLAIMS, "s") == (b"h2", held, lane)
+        wait_until(lambda: hub.view(Bucket.CLAIMS)["s"] == (b"h2", held, lane))  # who wrote it, not what it says
         replica = LaneReplica(tmp_path / "copy", lane)
         replica.take(retry(hub.read, lane, 0, last))
         replica.close()

@@ -3,7 +3,7 @@
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 
-from phyagentos.fleet.bus import Bucket, BusLost, Frame, Stored
+from phyagentos.fleet.bus import HUB, Bucket, BusLost, Frame, Stored
 
 
 class FakeServer:
@@ -17,9 +17,9 @@ class FakeServer:
         self.revision = 0
         self.lost: set[Bucket] = set()  # without a leader: nothing can be written there
 
-    def write(self, bucket, key, value):
+    def write(self, bucket, key, value, by=HUB):
         self.revision += 1
-        self.values[bucket][key] = Stored(value, self.revision)
+        self.values[bucket][key] = Stored(value, self.revision, by)
         for bus in self.buses:
             if bus.is_connected and bucket in bus.acts:
                 bus.acts[bucket](value)
@@ -27,10 +27,10 @@ class FakeServer:
 
 
 class FakeBus:
-    """One connection; `loses_answers` lets a call arrive and fail."""
+    """One connection, by which its role writes under its own subjects; `loses_answers` lets a call arrive and fail."""
 
-    def __init__(self, server: FakeServer):
-        self.server, self.is_connected, self.loses_answers = server, True, False
+    def __init__(self, server: FakeServer, role: str = HUB):
+        self.server, self.role, self.is_connected, self.loses_answers = server, role, True, False
         self.acts: dict[Bucket, Callable[[bytes], None]] = {}
         server.buses.append(self)
 
@@ -50,8 +50,8 @@ class FakeBus:
     def bundles(self) -> int:
         return len(self.server.objects)
 
-    def view(self, bucket: Bucket) -> Mapping[str, bytes]:
-        return {key: each.value for key, each in self.server.values[bucket].items()}
+    def view(self, bucket: Bucket) -> Mapping[str, Stored]:
+        return dict(self.server.values[bucket])
 
     def on_change(self, bucket: Bucket, act: Callable[[bytes], None]) -> None:
         self.acts[bucket] = act
@@ -64,27 +64,23 @@ class FakeBus:
         self._look()
         if bucket in self.server.lost:
             raise BusLost("no leader")
-        self.server.write(bucket, key, value)
+        self.server.write(bucket, key, value, self.role)
         self._answer()
 
     def swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         self._look()
-        found = self.server.values[bucket].get(key, Stored(b"", 0))
-        new = self.server.write(bucket, key, value) if found.revision == revision else None
+        found = self.server.values[bucket].get(key, Stored(b"", 0, ""))
+        new = self.server.write(bucket, key, value, self.role) if found.revision == revision else None
         self._answer()
         return new
 
-    def put_all(self, bucket, values) -> None:
-        for key, value in values.items():
-            self.put(bucket, key, value)
+    def put_all(self, values) -> None:
+        self._look()
+        for (bucket, key), value in values.items():
+            self.server.values[bucket].pop(key, None) if value is None else self.put(bucket, key, value)
 
     def open_all(self, bucket, values):
         return {key: self.swap(bucket, key, value, 0) for key, value in values.items()}
-
-    def remove_all(self, keys) -> None:
-        self._look()
-        for bucket, key in keys:
-            self.server.values[bucket].pop(key, None)
 
     def count(self, lane: str) -> int:
         self._look()

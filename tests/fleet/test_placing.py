@@ -7,8 +7,9 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
+from phyagentos.assembly.processes import locate_doors
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.fleet.bus import Bucket, Claim, HostCard, Offer, encode_key
+from phyagentos.fleet.bus import Bucket, Claim, HostCard, Offer, encode_key, read_cards
 from phyagentos.fleet.host import BY, FleetHost
 from phyagentos.fleet.hub import GRACE_S, LEASE_S, FleetHub
 from phyagentos.operations.fleet import _choose_lane, _refuse_half_a_world
@@ -34,7 +35,7 @@ class Place:
     """One workspace with its journals; a host, or the hub."""
 
     def __init__(self, root, server, clock, *, name, is_hub=False, targets=("panda",)):
-        self.workspace, self.clock, self.bus = Workspace.create(root, Library(())), clock, FakeBus(server)
+        self.workspace, self.clock, self.bus = Workspace.create(root, Library(())), clock, FakeBus(server, name)
         self.agent = Journal(root, side=Side.AGENT, by=BY if not is_hub else "agent", clock=clock, partition=name)
         self.runtime = Journal(root, side=Side.RUNTIME, by="watchdog", clock=clock, partition=name)
         self.targets = dict.fromkeys(targets, ("pick_and_place",))
@@ -187,7 +188,7 @@ def test_of_two_hosts_that_claim_at_once_one_begins(fleet):
     fleet.turn(seconds=2.0)
     fleet.submit()
     fleet.turn(fleet.hub)
-    (offer,) = (msgspec.json.decode(each, type=Offer) for each in fleet.hub.bus.view(Bucket.OFFERS).values())
+    (offer,) = (msgspec.json.decode(each.value, type=Offer) for each in fleet.hub.bus.view(Bucket.OFFERS).values())
     for host in fleet.hosts:
         host.process._take(offer)
 
@@ -444,7 +445,7 @@ def test_what_runs_is_given_up_when_the_server_has_lost_its_claims(fleet):
 
 def test_a_claim_of_an_earlier_session_of_the_same_name_is_not_taken_over(fleet):
     fleet.turn(seconds=2.0)
-    fleet.server.write(Bucket.CLAIMS, encode_key("g.a"), msgspec.json.encode(Claim(host="h3", epoch=1)))
+    fleet.server.write(Bucket.CLAIMS, encode_key("g.a"), msgspec.json.encode(Claim(epoch=1)), "h3")
     fleet.submit()
     fleet.turn()
     assert fleet.hub.read_state() == "rejected"
@@ -455,6 +456,37 @@ def test_a_host_of_another_name_than_its_key_does_not_count(fleet):
     fleet.server.write(Bucket.HOSTS, "h9", msgspec.json.encode(HostCard(host="h1", targets={"panda": ()}, beat=7)))
     fleet.turn(fleet.hub)
     assert fleet.hub.process._cards == []
+    assert read_cards(fleet.hub.bus.view(Bucket.HOSTS)) == []
+
+
+def test_who_claims_is_whose_subject_it_is_whatever_host_the_claim_names(fleet):
+    named, writer = fleet.hosts
+    fleet.turn(seconds=2.0)
+    fleet.submit()
+    fleet.turn(fleet.hub)
+    (opened,) = fleet.hub.bus.view(Bucket.CLAIMS).values()
+    forged = msgspec.json.encode(Claim(host="h1", epoch=1, lease_s=LEASE_S, is_fenced=True))
+    assert writer.bus.swap(Bucket.CLAIMS, encode_key("g.a"), forged, opened.revision)
+    fleet.turn(named)
+    assert named.read_state() is None
+    assert not fleet.hub.process._holds("h1", "g.a")
+    assert fleet.hub.process._holds("h2", "g.a")
+
+
+def test_a_claim_that_another_host_takes_over_is_fenced_and_its_host_has_no_say(fleet):
+    holder, other = fleet.place()
+    (held,) = fleet.hub.bus.view(Bucket.CLAIMS).values()
+    taken = msgspec.json.encode(Claim(epoch=1, lease_s=LEASE_S))
+    assert other.bus.swap(Bucket.CLAIMS, encode_key("g.a"), taken, held.revision)
+    contract = make_contract(id="g.a")
+    other.agent.commit([Entry("g.a", "submit", dict(msgspec.to_builtins(contract)))])
+    other.begin("g.a")
+    other.finish("g.a")
+    fleet.turn(other, fleet.hub, seconds=2.0)
+    (status,) = fleet.hub.process._ledger.sessions.values()
+    assert (status.state, status.execution.code) == ("awaiting_verification", "HOST_LOST")
+    assert holder.agent.folder.name in status.execution.message
+    assert not fleet.hub.workspace.evidence_of("g.a").exists()
 
 
 def test_what_is_over_is_forgotten(fleet):
@@ -497,11 +529,19 @@ def test_a_target_that_is_unknown_here_keeps_no_other_one_from_being_shown(fleet
 
 
 def test_a_host_offers_a_shared_world_as_a_whole():
-    known = {name: SimpleNamespace(world=world) for name, world in {"l": "table", "r": "table", "p": ""}.items()}
+    worlds = {"l": "table", "r": "table", "p": ""}
+    known = {name: SimpleNamespace(world=world, driver="mujoco") for name, world in worlds.items()}
     _refuse_half_a_world(known, {"p"})
     _refuse_half_a_world(known, {"l", "r"})
     with pytest.raises(DefinitionError, match="l without r"):
         _refuse_half_a_world(known, {"l"})
+    _refuse_half_a_world(dict.fromkeys(worlds, SimpleNamespace(world="table", driver="remote")), {"l"})  # one, served
+
+
+def test_targets_of_a_served_world_have_a_port_each():
+    assert locate_doors("wss://[::1]:7000", "lr") == {"l": "wss://[::1]:7000", "r": "wss://[::1]:7001"}
+    assert locate_doors("ws://127.0.0.1:0", "lr") == dict.fromkeys("lr", "ws://127.0.0.1:0")
+    assert locate_doors("/run/a/table.world", "l") == {"l": "/run/a/l.world"}
 
 
 def test_a_store_without_a_leader_keeps_no_lease_from_being_renewed(fleet):

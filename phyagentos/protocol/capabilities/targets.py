@@ -22,6 +22,7 @@ from phyagentos.protocol.world.friction import Surface
 DRIVER_OF_KIND = {"simulation": "mujoco", "debug": "debug"}  # where a profile names none; a real robot has no default
 MODEL_SOURCES = ("menagerie", "package", "models")  # before the colon of a model that is not beside its profile
 SHARING = "mujoco"  # the driver whose world holds several targets
+SERVED = "remote"  # the driver of a target whose world is served elsewhere
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")  # commanded before those of the arm
 HAND = "hand/"  # begins the names of a mounted hand
 FINGERTIP_CLEAR_M = 0.006  # that the fingertips keep from what an object stands on
@@ -414,9 +415,15 @@ def find_driver_name(profile: TargetProfile) -> str:
     return profile.driver or DRIVER_OF_KIND.get(profile.kind, "")
 
 
+def find_own_world(profile: TargetProfile) -> str:
+    """The shared world that it is in here; empty for one of its own, and for one that is served elsewhere."""
+    return profile.world if find_driver_name(profile) == SHARING else ""
+
+
 def find_unshared(profiles: Collection[TargetProfile]) -> list[Problem]:
-    """Targets that name the world of others although their driver has a world of its own: `WORLD_CONFLICT`."""
+    """Targets that name the world of others although theirs is another one: `WORLD_CONFLICT`."""
     sizes = Counter(each.world for each in profiles if each.world)
+    here = {find_own_world(each) for each in profiles}
     return [
         Problem(
             "WORLD_CONFLICT",
@@ -425,7 +432,7 @@ def find_unshared(profiles: Collection[TargetProfile]) -> list[Problem]:
             f"the driver {SHARING!r}, or a world of its own",
         )
         for each in profiles
-        if sizes[each.world] > 1 and (driver := find_driver_name(each)) != SHARING
+        if sizes[each.world] > 1 and (driver := find_driver_name(each)) != (SHARING if each.world in here else SERVED)
     ]
 
 
