@@ -150,6 +150,24 @@ def test_frames_are_requested_behind_the_command_of_a_sample_and_nothing_waits(m
 
 
 @pytest.mark.usefixtures("glancing")
+def test_the_next_command_is_judged_before_frames_are_read_and_sent_behind_their_sample(move, monkeypatch):
+    done = []
+    for name in ("collect", "judge", "collect_frames", "send"):
+
+        def note(handle, *arguments, name=name, own=getattr(TargetSessionHandle, name)):
+            done.append(name)
+            return own(handle, *arguments)
+
+        monkeypatch.setattr(TargetSessionHandle, name, note)
+    _, _, execution = move(hold=("exists(red_cube)",))
+    reads = [index for index, name in enumerate(done) if name == "collect_frames"]
+
+    assert execution.ended is Ended.COMPLETED
+    assert len(reads) >= execution.ticks // 5 - 1
+    assert all(done[each - 2 : each + 2] == ["collect", "judge", "collect_frames", "send"] for each in reads)
+
+
+@pytest.mark.usefixtures("glancing")
 def test_a_glance_that_leaves_doubt_is_followed_by_a_look_at_the_next_period(move, monkeypatch):
     monkeypatch.setattr(Glancing, "is_sure", staticmethod(lambda number: None if number == 2 else True))
     _, bench, execution = move(hold=("exists(red_cube)",))

@@ -186,13 +186,11 @@ class TargetSessionHandle:
         Raises:
             CommandRefused: By the guard or the target. Nothing moved, or the target stopped by its own means.
         """
-        self.send(points)
+        self.send(self.judge(points))
         return self.collect()
 
-    def send(self, points: SetPoints) -> None:
-        """Guard one control period and send it; `collect` returns its report.
-
-        The target carries out commands in the order of their numbers, and none behind a refused one.
+    def judge(self, points: SetPoints) -> wire.Command:
+        """Guard one control period; the command to `send`, before another one is judged.
 
         Raises:
             CommandRefused: By the guard.
@@ -221,8 +219,15 @@ class TargetSessionHandle:
             self._refuse(ruling)
         self._sequence += 1
         self.is_at_rest = not ruling.command.qd_rad_s[-1].any()
+        return ruling.command
+
+    def send(self, command: wire.Command) -> None:
+        """Send a command that the guard has passed; `collect` returns its report.
+
+        The target carries out commands in the order of their numbers, and none behind a refused one.
+        """
         self._check_permitted(OPERATIONS[wire.Command])
-        self.link.send(ruling.command)
+        self.link.send(command)
 
     def collect(self) -> wire.Step:
         """The report of the oldest command that was sent.

@@ -10,6 +10,7 @@ from phyagentos.errors import DefectError, DefinitionError, ExecutionError, is_d
 from phyagentos.protocol.documents.plain_data import Fields
 from phyagentos.protocol.sessions.evidence import TAKEN_OVER
 from phyagentos.protocol.sessions.session import Ended
+from phyagentos.protocol.sessions.verdicts import Criterion
 from phyagentos.runtime.actions.handle import OF_TARGETS, CommandRefused, TargetSessionHandle
 from phyagentos.runtime.actions.set_points import SetPoints
 from phyagentos.runtime.execution.camera_recorder import CameraRecorder
@@ -84,6 +85,7 @@ class SessionLoop:
     ticks: int = field(default=0, init=False)
     _latest: SetPoints | None = field(default=None, init=False)
     _unreported: deque[_Unreported] = field(default_factory=deque, init=False)
+    _unsampled: _Unreported | None = field(default=None, init=False)  # reported, its frames not read
     _owes_sample: bool = field(default=False, init=False)  # a confirmation was uncertain: the world is to stand
     ms: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("tree", "think", "apply", "record"), 0.0))
 
@@ -102,6 +104,8 @@ class SessionLoop:
                 result = self.skill.tick()
                 self.ms["tree"] += 1e3 * (now_s() - began_s)
                 self.on_turn(result, self.ticks, self.context.time_s)
+                if result.set_points is None and (violation := self._catch_up()):
+                    return violation
                 if result.status is not SkillStatus.RUNNING:
                     return _judge_end(self.skill.find_failure())
                 if result.set_points is not None:
@@ -128,6 +132,7 @@ class SessionLoop:
             return Outcome(ended=_ended_by(error.code), code=error.code, message=str(error), defect=place)
         finally:
             with suppress(ExecutionError):  # the halt that follows meets a lost target, too
+                self._catch_up()
                 while self.handle.link.n_sent:  # the target refused what was sent behind a refused command
                     self._account()
 
@@ -135,7 +140,10 @@ class SessionLoop:
         """Send one control period; an outcome when a reported one violates a hold condition."""
         context, now_s = self.context, self.clock.now_s
         began_s = now_s()
-        self.handle.send(points)
+        command = self.handle.judge(points)
+        if violation := self._catch_up():
+            return violation
+        self.handle.send(command)
         self._latest = points
         for each in self.handle.take_interventions():
             context.note(
@@ -152,9 +160,17 @@ class SessionLoop:
         self.ms["apply"] += 1e3 * (now_s() - began_s)
         ahead = PERIODS_AHEAD if may_run_ahead and (confirmation is not None or not is_sampled) else 0
         while len(self._unreported) > (0 if self._owes_sample else ahead):
-            if violation := self._account():
+            if violation := self._account(is_followed=ahead > 0):
                 return violation
         return None
+
+    def _catch_up(self) -> Outcome | None:
+        """Take the sample that waits for its frames; where it is uncertain, what is sent is reported first."""
+        sent, self._unsampled = self._unsampled, None
+        violation = self._sample(sent, None) if sent is not None else None
+        while violation is None and self._owes_sample and self._unreported:
+            violation = self._account()
+        return violation
 
     def _hand_over(self, leader: Leader, deadline_s: float) -> Outcome | None:
         """Interrupt the skill, bring the arm to rest, and follow a person; an outcome as of `_apply`."""
@@ -192,24 +208,36 @@ class SessionLoop:
             self.handle.request_frames(capture)
         return confirmation
 
-    def _account(self) -> Outcome | None:
+    def _account(self, *, is_followed: bool = False) -> Outcome | None:
         """Read the report of the oldest period; an outcome when a hold condition is violated by it.
+
+        Where its frames are still to come and the skill's next period is fixed (`is_followed`), that is judged first.
 
         Raises DefectError when the predicate of one raised an error.
         """
         context, now_s = self.context, self.clock.now_s
         began_s = now_s()
         step, sent = self.handle.collect(), self._unreported.popleft()
-        frames = (
-            [self.handle.collect_frames() for _ in sent.confirmation.captures] if sent.confirmation is not None else []
-        )
-        if sent.is_recorded and self.cameras is not None:
-            self.cameras.keep(step.time_s, self.handle.collect_frames())
         applied_s = now_s()
         context.lag.note(step)
         context.world.advance(step, stands=not self._unreported)
         self.on_step(sent.points, step)
         violated = self.holds.feel(step, context.world.observe)
+        self.ms["apply"] += 1e3 * (applied_s - began_s)
+        self.ms["record"] += 1e3 * (now_s() - applied_s)
+        if is_followed and sent.confirmation is not None and violated is None and not context.lag.is_stalled:
+            self._unsampled = sent
+            return None
+        return self._sample(sent, violated)
+
+    def _sample(self, sent: _Unreported, violated: Criterion | None) -> Outcome | None:
+        """Read the frames of the latest reported period and take its sample; an outcome as of `_account`."""
+        context, now_s = self.context, self.clock.now_s
+        began_s, captures = now_s(), sent.confirmation.captures if sent.confirmation is not None else ()
+        frames = [self.handle.collect_frames() for _ in captures]
+        if sent.is_recorded and self.cameras is not None:
+            self.cameras.keep(context.time_s, self.handle.collect_frames())
+        applied_s = now_s()
         seen = context.world.read_confirmation(sent.confirmation, frames) if sent.confirmation is not None else None
         if violated is None and (self._owes_sample or self.holds.is_due(sent.number)):
             if seen is None and not self._unreported:
