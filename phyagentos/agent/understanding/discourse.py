@@ -340,6 +340,9 @@ class Discourse:
             return [item for item in found if self.is_so(item, state) is (tail.data == "is_so")]
         if has_token(tail, "it"):  # what is put there
             origins = [item for name in self.recent[-1] if (item := self.get(name)).movable]
+            origins = origins or [self.get(name) for name in self.recent[-2:][0]]
+            if len(origins) != 1:
+                return [*map(self.get, self.ask(QuestionKind.WHICH, tail, (each.name for each in origins)))][:0]
             return [each for item in origins[:1] for each in self._select([*found], tail, str(tail.data), item)]
         if not list_children(tail):  # `on the left`, `largest`
             return self._select(list(found), tail, str(tail.data), None, nth)
@@ -370,6 +373,8 @@ class Discourse:
             ]
         if tail.data == "between":
             ends = [self.get(name) for name in owners]
+            if len(ends) == 1:  # that is no two
+                return [*map(self.get, self.lack(RequestProblemKind.SENTENCE, tail))]
             if len(ends) != 2:
                 return [self.get(name) for name in self.ask(QuestionKind.WHICH, tail, owners)][:0]
             return [each for each in found if each not in ends and is_between(each, ends)]

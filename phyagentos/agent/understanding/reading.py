@@ -99,7 +99,9 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
         if condition:
             return refuse(RequestProblemKind.CONDITION, condition[0].strip(" ,;"))
         stop = 0 if isinstance(error, UnexpectedEOF) else error.pos_in_stream
-        return refuse(RequestProblemKind.SENTENCE, text[text.rfind(" ", 0, stop + 1) + 1 :] or text)
+        return refuse(
+            RequestProblemKind.SENTENCE, text[text.rfind(" ", 0, len(text) - len(text[stop:]) + 1) + 1 :] or text
+        )
     spoken = scene - {word for phrase in courtesy for word in phrase.split()}
     if lost := _find_lost(written, " ".join((text, *unsaid, *asides)), spoken):
         return refuse(RequestProblemKind.SENTENCE, lost)

@@ -418,7 +418,7 @@ class Transfers(Destinations):
         names = self.resolve(nouns, Slot.MOVED).names
         names += self.resolve_one(other[0], Slot.MOVED).names if other else ()
         places = [self.get(name).stands for name in names]
-        for name, place in zip(names, places, strict=True):
+        for name, place in zip((self.find_stood(name, clause).name for name in names), places, strict=True):
             self.check_within([self.get(name)], place)
         if len(names) == 2 and all(places) and places[0] != places[1]:
             return [self._relate(name, place) for name, place in zip(names, reversed(places), strict=True)]

@@ -87,6 +87,52 @@ def test_every_object_of_a_random_sentence_is_in_its_goal_or_it_is_none(understa
                 assert found.questions if isinstance(found, Ambiguous) else found.lacks, said
 
 
+REFERENCES = (
+    *(
+        "the C N",
+        "the N",
+        "the C one",
+        "the C thing",
+        "that N",
+        "the Ns",
+        "the nearest N",
+        "the biggest N",
+        "the other N",
+    ),
+    *(
+        "the N next to the M",
+        "the N nearest to the M",
+        "the C N on the left",
+        "the middle N",
+        "the N that is not C",
+        "it",
+    ),
+)
+
+
+@pytest.mark.slow
+def test_a_reference_is_the_only_object_of_its_words_or_is_said(understand):
+    chance = random.Random(11)
+    for seed in range(6):
+        for scene in (CUBES, "tabletop/cluttered_shelf", "tabletop/workbench", "tabletop/panel_and_stack"):
+            world = draw_start(open_library(), scene, ["panda"], seed)
+            vocabulary = Vocabulary.read(read_catalogue(), scene, world=world)
+            listed = [each for each in vocabulary.objects.values() if each.kind not in {"table", "floor", "wall"}]
+            one, other, third = chance.sample(listed, 3)
+            words = {"C": one.colour or "red", "N": one.kind, "M": third.kind}
+            said = [re.sub("[CNM]", lambda each: words[each[0]], form) for form in chance.sample(REFERENCES, 2)]  # noqa: B023
+            found = understand(f"put {said[0]} on {said[1]} and leave the {other.colour} {other.kind}", vocabulary)
+            if not isinstance(found, Understood):
+                continue
+            for phrase in said:
+                *_, noun = phrase.split()
+                colours = {*phrase.split()} & {one.colour}
+                alike = [each for each in listed if noun in {each.kind, each.name.split("_")[-1]}]
+                called = [each.name for each in alike if colours <= each.words]
+                is_literal = len(called) == 1 and called[0] in str(found.goal.accept)
+                assert is_literal or any(each.startswith(phrase) for each in found.reasons), (phrase, found)
+
+
 def test_beside_an_object_is_a_free_point_next_to_it(understand):
     vocabulary = Vocabulary.read(read_catalogue(), CUBES, world=get_world(CUBES))
     (text,) = understand("put the green cube next to the bottle", vocabulary).goal.accept
