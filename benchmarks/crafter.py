@@ -67,11 +67,15 @@ def live(seeds: Sequence[int], outcomes: Path) -> None:
 
 
 def live_in_pairs(seeds: Sequence[int], outcomes: Path) -> None:
-    """One life after the other in each of two workspaces: one keeps its memory, the other one's is always empty."""
-    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+    """One life after the other in each of two workspaces: one keeps its memory, the other one's is always empty.
+
+    They stand beside `outcomes`, so that the next lives begin with what these have learned.
+    """
+    with ExitStack() as stack:
         arms = dict[str, tuple[Workspace, Agent]]()
         for arm, use in (("kept", MemoryUse.LEARN), ("erased", MemoryUse.NONE)):
-            workspace = Workspace.create(Path(folder) / arm, Library.open(LIBRARY))
+            root = outcomes.with_suffix(f".{arm}")
+            workspace = Workspace.open(root) if root.exists() else Workspace.create(root, Library.open(LIBRARY))
             arms[arm] = workspace, stack.enter_context(open_bench(workspace, SystemClock(), memory_use=use))
         for seed in seeds:
             warned = list_warnings(arms["kept"][0].lessons)
@@ -92,12 +96,18 @@ def list_warnings(lessons: Path) -> list[str]:
 
 
 def compare(file: Path) -> dict[str, float]:
-    """Of each seed the life with memory kept beside that with memory erased, and the sign test of their differences."""
+    """Of each seed the life with memory kept beside that with memory erased, and the sign test of their differences.
+
+    Deaths count within the steps that both lives had.
+    """
     lines = [*map(json.loads, file.read_text(encoding="utf-8").splitlines())]
     arms = [{line["seed"]: line for line in lines if line["arm"] == arm} for arm in ("kept", "erased")]
     pairs = [(arms[0][seed], arms[1][seed]) for seed in arms[0] if seed in arms[1]]
-    died = [[each["lost_to"] in kept["warned"] for each in (kept, erased)] for kept, erased in pairs]
     longer = [kept["steps"] - erased["steps"] for kept, erased in pairs]
+    died = [
+        [pair[index]["lost_to"] in pair[0]["warned"] and sign * more <= 0 for index, sign in ((0, 1), (1, -1))]
+        for pair, more in zip(pairs, longer, strict=True)
+    ]
     figures: dict[str, float] = {"pairs": len(pairs)}
     for index, arm in enumerate(("kept", "erased")):
         figures[f"{arm}_days_mean"] = round(sum(pair[index]["steps"] for pair in pairs) / len(pairs) / DAY_STEPS, 2)

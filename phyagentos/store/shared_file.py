@@ -72,7 +72,7 @@ class SharedFile:
             owner = path.name.partition("-")[0]
             number = owner.partition(".")[0]
             if not number.isdecimal() or owner != identify_process(int(number)):
-                self._kept.append(_Kept(path, self._clock.now_s() - SETTLED_S, b""))
+                self._kept.append(_Kept(path, self._clock.now_s() - SETTLED_S, _read_digest(path)))
 
     def hold(self, *, wait: bool) -> AbstractContextManager[None]:
         """Keep every other process from swapping; raises BlockingIOError where one holds it and this does not wait."""
@@ -102,7 +102,8 @@ class SharedFile:
         self._kept = [kept for kept in self._kept if self._examine(kept, handle, at_once=at_once)]
 
     def _put(self, data: bytes) -> bool:
-        fd, name = tempfile.mkstemp(prefix=f"{self._owner}-{self._clock.wall_iso()}-", suffix=".md", dir=self._aside)
+        prefix = f"{self._owner}-{self._clock.wall_iso()}-{self._digest.hex()}-"  # of what is to come out in exchange
+        fd, name = tempfile.mkstemp(prefix=prefix, suffix=".md", dir=self._aside)
         fresh = Path(name)
         with os.fdopen(fd, "wb") as file:
             os.fchmod(fd, 0o644)
@@ -220,6 +221,14 @@ def _swap(fresh: Path, path: Path) -> None:
 def _read_stamp(path: Path) -> tuple[int, int, int]:
     found = path.lstat()
     return found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def _read_digest(path: Path) -> bytes:
+    """Of what was put in where this version came out; empty where its name does not say so."""
+    try:
+        return bytes.fromhex(path.stem.rpartition("-")[0].rpartition("-")[2])
+    except ValueError:
+        return b""
 
 
 def _hash(data: bytes) -> bytes:

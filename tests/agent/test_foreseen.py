@@ -174,3 +174,14 @@ def test_a_node_is_prepared_after_all_when_the_one_before_it_fails(make_stage, t
     stage, _, ran = pursue(make_stage, three, Means(prepare=(CLEAR,)), {**failing, "red": move_away})
     assert [session.skill for session in ran] == ["set_aside", "pick_and_place"]
     assert stage.runtime.ran[-1].node == "red"
+
+
+@pytest.mark.parametrize(
+    ("means", "skill", "source"), [(Means(skill="shove"), "shove", "lesson-1"), (PREPARE, "pick_and_place", "lesson-2")]
+)
+def test_where_nothing_can_look_first_another_skill_is_taken_and_nothing_prepared(
+    make_stage, write_graph, monkeypatch, means, skill, source
+):
+    monkeypatch.setattr("phyagentos.agent.repair.looking.find_look", lambda *_: None)
+    _, _, (attempt,) = pursue(make_stage, write_graph(RED_ALONE.replace("BUDGET", "")), means)
+    assert (attempt.skill, attempt.advised_by) == (skill, (source,))

@@ -35,9 +35,10 @@ def test_pairs_are_compared_by_what_memory_warned_of_and_by_days(tmp_path):
     lines = [live(1, "kept", "zombie", 300, ()), live(1, "erased", "zombie", 300, ())]
     for seed in range(2, 7):
         lines += [live(seed, "kept", "hunger", 900), live(seed, "erased", "zombie", 300)]
+    lines += [live(7, "kept", "zombie", 900), live(7, "erased", "zombie", 300)]
     file = tmp_path / "pairs.jsonl"
     file.write_text("".join(json.dumps(each) + "\n" for each in [*lines, live(9, "kept", "zombie", 1)]))
     figures = compare(file)
-    assert (figures["pairs"], figures["kept_deaths_warned_of"], figures["erased_deaths_warned_of"]) == (6, 0, 5)
-    assert figures["deaths_p"] == figures["days_p"] == pytest.approx(0.5**5, abs=1e-4)
+    assert (figures["pairs"], figures["kept_deaths_warned_of"], figures["erased_deaths_warned_of"]) == (7, 0, 6)
+    assert figures["deaths_p"] == figures["days_p"] == pytest.approx(0.5**6, abs=1e-4)
     assert compute_sign_test(0, 0) == 1.0

@@ -108,26 +108,46 @@ def test_a_task_counts_by_its_last_outcome_and_a_group_by_its_tasks(tmp_path):
     assert sum_up(read_outcomes(file).values()) == {"wood_tried": 2, "wood_met": 0.5}
 
 
-def test_what_fell_onto_the_player_is_dug_before_anything_else(terrain_of):
+class FakeLink:
+    """A player who stands at (0, 1, 0) between two nodes of stone, with one above."""
+
+    def __init__(self, **items):
+        self.nodes, self.dug = {(0, 2, 0): 1, (0, 1, 0): 0, (1, 1, 0): 1}, []
+        self.items = {f"default:{name}": count for name, count in items.items()}
+
+    def call(self, name, **given):
+        if name == "book":
+            nodes = {each: kind | {"tools": {"": 1.0}} for each, kind in NODES.items()}
+            return {"recipes": {}, "nodes": nodes, "groups": {}, "ground": {}}
+        if name == "dig":
+            self.dug.append(given["at"])
+            self.nodes[given["at"]] = 0
+            self.items.pop("default:pick_stone", None)  # it was all but worn out
+        if name == "craft":
+            self.items |= {given["item"]: 1, "default:stick": self.items["default:stick"] - 2}
+        nodes = [number for cell, kind in self.nodes.items() for number in (*cell, kind)]
+        about = {"at": (0, 1, 0), "hp": 20, "breath": 10, "day": 0.5, "light": 14, "items": self.items, "creatures": []}
+        return about | {"names": ["air", "stone"], "nodes": nodes, "times": {"stone": 1.0}}
+
+
+def dig_beside(link):
     from luanti_body.agent import Agent
 
-    class FakeLink:
-        def __init__(self):
-            self.nodes, self.dug = {(0, 2, 0): 1, (0, 1, 0): 0, (1, 1, 0): 1}, []
-
-        def call(self, name, **given):
-            if name == "book":
-                nodes = {each: kind | {"tools": {"": 1.0}} for each, kind in NODES.items()}
-                return {"recipes": {}, "nodes": nodes, "groups": {}, "ground": {}}
-            if name == "dig":
-                self.dug.append(given["at"])
-                self.nodes[given["at"]] = 0
-            nodes = [number for cell, kind in self.nodes.items() for number in (*cell, kind)]
-            about = {"at": (0, 1, 0), "hp": 20, "breath": 10, "day": 0.5, "light": 14, "items": {}, "creatures": []}
-            return about | {"names": ["air", "stone"], "nodes": nodes, "times": {"stone": 1.0}}
-
-    link = FakeLink()
     agent = Agent(link, heading=0)
     for action in agent.dig((1, 1, 0)):
         agent.act(action, 0.1)
+    return agent
+
+
+@pytest.mark.usefixtures("terrain_of")
+def test_what_fell_onto_the_player_is_dug_before_anything_else():
+    link = FakeLink()
+    dig_beside(link)
     assert link.dug == [(0, 2, 0), (1, 1, 0)]
+
+
+@pytest.mark.usefixtures("terrain_of")
+def test_a_pick_that_wears_out_in_a_search_is_made_anew_of_what_is_carried():
+    assert dig_beside(FakeLink(pick_stone=1, stick=5, cobble=9)).items["default:stick"] == 1
+    assert dig_beside(FakeLink(stick=5, cobble=9)).items["default:stick"] == 5, "it never had one"
+    assert dig_beside(FakeLink(pick_stone=1, stick=1, cobble=9)).items["default:stick"] == 1

@@ -164,6 +164,18 @@ def test_a_process_knows_what_the_one_before_put_in(tmp_path, clock):
     assert third.take(2.0) == [("theirs\n" + MARK, True)]
 
 
+def test_a_rendering_that_the_process_before_held_last_is_no_edit(tmp_path, clock):
+    first = Shelf(tmp_path, clock)
+    for text in ("one\n", "two\n", "three\n"):
+        first.put(text)  # too fast for a look at what came out
+    for path in first.aside_files():
+        path.rename(path.with_name(f"{os.getpid()}.1-{path.name.partition('-')[2]}"))
+    second = Shelf(tmp_path, clock)
+    second.file.adopt()
+    assert second.take() == []
+    assert second.aside_files() == []
+
+
 def test_what_was_not_dealt_with_stays(shelf):
     shelf.path.write_text("theirs\n" + MARK)
     shelf.put("two\n")

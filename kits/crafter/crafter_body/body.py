@@ -15,7 +15,6 @@ from target_server.tool_body import Steps, Tool, ToolBody, ToolFailed
 from target_server.wire import Refusal
 
 from crafter_body.local_map import (
-    DIGGABLE,
     DIRECTIONS,
     FOES,
     OPEN,
@@ -33,7 +32,7 @@ from crafter_body.ordered import make_env
 VITALS = ("health", "food", "drink", "energy")
 SOURCES = {item: kind for kind, info in constants.collect.items() for item in info["receive"]}
 GAME = {"zombie", "skeleton", "cow"}
-ORES = {"stone", "coal", "iron", "diamond"}
+GROUNDS = {"mountain": {"stone", "coal", "iron", "diamond", "skeleton"}, "grass": {"cow", "zombie"}}  # what is where
 IN_THE_DARK = " in the dark"
 NIGHT = 0.35  # daylight below which it is dark
 DAY, WELL = 0.5, 6  # daylight, and health, at which a rest ends
@@ -42,8 +41,15 @@ NEAR = 3  # cells from a plant that grows
 WEARY = 1  # energy at which it sleeps anywhere
 ROOM = 2  # cells of a shelter
 LOSSES = {"zombie": "zombie", "skeleton": "arrow", "arrow": "arrow", "no food": "hunger", "no drink": "thirst"}
-MARGINS = {"zombie": ("health", "light"), "arrow": ("health",), "hunger": ("food",), "thirst": ("drink",)}
+WAITS = {"food": 3.0, "drink": 3.0}  # it goes out by night, or hurt, only for so much less, once warned of foes
+MARGINS = {
+    "zombie": ("health", "light", *WAITS),
+    "arrow": ("health", *WAITS),
+    "hunger": ("food",),
+    "thirst": ("drink",),
+}
 MARGIN = {"health": 2.0, "food": 2.0, "drink": 2.0, "light": 0.1}  # kept beside what is needed, once warned
+HURT = 3  # health
 STRIKE = 2  # cells from which a foe that was seen may have struck
 TRIES = 400  # of collecting one found
 
@@ -77,6 +83,7 @@ class CrafterBody(ToolBody[str]):
         self._seed, self._cause, self._history = seed, "", []
         self._env = make_env(seed)
         self._map, self._is_over, self._feared = LocalMap(self._env), False, set[str]()
+        self._ahead = dict[str, Cell]()
         self._steps = 0
 
     @property
@@ -128,6 +135,8 @@ class CrafterBody(ToolBody[str]):
         return LOSSES.get(self._cause.removesuffix(IN_THE_DARK), "") if self._items["health"] <= 0 else ""
 
     def _find_margin(self, vital: str) -> float:
+        if vital in WAITS and (self._env._world.daylight < DAY or self._items["health"] <= HURT):
+            return -WAITS[vital] if {"zombie", "arrow"} & self._feared else 0.0
         return MARGIN[vital] if any(vital in MARGINS[each] for each in self._feared) else 0.0
 
     def list_entities(self) -> Sequence[Entity]:
@@ -229,19 +238,14 @@ class CrafterBody(ToolBody[str]):
         return "has eaten"
 
     def defend(self) -> Steps[str]:
-        """Tool: strike what is beside it, close the line of an arrow with a stone or leave it, and await a zombie.
-
-        One that is hurt, and wary of zombies, leaves them.
-        """
+        """Tool: strike what is beside it, close the line of an arrow with a stone or leave it, and await a zombie."""
         while dangers := self._map.list_dangers(self._map.at):
             self._check_alive()
             at, kinds = self._map.at, self._map.creatures
             beside = [cell for cell in dangers if measure(cell, at) == 1 and kinds[cell] in FOES]
             arrows = [cell for cell in dangers if kinds[cell] == "arrow"]
             safe = [name for name, cell in self._map.list_steps().items() if not self._map.list_dangers(cell)]
-            if (away := self._map.find_flight(dangers)) and "zombie" in self._feared and self._items["health"] < WELL:
-                yield f"move_{away}"
-            elif beside:
+            if beside:
                 yield "do" if self._map.facing in beside else self._turn(beside[0])
             elif self._items["stone"] and self._is_open(self._map.facing) and self._is_towards(dangers[0]):
                 yield "place_stone"
@@ -399,17 +403,22 @@ class CrafterBody(ToolBody[str]):
         return f"move_{DIRECTIONS[(u - x, v - y)]}"
 
     def _explore(self, kinds: Collection[str], costs: Mapping[Cell, float], before: Mapping[Cell, Cell]) -> str:
-        """The next step to the nearest edge of what was seen; ores are looked for in the mountains."""
-        cells, is_ore = self._map.cells, bool(ORES & {*kinds})
-        is_ore = is_ore or "skeleton" in kinds
+        """The next step to the nearest edge of what was seen, of the ground on which they are."""
+        cells = self._map.cells
+        ground = next((each for each in GROUNDS if GROUNDS[each] & {*kinds}), "")
         edges = {
-            cell: cost + (AWAY if is_ore and cells[cell] not in {*DIGGABLE, "path"} else 0.0)
+            cell: cost + (AWAY if ground and (cells[cell] == "grass") != (ground == "grass") else 0.0)
             for cell, cost in costs.items()
             if cell != self._map.at and any(near not in cells for near in list_neighbours(cell))
         }
-        if not edges:
+        known = {
+            cell: costs[cell] for cell, (kind, _) in self._map.last_seen.items() if kind in kinds and cell in costs
+        }
+        if not (edges := known or edges):
             raise ToolFailed(f"no {' or '.join(sorted(kinds))} was seen, and there is nowhere left to look")
-        return self._step_to(min(edges, key=lambda cell: (edges[cell], cell)), before)
+        if self._ahead.get(ground) not in edges:  # else what comes into view and goes out of it would turn it round
+            self._ahead[ground] = min(edges, key=lambda cell: (edges[cell], cell))
+        return self._step_to(self._ahead[ground], before)
 
     def _is_walled_in(self) -> bool:
         """Whether no foe can reach it: what it could walk to without digging is at most two cells."""
@@ -423,8 +432,8 @@ class CrafterBody(ToolBody[str]):
 
     def _wall_in(self) -> Iterator[str]:
         """Dig two cells into stone and close both ends."""
-        if not self._items["wood_pickaxe"]:
-            raise ToolFailed("there is no pickaxe to dig in with")
+        if not self._is_walled_in():
+            yield from self.collect("stone", ROOM)
         while not self._is_walled_in():
             self._check_alive()
             costs, before = self._measure_routes()
@@ -451,6 +460,6 @@ class CrafterBody(ToolBody[str]):
             for u, v in DIRECTIONS:
                 outer = (inner[0] + u, inner[1] + v)
                 sides = [(x + s * v, y + s * u) for x, y in (inner, outer) for s in (-1, 1)]
-                walls = all(cells.get(side, "grass") not in WALKABLE for side in sides)
+                walls = all(cells.get(side, "grass") not in OPEN for side in sides)
                 if walls and cells.get(outer) in {*WALKABLE, "stone"} and outer not in self._map.creatures:
                     yield inner, outer

@@ -19,6 +19,7 @@ EDGE = "edge"  # beyond it there is no world
 BRIDGE_COST = 4.0  # and before that: put a stone into the water
 FEAR_COST = 4.0
 FOES, RANGE = {"zombie", "skeleton"}, 4
+KEPT = 20  # looks for which a foe that went out of view is thought to be there
 PLANT, RIPE = "plant", "ripe plant"
 
 
@@ -28,6 +29,7 @@ class LocalMap:
     Attributes:
         cells: Material of each cell as last seen.
         creatures: Kind by cell, of those in view.
+        last_seen: Kind by cell, and how many looks ago, of those in view and of others where they were seen last.
     """
 
     def __init__(self, env: Any) -> None:
@@ -35,6 +37,7 @@ class LocalMap:
         self._origin = tuple(int(each) for each in env._player.pos)
         self.cells: dict[Cell, str] = {}
         self.creatures: dict[Cell, str] = {}
+        self.last_seen: dict[Cell, tuple[str, int]] = {}
         self.look()
 
     @property
@@ -52,10 +55,13 @@ class LocalMap:
         """See the local view."""
         (x, y), (width, height) = self._player.pos, VIEW
         self.creatures, self._headings = {}, dict[Cell, Cell]()
+        kept = ((cell, kind, ago) for cell, (kind, ago) in self.last_seen.items() if ago < KEPT or kind not in FOES)
+        self.last_seen = {cell: (kind, ago + 1) for cell, kind, ago in kept}
         for u in range(int(x) - width // 2, int(x) + width // 2 + 1):
             for v in range(int(y) - height // 2, int(y) + height // 2 + 1):
                 material, found = self._env._world[(u, v)]
                 self.cells[self._place((u, v))] = material or EDGE
+                self.last_seen.pop(self._place((u, v)), None)
                 if found is not None and found is not self._player:
                     self._note(found)
 
@@ -68,6 +74,8 @@ class LocalMap:
             self.creatures[cell] = kind
             if kind == "arrow":
                 self._headings[cell] = (int(found.facing[0]), int(found.facing[1]))
+            else:
+                self.last_seen[cell] = (kind, 0)
 
     def _place(self, pos: Any) -> Cell:
         return (int(pos[0]) - self._origin[0], int(pos[1]) - self._origin[1])
@@ -104,16 +112,6 @@ class LocalMap:
         beside = {name: (x + u, y + v) for (u, v), name in DIRECTIONS.items()}
         return {name: cell for name, cell in beside.items() if self.is_free(cell)}
 
-    def find_flight(self, dangers: Collection[Cell]) -> str:
-        """The step that leads farthest from all dangers; empty where none leads away."""
-
-        def measure_room(cell: Cell) -> int:
-            return min(measure(cell, danger) for danger in dangers)
-
-        steps = self.list_steps()
-        best = max(steps, key=lambda name: measure_room(steps[name]), default="")
-        return best if best and measure_room(steps[best]) > measure_room(self.at) else ""
-
     def measure_routes(
         self, items: Collection[str], feared: Collection[str] = ()
     ) -> tuple[dict[Cell, float], dict[Cell, Cell]]:
@@ -121,7 +119,8 @@ class LocalMap:
 
         Cells near creatures that are feared count for more.
         """
-        near_foes = [cell for cell, kind in self.creatures.items() if kind in feared]
+        foes = [cell for cell, (kind, _) in self.last_seen.items() if kind in feared]
+        near_foes = {cell for foe in foes for cell in list_within(foe, RANGE)}
         costs, before, queue = {self.at: 0.0}, dict[Cell, Cell](), [(0.0, self.at)]
         while queue:
             cost, cell = heapq.heappop(queue)
@@ -137,7 +136,7 @@ class LocalMap:
                     step = BRIDGE_COST
                 else:
                     continue
-                step += FEAR_COST * any(measure(near, foe) <= RANGE for foe in near_foes)
+                step += FEAR_COST * (near in near_foes)
                 if cost + step < costs.get(near, 1e9):
                     costs[near], before[near] = cost + step, cell
                     heapq.heappush(queue, (cost + step, near))
@@ -147,6 +146,12 @@ class LocalMap:
 def list_block(cell: Cell) -> list[Cell]:
     """A cell and the eight around it: where a station is in reach."""
     return [(cell[0] + u, cell[1] + v) for u in (-1, 0, 1) for v in (-1, 0, 1)]
+
+
+def list_within(cell: Cell, steps: int) -> list[Cell]:
+    """Cells that are no farther from one than so many steps."""
+    x, y = cell
+    return [(x + u, y + v) for u in range(-steps, steps + 1) for v in range(abs(u) - steps, steps - abs(u) + 1)]
 
 
 def list_neighbours(cell: Cell) -> list[Cell]:

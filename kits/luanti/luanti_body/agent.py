@@ -10,7 +10,7 @@ from typing import Any
 
 from target_server.tool_body import ToolFailed
 
-from luanti_body.book import Book
+from luanti_body.book import CRAFT_S, OF_PICK, PICKS, Book
 from luanti_body.terrain import PUT_S, SIDES, WALK_S, Cell, Move, Terrain, read_kinds
 from luanti_body.world import CallRefused, Link
 
@@ -45,7 +45,7 @@ class Agent:
         self.refusal, self.answer = "", dict[str, Any]()
         self._names: list[str] = []
         self._searched = set[Cell]()
-        self._debt_s = 0.0
+        self._debt_s, self._had_pick = 0.0, False
         self.look()
         self._start = self.at
 
@@ -56,6 +56,7 @@ class Agent:
         self._names += seen["names"] or ()
         self.terrain.note(self._names, seen["nodes"] or (), seen.get("times"))
         self.items: dict[str, int] = {name: int(n) for name, n in (seen["items"] or {}).items()}
+        self._had_pick |= PICKS[1] in self.items
         self.terrain.blocks = sum(self.items.get(name, 0) for name in BUILDING)
         self.health, self.breath = float(seen["hp"]), float(seen["breath"])
         self.day, self.light = float(seen["day"]), float(seen["light"]) / 14.0
@@ -111,9 +112,15 @@ class Agent:
             raise ToolFailed(self.refusal)
 
     def dig(self, cell: Cell) -> Iterator[Action]:
-        """Dig a node in reach; what falls down into its place is dug, too, and before it what fell onto the player."""
+        """Dig a node in reach; what falls down into its place is dug, too, and before it what fell onto the player.
+
+        A pick of stone that is worn out is made anew of what is carried, so that no better tool is spent on stone.
+        """
         wanted = cell
         for _ in range(TRIES):
+            is_worn = self._had_pick and PICKS[1] not in self.items
+            if is_worn and all(self.items.get(item, 0) >= count for item, count in OF_PICK.items()):
+                yield from self.do(CRAFT_S, name="craft", item=PICKS[1])
             x, y, z = self.at
             cell = next((each for each in ((x, y + 1, z), self.at) if self.terrain.is_solid(each)), wanted)
             if self.terrain.is_open(cell):

@@ -17,6 +17,9 @@ GROUP, HIDDEN = "group:", "not_in_creative_inventory"
 PICKS = ("default:pick_wood", "default:pick_stone", "default:pick_steel")
 LASTS = dict(zip(PICKS, (4, 8, 20), strict=True))  # finds that each survives, the path to them included: our estimate
 SEARCH_S = 65.0  # of searching through stone, after which a pick of stone is worn out
+SPARE = 3.0  # of the mean of a search, whose time is exponential: 19 of 20 are shorter
+STICK, COBBLE = "default:stick", "default:cobble"
+OF_PICK = {STICK: 2, COBBLE: 3}  # what a pick of stone is made of; cobble comes with the digging
 ON_GROUND_S, CRAFT_S = 5.0, 0.5
 
 
@@ -84,14 +87,15 @@ class Book:
 
     def iter_recipes(self, kind: str) -> Iterator[Recipe]:
         """All manners to come by a kind."""
-        sources = self.list_sources(kind)
+        dug = [(self.ground.get(name, 0.0), self.nodes[name]["tools"]) for name in self.list_sources(kind)]
+        is_hard = not any({"", PICKS[0]} & {*tools} for _, tools in dug)
         for tool in ("", *PICKS):
-            dug = [(self.ground.get(name, 0.0), self.nodes[name]["tools"]) for name in sources]
             if times := [(search + tools[tool], search) for search, tools in dug if tool in tools]:
                 time_s, search_s = min(times)
-                worn = Counter({self.name_kind(PICKS[1]): round(search_s / SEARCH_S)}) if tool else Counter[str]()
+                worn = math.ceil(SPARE * search_s / SEARCH_S) if is_hard else 0
                 needs = (self.name_kind(tool),) if tool else ()
-                yield Recipe("gather", 1, +worn, ON_GROUND_S + time_s, needs)
+                uses = +Counter({self.name_kind(STICK): worn * OF_PICK[STICK]})
+                yield Recipe("gather", 1, uses, ON_GROUND_S + time_s, needs)
                 if not tool:
                     break
         for each in (recipe for item in self.kinds[kind] for recipe in self.recipes.get(item, ())):

@@ -38,16 +38,24 @@ def foresee(case: Case, means: Means) -> Revision | None:
     done = [status.contract for status in case.lineage]
     cleared = [each for each in done if each.purpose == clearing.PURPOSE]
     parent = done[-1].id if done else None
-    if case.world is None:
+    world = case.world
+    if world is None:
         item = case.session.parameters.get(find_roles(case.catalogue.skills[case.session.skill])[0])
         choice = looking.find_look(case, item) if not done else None  # for what the session is about
-        return Revision(parent=None, choice=choice, purpose=looking.PURPOSE) if choice is not None else None
+        if choice is not None:
+            return Revision(parent=None, choice=choice, purpose=looking.PURPOSE)
+        if done or means.prepare:
+            return None
+        scene = case.session.scene  # nothing can look first, and nothing that is seen speaks against it
+        world = Environment(
+            time_s=0.0, scene=scene.name, episode=scene.episode, revision=0, sensing="truth", entities={}
+        )
     for preparation in means.prepare[len(cleared) :]:
-        choice = _find_preparation(case, case.world, preparation, cleared)
+        choice = _find_preparation(case, world, preparation, cleared)
         steps = 1 + len(means.prepare) - len(cleared)
         if choice is not None and not case.left.find_excess(steps, steps * SESSION_S):
             return Revision(parent=parent, choice=choice, purpose=preparation.purpose, lead=1)
-    choice = _find_choice(case, case.world, means)
+    choice = _find_choice(case, world, means)
     if choice is None or (means.prepare and not cleared):
         return None
     return Revision(parent=parent, choice=choice)

@@ -327,6 +327,7 @@ function calls.craft(args)
 			local out, rest = minetest.get_craft_result({
 				method = "normal", width = recipe.width > 0 and recipe.width or 3, items = grid,
 			})
+			if not main():room_for_item("main", out.item) then refuse("there is no room to carry %s", args.item) end
 			for _, stack in ipairs(grid) do if not stack:is_empty() then main():remove_item("main", stack:get_name()) end end
 			for _, stack in ipairs(rest.items) do if not stack:is_empty() then add(stack) end end
 			for _, stack in ipairs(out.replacements or {}) do add(stack) end
