@@ -152,13 +152,13 @@ def test_frames_are_requested_behind_the_command_of_a_sample_and_nothing_waits(m
 @pytest.mark.usefixtures("glancing")
 def test_the_next_command_is_judged_before_frames_are_read_and_sent_behind_their_sample(move, monkeypatch):
     done = []
+
+    def note(name):
+        own = getattr(TargetSessionHandle, name)
+        return lambda handle, *arguments: done.append(name) or own(handle, *arguments)
+
     for name in ("collect", "judge", "collect_frames", "send"):
-
-        def note(handle, *arguments, name=name, own=getattr(TargetSessionHandle, name)):
-            done.append(name)
-            return own(handle, *arguments)
-
-        monkeypatch.setattr(TargetSessionHandle, name, note)
+        monkeypatch.setattr(TargetSessionHandle, name, note(name))
     _, _, execution = move(hold=("exists(red_cube)",))
     reads = [index for index, name in enumerate(done) if name == "collect_frames"]
 
