@@ -319,6 +319,8 @@ class Discourse:
         if tail.data in {"is_so", "is_not_so"}:
             (state,) = list_children(tail)
             return [item for item in found if self.is_so(item, state) is (tail.data == "is_so")]
+        if tail.data == "stacked":  # on another one
+            return [item for item in found if item.stands and self.get(item.stands).movable]
         if not list_children(tail):  # `on the left`, `largest`
             return self._select(list(found), tail, str(tail.data), None, nth)
         heads = dict(self.heads)
