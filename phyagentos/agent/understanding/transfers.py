@@ -29,7 +29,13 @@ from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.predicate import find_entities
 
 ALONG = 0.9  # cosine of the angle between a side and what slides to it, at least
-_STEPS_M = {"5 cm": 0.05, "10 cm": 0.1, "20 cm": 0.2, "30 cm": 0.3, "50 cm": 0.5}  # to choose from, where no measure is said
+_STEPS_M = {
+    "5 cm": 0.05,
+    "10 cm": 0.1,
+    "20 cm": 0.2,
+    "30 cm": 0.3,
+    "50 cm": 0.5,
+}  # to choose from, where no measure is said
 _ANGLES = {"90 degrees": math.pi / 2, "45 degrees": math.pi / 4, "180 degrees": math.pi}
 _TURNS = {"left": 1.0, "right": -1.0, "clockwise": -1.0} | dict.fromkeys(
     ("anticlockwise", "counterclockwise", "counter-clockwise"), 1.0
