@@ -22,10 +22,10 @@ import json
 import shutil
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from rich.console import Console
 from rich.table import Table
 
@@ -44,14 +44,13 @@ from phyagentos.agent.mission.report import MissionReport
 from phyagentos.assembly.agent_plane import Agent
 from phyagentos.bench.report import Threshold
 from phyagentos.bench.suite import open_bench
-from phyagentos.clock import Clock, SystemClock
-from phyagentos.errors import DefinitionError
-from phyagentos.protocol.documents.schema import read_text
+from phyagentos.clock import SystemClock
+from phyagentos.protocol.sessions.evidence import AFTER
 from phyagentos.protocol.settings.perception import Sensing
 from phyagentos.protocol.workspace.workspace import Workspace
-from phyagentos.protocol.world.environment import Environment, read_environment
+from phyagentos.protocol.world.environment import Environment
 
-LENGTH, PATIENCE = 5, 30
+LENGTH = 5
 KIT = ROOT / "kits" / "calvin"
 ASKED = {
     "average_final": Threshold(4.0, at_least=True),
@@ -151,17 +150,13 @@ def run_sequence(
         yield record
         if not is_final(record):
             return
-        world = read_now(workspace, report.goal, SystemClock())
+        world = read_now(workspace, report)
 
 
-def read_now(workspace: Workspace, episode: str, clock: Clock) -> Environment:
-    """What was observed last in an episode; its worker may still be writing it."""
-    for _ in range(PATIENCE):
-        with suppress(DefinitionError):
-            if (world := read_environment(read_text(workspace.environment))).episode == episode:
-                return world
-        clock.sleep(1.0)
-    raise RuntimeError(f"{workspace.environment} shows nothing of {episode}")
+def read_now(workspace: Workspace, report: MissionReport) -> Environment:
+    """What was observed at the end of the latest session that began."""
+    files = (workspace.evidence_of(each.id) / AFTER for each in reversed(report.sessions))
+    return msgspec.json.decode(next(path for path in files if path.exists()).read_bytes(), type=Environment)
 
 
 def score(report: MissionReport, server: Server) -> Record:

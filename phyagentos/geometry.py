@@ -88,6 +88,11 @@ def compute_tilt(pose: Pose) -> float:
     return math.acos(max(-1.0, min(1.0, rotate(pose.quaternion_wxyz, UP)[2])))
 
 
+def compute_heading(quaternion_wxyz: Sequence[float]) -> float:
+    """Turn [rad] about the world's z axis: whatever the frame leans by, one more turn about that axis adds to it."""
+    return 2.0 * math.atan2(quaternion_wxyz[3], quaternion_wxyz[0])
+
+
 def compute_turn(a: Pose, b: Pose) -> float:
     """Smallest angle [rad] that turns a into b."""
     w, x, y, z = a.quaternion_wxyz

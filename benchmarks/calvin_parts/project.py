@@ -12,10 +12,10 @@ from benchmarks.libero_parts.bddl import TIMEOUT_S, WALL_S
 from benchmarks.libero_parts.foreign_scenes import Seen, write_scene
 from benchmarks.libero_parts.tasks import write_model
 from phyagentos.agent.goals.catalogue import Catalogue
-from phyagentos.agent.planning.answers import Unsolvable
+from phyagentos.agent.planning.answers import PlannedGoal, Unsolvable
 from phyagentos.agent.planning.planned import plan_goal, write_graph
 from phyagentos.agent.understanding.embedded import EmbeddedUnderstander
-from phyagentos.agent.understanding.understanding import Ambiguous, QuestionKind, Understanding, Understood
+from phyagentos.agent.understanding.understanding import Ambiguous, Question, QuestionKind, Understanding, Understood
 from phyagentos.agent.understanding.vocabulary import Vocabulary
 from phyagentos.protocol.capabilities.registries import read_target
 from phyagentos.protocol.capabilities.targets import TargetProfile
@@ -23,8 +23,8 @@ from phyagentos.protocol.world.environment import Entity, Environment
 
 LIBRARY = Path(__file__).parent / "library"
 ROBOT, SCENE = "calvin", "calvin_scene_D"
-ANSWERS = {QuestionKind.VIEW: "as seen by the robot", QuestionKind.HOW_FAR: "20 cm"}
-"""Whose left and right is meant: who stands before the table looks as its robot does, along x. How far is \"push\"."""
+VIEW = "as seen by the robot"  # whose left and right is meant: who stands before the table looks as its robot does
+FAR = ("20 cm", "30 cm", "50 cm")  # "push": the first of the shortest plans, as nothing else is to be moved for it
 PROFILE = LIBRARY / "robots" / ROBOT / "target.yaml"
 
 
@@ -55,12 +55,23 @@ def write_project(folder: Path, told: Mapping[str, Any], endpoint: str) -> None:
 def translate(instruction: str, catalogue: Catalogue, world: Environment) -> tuple[str, str]:
     """The goal graph of an instruction; empty, and what is open or missing, where it is not understood or planned."""
     vocabulary = Vocabulary.read(catalogue, SCENE, robot=ROBOT, world=world)
-    understood = _understand(instruction.lower(), vocabulary)
-    if not isinstance(understood, Understood):
-        return "", f"not understood: {_describe(understood)}"
-    planned = plan_goal(understood.goal, catalogue, world)
-    if isinstance(planned, Unsolvable):
-        return "", f"no plan: {'; '.join(each.describe() for each in planned.missing)}"
+    plans: list[PlannedGoal] = []
+    for far in FAR:
+        kinds = {QuestionKind.VIEW: VIEW, QuestionKind.HOW_FAR: far}
+        understood = _understand(instruction.lower(), vocabulary, kinds)
+        if not isinstance(understood, Understood):
+            return "", f"not understood: {_describe(understood)}"
+        planned = plan_goal(understood.goal, catalogue, world)
+        if isinstance(planned, Unsolvable):
+            reason = f"no plan: {'; '.join(each.describe() for each in planned.missing)}"
+            continue
+        plans.append(planned)
+        if len(planned.steps) < 2:
+            break
+    return _write(min(plans, key=lambda each: len(each.steps))) if plans else ("", reason)
+
+
+def _write(planned: PlannedGoal) -> tuple[str, str]:
     if not planned.steps:
         return "", "met already"
     graph = yaml.safe_load(write_graph(planned))
@@ -68,7 +79,7 @@ def translate(instruction: str, catalogue: Catalogue, world: Environment) -> tup
     return yaml.safe_dump(graph, sort_keys=False, width=120), ""
 
 
-def _understand(instruction: str, vocabulary: Vocabulary) -> Understanding:
+def _understand(instruction: str, vocabulary: Vocabulary, kinds: Mapping[QuestionKind, str]) -> Understanding:
     """What it means; each question gets the answer that its kind has here, else the first candidate."""
     answers: dict[str, str] = {}
     while True:
@@ -76,7 +87,16 @@ def _understand(instruction: str, vocabulary: Vocabulary) -> Understanding:
         questions = found.questions if isinstance(found, Ambiguous) else ()
         if not questions or not all(each.candidates for each in questions):
             return found
-        answers |= {each.key: ANSWERS.get(each.kind, each.candidates[0]) for each in questions}
+        answers |= {each.key: _answer(each, vocabulary, kinds) for each in questions}
+
+
+def _answer(question: Question, vocabulary: Vocabulary, kinds: Mapping[QuestionKind, str]) -> str:
+    """What its kind has here; of several objects the one nearest to who stands before the table."""
+    if (answer := kinds.get(question.kind)) in question.candidates:
+        return str(answer)
+    objects = {name: vocabulary.objects.get(name) for name in question.candidates}
+    places = {name: each.at_m[0] for name, each in objects.items() if each is not None and each.at_m is not None}
+    return min(question.candidates, key=lambda name: places.get(name, 0.0))
 
 
 def _describe(found: Any) -> str:

@@ -3,7 +3,7 @@
 import re
 import shutil
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -109,10 +109,11 @@ def find_areas(told: dict[str, Any]) -> dict[str, list[Span]]:
     return areas
 
 
-def write_model(path: Path, tool: dict[str, float], hand: Sequence[Shape], wrist: Sequence[Shape]) -> None:
+def write_model(path: Path, tool: Mapping[str, Any], hand: Sequence[Shape], wrist: Sequence[Shape]) -> None:
     """This project's Panda with fingers as long as the environment's, and the tool between their pads.
 
-    The boxes of `hand` and `wrist`, as they are with all joints at zero and the fingers apart, only mask pictures.
+    `ranges_rad` are those of the environment's joints, where it says any. The boxes of `hand` and `wrist`, as they are
+    with all joints at zero and the fingers apart, only mask pictures.
     """
     spec = mujoco.MjSpec.from_file(str(find_shipped_root() / "robots" / "panda" / "panda.xml"))
     model = spec.compile()
@@ -123,6 +124,8 @@ def write_model(path: Path, tool: dict[str, float], hand: Sequence[Shape], wrist
     for name in ("left_finger", "right_finger"):
         spec.body(name).pos[2] -= shorter_m
     spec.site("tcp").pos[2] -= shorter_m
+    for name, range_rad in tool.get("ranges_rad", {}).items():
+        spec.joint(name).range = range_rad
     _add_seen(spec, hand, wrist)
     path.write_text(spec.to_xml())
 

@@ -32,6 +32,19 @@ def test_what_stands_on_an_object_fills_it_and_what_stands_beside_it_does_not():
     assert find_filling(make_table_world(slab), "table") == []  # what is fixed is large
 
 
+def test_a_table_that_is_turned_by_a_quarter_bears_what_stands_on_it():
+    top = (Shape(ShapeKind.BOX, (0.5, 0.05, 0.01)),)
+    table = Entity(
+        name="turned",
+        kind="table",
+        movable=False,
+        pose=Pose((2.0, 0.0, -0.01), (0.5**0.5, 0.0, 0.0, 0.5**0.5)),
+        shapes=top,
+    )
+    cube = make_box("cube", (2.0, 0.3, 0.02), 0.02)
+    assert find_support(make_table_world(table, cube), "cube").name == "turned"
+
+
 def test_a_free_spot_is_on_the_same_table_within_reach_and_away_from_everything(shipped):
     panda = shipped.targets["panda"]
     spot = find_free_spot(HEMMED, "post", ((0.5, 0.0, 0.02),), panda.mount_position_m, panda.grasp_band_m)

@@ -335,6 +335,7 @@ def docks(x: float, y: float, yaw: float) -> Environment:
     return world(cube("a", 1.0, 0.0), targets=_base(x, y, yaw))
 
 
+HAMMER = (Shape(ShapeKind.BOX, (0.06, 0.01, 0.01)), Shape(ShapeKind.BOX, (0.01, 0.03, 0.01), Pose((0.05, 0, 0))))
 CASES = {
     "inside follows a turned container": [
         ("inside(a, tray)", world(tray(pose=Pose((0.5, 0.0, 0.0), EIGHTH_TURN_ABOUT_Z)), ALONG), T),
@@ -399,6 +400,15 @@ CASES = {
         ("at(a, tray, 0.5)", ROW, T),
         ("near(a, b, 0.11)", ROW, T),
         ("near(a, b, 0.09)", ROW, F),
+    ],
+    "turned measures the turn about the vertical, whatever side is up, where no side is like another": [
+        ("turned(a, 0.785)", world(cube("a", pose=Pose((0, 0, 0.02), EIGHTH_TURN_ABOUT_Z))), T),
+        ("turned(a, -5.5)", world(cube("a", pose=Pose((0, 0, 0.02), EIGHTH_TURN_ABOUT_Z))), T),
+        ("turned(a, 0)", world(cube("a", pose=Pose((0, 0, 0.02), EIGHTH_TURN_ABOUT_Z))), F),
+        ("turned(a, 0, 0.8)", world(cube("a", pose=Pose((0, 0, 0.02), EIGHTH_TURN_ABOUT_Z))), T),
+        ("turned(a, 0)", world(cube("a", pose=Pose((0, 0, 0.02), QUARTER_TURN_ABOUT_X))), T),
+        ("turned(a, 0)", world(cube("a"), sensing="perceived"), U),
+        ("turned(a, 0)", world(cube("a", shapes=HAMMER), sensing="perceived"), T),
     ],
     "existence and visibility": [
         ("visible(a)", HALF_SEEN, T),

@@ -194,7 +194,9 @@ class CalvinBody(Body):
 
     def _describe_scene(self, arguments: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
         """The instructions of `sequences`, and every object with its geometry as each begins."""
-        told: dict[str, Any] = {"tool": {"flange_to_tool_m": self._flange_to_tool_m}, "sequences": {}}
+        ranges_rad = {each.name: (each.low, each.high) for each in self.joints}
+        tool = {"flange_to_tool_m": self._flange_to_tool_m, "ranges_rad": ranges_rad}
+        told: dict[str, Any] = {"tool": tool, "sequences": {}}
         for sequence in arguments["sequences"]:
             self.load(SCENE, LENGTH * int(sequence), b"")
             entities = [each.encode() for each in self.list_entities()]

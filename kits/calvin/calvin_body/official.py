@@ -39,9 +39,15 @@ _STOOD_IN: dict[str, dict[str, Any]] = {
 
 
 def _import(name: str) -> Any:
-    for other, members in _STOOD_IN.items():
-        sys.modules.setdefault(other, ModuleType(other)).__dict__.update(members)
-    return import_module(f"calvin_agent.evaluation.{name}")
+    added = [other for other in _STOOD_IN if other not in sys.modules]
+    for other in added:
+        sys.modules[other] = ModuleType(other)
+        sys.modules[other].__dict__.update(_STOOD_IN[other])
+    try:
+        return import_module(f"calvin_agent.evaluation.{name}")
+    finally:
+        for other in added:  # who looks for torch later, as scipy does, finds that there is none
+            del sys.modules[other]
 
 
 def open_environment() -> Any:

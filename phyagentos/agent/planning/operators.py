@@ -12,7 +12,7 @@ from typing import Any
 from phyagentos.agent.goals.selector import find_lacks
 from phyagentos.agent.planning.goal_facts import list_defaults, list_places, make_fact
 from phyagentos.agent.planning.problem import Fact, Operator
-from phyagentos.agent.planning.rooms import PlacementPoint, count_room, find_in_lane, is_in_reach
+from phyagentos.agent.planning.rooms import PlacementPoint, count_room, find_in_lane, is_in_reach, is_taken
 from phyagentos.protocol.capabilities.skill_runtimes import ParameterRole, SkillRuntime, find_parameter
 from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.documents.plain_data import Fields
@@ -191,7 +191,9 @@ class _Draft:
         world, place = self.scope.world, self.place
         if not self.moved or not place:
             return True
-        if isinstance(place, PlacementPoint) and state(Meaning.ON, self.moved, place.support) in self.scope.cleared:
+        if isinstance(place, PlacementPoint) and (
+            state(Meaning.ON, self.moved, place.support) in self.scope.cleared or is_taken(world, self.moved, place)
+        ):
             return False
         is_near = is_in_reach(world, place, self.scope.targets[self.target])
         return is_near and (isinstance(place, PlacementPoint) or count_room(world, self.moved, place) > 0)

@@ -6,6 +6,7 @@ Estimates by boxes, on the careful side; motion planning decides when a session 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from msgspec.structs import replace
@@ -16,7 +17,7 @@ from phyagentos.protocol.capabilities.targets import TargetProfile
 from phyagentos.protocol.predicates.relations import find_places
 from phyagentos.protocol.world.entity_geometry import AXES, compute_center, compute_extent, compute_reach
 from phyagentos.protocol.world.environment import Entity, Environment
-from phyagentos.protocol.world.free_spot import ROOM_M, find_free_spot, find_support
+from phyagentos.protocol.world.free_spot import ROOM_M, compute_distance, find_free_spot, find_support
 from phyagentos.protocol.world.mechanisms import compute_motion
 
 BESIDE_M = 0.01  # between two objects in one place
@@ -24,7 +25,7 @@ SPOTS_MAX = 4
 FILL = 1000  # what objects in one place weigh together when it is full
 _WORLD = np.eye(3)
 _HIDDEN = 0.75  # of a room, seen from above, that what is over it covers at least where it hides it
-_LANE_M = 0.02  # beside what opens
+_LANE_M, _CLEAR_M = 0.02, 0.004  # beside each solid of what opens; where poses are exact
 _REACH = 1.35  # of the band in which an arm grasps best
 
 
@@ -108,6 +109,18 @@ def place_spot(world: Environment, point: Vector, objects: Sequence[str]) -> Pla
     return PlacementPoint(point, max(supports, key=supports.count, default=""), tuple(blockers))
 
 
+def is_taken(world: Environment, item: str, spot: PlacementPoint) -> bool:
+    """Whether something that no hand can take away stands where an object would."""
+    if (body := world.entities.get(item)) is None:
+        return False
+    half_m, (x, y, _), z = min(_measure_sides(body)) / 2, spot.point_m, compute_center(body)[2]
+    sides = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
+    ends = [(x + i * half_m, y + j * half_m, z + k * half_m) for (i, j), k in product(sides, (0.0, 0.5))]
+    carried = {*list_carried(world), spot.support}
+    fixed = [each for each in world.entities.values() if each.name not in carried]
+    return any(compute_distance(each, end) == 0.0 for each in fixed for end in ends)
+
+
 def find_lid(world: Environment, place: str) -> str:
     """What must be open before anything is put into a place or taken out of it; empty where nothing hides it."""
     holder = world.entities.get(place)
@@ -134,14 +147,16 @@ def find_in_lane(world: Environment, moving: str, objects: Sequence[str]) -> lis
     shift = compute_motion(entity.mechanism, entity.mechanism.travel * (1.0 - (entity.joint or 0.0)))[:3, 3]
     axes = compute_rotation(entity.pose.quaternion_wxyz).T  # what slides may stand aslant
     shift = axes @ shift
-    parts = [_bound(each, axes) for each in world.entities.values() if moving in {each.name, each.part_of}]
-    lane = np.concatenate([*parts, *(each + shift for each in parts)])
-    low, high, (inner, outer) = lane.min(axis=0) - _LANE_M, lane.max(axis=0) + _LANE_M, _bound(entity, axes)
+    parts = [each for each in world.entities.values() if moving in {each.name, each.part_of}]
+    solids = np.array([_bound(replace(part, shapes=(shape,)), axes) for part in parts for shape in part.shapes])
+    beside_m = _CLEAR_M if world.sensing == "truth" else _LANE_M
+    low = np.minimum(solids[:, 0], solids[:, 0] + shift) - beside_m
+    high, (inner, outer) = np.maximum(solids[:, 1], solids[:, 1] + shift) + beside_m, _bound(entity, axes)
     bodies = [world.entities[name] for name in objects if name in world.entities]
     centers = {each.name: axes @ compute_center(each) for each in bodies}
     apart = [each for each in bodies if not ((inner <= centers[each.name]) & (centers[each.name] <= outer)).all()]
     boxes = {each.name: _bound(each, axes) for each in apart}  # what is in it comes along
-    return [name for name, (least, most) in boxes.items() if ((least < high) & (most > low)).all()]
+    return [name for name, (least, most) in boxes.items() if ((least < high) & (most > low)).all(axis=1).any()]
 
 
 def _bound(entity: Entity, axes: NDArray[np.float64] = _WORLD) -> NDArray[np.float64]:

@@ -16,7 +16,13 @@ from phyagentos.agent.understanding.vocabulary import SURFACES, SceneObject
 from phyagentos.geometry import Vector
 from phyagentos.protocol.predicates.library import Meaning
 
-STEPS_M = {"5 cm": 0.05, "10 cm": 0.1, "20 cm": 0.2}  # to choose from, where no measure is said
+STEPS_M = {
+    "5 cm": 0.05,
+    "10 cm": 0.1,
+    "20 cm": 0.2,
+    "30 cm": 0.3,
+    "50 cm": 0.5,
+}  # to choose from, where no measure is said
 
 
 @dataclass(slots=True, kw_only=True)

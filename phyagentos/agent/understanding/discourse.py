@@ -344,6 +344,8 @@ class Discourse:
             if len(origins) != 1:
                 return [*map(self.get, self.ask(QuestionKind.WHICH, tail, (each.name for each in origins)))][:0]
             return [each for item in origins[:1] for each in self._select([*found], tail, str(tail.data), item)]
+        if tail.data == "stacked":  # on another one
+            return [item for item in found if item.stands and self.get(item.stands).movable]
         if not list_children(tail):  # `on the left`, `largest`
             return self._select(list(found), tail, str(tail.data), None, nth)
         heads = dict(self.heads)

@@ -3,6 +3,7 @@
 Upstream: noun phrases and destinations. Downstream: the clauses. One method a rule of the grammar.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, permutations
@@ -23,11 +24,15 @@ from phyagentos.agent.understanding.phrases import (
 from phyagentos.agent.understanding.steps import Step, get_object, says
 from phyagentos.agent.understanding.understanding import QuestionKind, RequestProblemKind
 from phyagentos.agent.understanding.vocabulary import REGION, SURFACES, read_lexicon
-from phyagentos.geometry import rotate
+from phyagentos.geometry import compute_heading, rotate
 from phyagentos.protocol.predicates.library import Meaning
 from phyagentos.protocol.predicates.predicate import find_entities
 
 ALONG = 0.9  # cosine of the angle between a side and what slides to it, at least
+_ANGLES = {"90 degrees": math.pi / 2, "45 degrees": math.pi / 4, "180 degrees": math.pi}
+_TURNS = {"left": 1.0, "right": -1.0, "clockwise": -1.0} | dict.fromkeys(
+    ("anticlockwise", "counterclockwise", "counter-clockwise"), 1.0
+)
 _HEAP_MAX = 5  # objects of a tower whose orders are listed to choose from
 SEEN_SHARE = 0.8  # of poured balls that cameras surely count; see skills/pour
 
@@ -296,8 +301,10 @@ class Transfers(Destinations):
         said = [str(token) for token in clause.children if get_type(token) in {"amount", "unit"}]
         amount = float(NUMBERS.index(said[0]) if said[0] in NUMBERS else said[0]) if said else 0.0
         by_m = amount * read_lexicon()["units_m"].get(said[-1], 0.0) if said else 0.0
-        if side and str(clause.children[0]).startswith(("rotat", "spin", "twist")):  # about itself, that is
-            return self.lack(RequestProblemKind.MEASURE, clause)
+        turning = " ".join(str(token) for token in clause.children if get_type(token) == "rotation") or side
+        if turning in _TURNS and (side not in _TURNS or str(clause.children[0]).startswith(("rotat", "spin", "twist"))):
+            by_rad = amount * read_lexicon()["units_rad"].get(said[-1], 0.0) if said else 0.0
+            return self._turn(clause, names, by_rad, _TURNS[turning])
         fallen = [name for name in names if self.vocabulary.is_known(f"upright({name})", is_true=False)]
         if not said and has_token(clause, "rotation") and names and len(fallen) == len(names):  # `flip the stool over`
             return self._say_upright(names)
@@ -316,6 +323,20 @@ class Transfers(Destinations):
         return [
             self._stand_at(name, shift(at_m, side, view, by_m, origins[0])) for name, at_m in places if at_m and view
         ]
+
+    def _turn(self, clause: Node, names: Sequence[str], by_rad: float, sign: float) -> Step:
+        """About the vertical, where each stands."""
+        world = self.vocabulary.world
+        if names and not by_rad:
+            by_rad = next((_ANGLES[each] for each in self.ask(QuestionKind.HOW_FAR, clause, _ANGLES)), 0.0)
+        if world is None or not by_rad:
+            return () if self.questions else self.lack(RequestProblemKind.MEASURE, clause)
+        wanted: list[str] = []
+        for name in names:
+            pose = world.entities[name].pose
+            heading_rad = math.remainder(compute_heading(pose.quaternion_wxyz) + sign * by_rad, math.tau)
+            wanted += [f"turned({name}, {heading_rad:.3f})", self._stand_at(name, pose.position_m)]
+        return wanted
 
     def _slide(self, nouns: Node, side: Node) -> Step:
         """To a side, what slides that way is opened or closed; empty for all else."""

@@ -25,7 +25,9 @@ _DEMANDS = {  # what the object has to be, and then the place
     Meaning.INSIDE: ("movable", "has_interior"),
     Meaning.CONTAINS: ("has_interior",),
     **dict.fromkeys((Meaning.OPEN, Meaning.CLOSED), ("opens",)),
-    **dict.fromkeys((Meaning.ON, Meaning.AT, Meaning.NEAR, Meaning.UPRIGHT, Meaning.HOLDING), ("movable",)),
+    **dict.fromkeys(
+        (Meaning.ON, Meaning.AT, Meaning.NEAR, Meaning.UPRIGHT, Meaning.TURNED, Meaning.HOLDING), ("movable",)
+    ),
 }
 _MOVERS = _DEMANDS.keys() - {Meaning.CONTAINS}  # what comes true by moving the object
 

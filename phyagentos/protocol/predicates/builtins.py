@@ -8,8 +8,19 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from phyagentos.errors import format_names
-from phyagentos.geometry import UP, Vector, compute_tilt, rotate, to_child, to_parent
+from msgspec.structs import replace
+
+from phyagentos.geometry import (
+    UP,
+    Pose,
+    Vector,
+    compute_heading,
+    compute_tilt,
+    multiply,
+    rotate,
+    to_child,
+    to_parent,
+)
 from phyagentos.protocol.predicates.bearing import (
     CONTACT_M,
     find_between,
@@ -31,6 +42,13 @@ from phyagentos.protocol.predicates.library import (
     Reading,
     get_entity,
     get_place,
+)
+from phyagentos.protocol.predicates.stances import (
+    POSTURE_RAD,
+    UNCERTAINTY_STDS,
+    UPRIGHT_RAD,
+    measure_in_posture,
+    measure_standing,
 )
 from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.entity_geometry import (
@@ -55,8 +73,9 @@ RIM_M = 0.003  # how far below the rim the lowest point must lie: what rests on 
 FLOOR_SLACK_M = 0.010  # contact penetration and the rounding of floors
 FOOTPRINT_SLACK_M = 0.005  # how far past the edge the centroid may be where no uncertainty is stated
 LEAN_RAD = 0.05  # 3 degrees: what lies on a surface leans by less, beside the stated uncertainty
-UPRIGHT_RAD = 0.26  # 15 degrees: a bottle leaning on a wall does not stand
 FALLEN_RAD = 0.79  # 45 degrees
+TURNED_RAD = 0.26  # 15 degrees
+HALF_TURN = (0.0, 0.0, 0.0, 1.0)  # about the vertical
 MOVED_M = 0.015  # settling and sensing noise stay below
 MOVED_RAD = math.radians(10)
 SAME_SIDE_M = 0.0005  # half sides that differ by less are equal
@@ -67,8 +86,6 @@ VESSEL_STD_M = 0.004  # the same of a vessel, of which thin walls and its fillin
 PERCEIVED_STD_RAD = 0.02
 SHIFT_STD_M = 0.005  # by which an object may have been shifted unseen as what hides it was put down on it
 COARSE_RAD, COARSE_FACTOR = 0.11, 3.0  # few pixels fit many turns: their uncertainty is not normal
-UNCERTAINTY_STDS = 2.0  # 95 % of a normal distribution lies within
-POSTURE_RAD = 0.05  # the error of a servo that carries a load stays below
 FACING_RAD = 0.1  # by which a base in its place may be turned
 APART_M = 0.05  # by which a base may stand nearer or farther than it should
 _BOUNDS = {"side_x_m": "side", "side_y_m": "side", "below_rim_m": "rim", "above_floor_m": "floor"}
@@ -362,6 +379,20 @@ def measure_fallen(view: View, a: Entity) -> Reading:
     return _read_tilt(view, a, FALLEN_RAD, -1.0, "more than {} is fallen")
 
 
+def measure_turned(view: View, a: Entity, heading_rad: float, tol_rad: float) -> Reading:
+    """Its turn about the vertical within `tol_rad` of a heading; unknown of perceived sides that look alike."""
+    pose = a.pose
+    aside = replace(a, pose=Pose(pose.position_m, multiply(HALF_TURN, pose.quaternion_wxyz)))
+    if view.now.sensing != "truth" and compute_least_turn(a, aside, SAME_SIDE_M, MOVED_M) < MOVED_RAD:
+        raise FactUnknown(f"the sides of {a.name} look alike, so no camera shows how far it is turned")
+    off_rad = abs(math.remainder(compute_heading(pose.quaternion_wxyz) - heading_rad, math.tau))
+    off, allowed = compare_angles(off_rad, tol_rad)
+    because = f"{a.name} is turned {off} from the heading; up to {allowed} is allowed"
+    return Reading(
+        1.0 - off_rad / tol_rad, {"off_rad": round(off_rad, 5)}, because, _find_turn_uncertainty(view, a) / tol_rad
+    )
+
+
 def measure_moved(view: View, a: Entity) -> Reading:
     """More than 1.5 cm or 10 degrees from where it was in the initial snapshot; a turn onto itself is none."""
     if view.initial is None:
@@ -423,37 +454,6 @@ def measure_speed(view: View, a: Entity) -> Reading:
     if view.now.sensing == "perceived" and a.movable and a.looks < 2 and a.speed_m_s == 0.0:
         raise FactUnknown(f"{a.name} was looked at once, which does not show whether it moves")
     return Reading(a.speed_m_s, {"speed_m_s": round(a.speed_m_s, 5)}, f"{a.name} moves at {a.speed_m_s:.3f} m/s")
-
-
-def measure_in_posture(view: View, target: str, posture: str, tol_rad: float) -> Reading:
-    """Every joint, as measured, within `tol_rad` of a posture that its profile names; a base may be anywhere."""
-    state = view.now.targets.get(target)
-    if state is None:
-        raise FactUnknown(f"target {target} is not in the snapshot")
-    if posture not in state.postures:
-        raise FactUnknown(f"{target} has no posture {posture!r}; it has {format_names(state.postures)}")
-    wanted = state.postures[posture]
-    own = state.q_rad if state.base is None else state.q_rad[len(state.base) :]
-    off_rad = [abs(is_at - asked) for is_at, asked in zip(own, wanted, strict=True)]
-    worst_rad = max(off_rad)
-    joint = off_rad.index(worst_rad) + 1 + len(state.q_rad) - len(own)
-    off, most = compare_angles(worst_rad, tol_rad)
-    because = f"joint {joint} of {target} is {off} from {posture}; up to {most} is allowed"
-    scale_rad = max(tol_rad, 1e-3)
-    measured: dict[str, float | str | bool] = {"joint": joint, "off_rad": round(worst_rad, 5)}
-    return Reading((tol_rad - worst_rad) / scale_rad, measured, because, UNCERTAINTY_STDS * state.q_std_rad / scale_rad)
-
-
-def measure_standing(view: View, target: str, least_m: float) -> Reading:
-    """The body of its base is upright within 15 degrees, and its frame at least so high in the world."""
-    state = view.now.targets.get(target)
-    if state is None or state.trunk is None:
-        raise FactUnknown(f"how the base of {target} stands is not in the snapshot")
-    tilt_rad, height_m = compute_tilt(state.trunk), state.trunk.position_m[2]
-    height, least = compare_lengths(height_m, least_m)
-    because = f"{target} leans {format_angle(tilt_rad)} at a height of {height}; at least {least} is wanted"
-    margin = min(1.0 - tilt_rad / UPRIGHT_RAD, (height_m - least_m) / max(least_m, 1e-3))
-    return Reading(margin, {"tilt_rad": round(tilt_rad, 5), "height_m": round(height_m, 5)}, because)
 
 
 def measure_docked(view: View, target: str, place: Place, standoff_m: float) -> Reading:
@@ -563,6 +563,14 @@ BUILTINS: tuple[PredicateDefinition, ...] = (
     ),
     _state("upright", measure_upright, _A, excludes=("fallen",), meaning=Meaning.UPRIGHT),
     _state("fallen", measure_fallen, _A, excludes=("upright",), meaning=Meaning.FALLEN),
+    _state(
+        "turned",
+        measure_turned,
+        _A,
+        Argument("heading_rad", ArgumentKind.NUMBER),
+        Argument("tol_rad", ArgumentKind.NUMBER, TURNED_RAD, least=0.0),
+        meaning=Meaning.TURNED,
+    ),
     _state("open", measure_open, _A, excludes=("closed",), meaning=Meaning.OPEN),
     _state("closed", measure_closed, _A, excludes=("open",), meaning=Meaning.CLOSED),
     _define("moved", measure_moved, _A, lasting=False, meaning=Meaning.MOVED),

@@ -80,6 +80,8 @@ class Meaning(StrEnum):
     """The joint of the object is closed."""
     UPRIGHT = "upright"
     """The object stands."""
+    TURNED = "turned"
+    """The object is turned about the vertical to a heading."""
     FALLEN = "fallen"
     """The object lies on its side."""
     HOLDS = "holds"

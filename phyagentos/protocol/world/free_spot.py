@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator
 
 from msgspec.structs import replace
 
-from phyagentos.geometry import Pose, Vector, to_child, to_parent
+from phyagentos.geometry import Pose, Vector, rotate, to_child, to_parent
 from phyagentos.protocol.world.entity_geometry import AXES, compute_extent, compute_half_box, compute_lowest
 from phyagentos.protocol.world.environment import Entity, Environment
 
@@ -144,10 +144,13 @@ def _iter_grid(support: Entity) -> Iterator[tuple[float, float]]:
 
 
 def _list_boxes(entity: Entity) -> list[tuple[Vector, Vector]]:
-    """Middle and half sides of the box around each solid, along the axes of the entity."""
+    """Middle and half sides of the box around each solid, along the axes of the world."""
     boxes: list[tuple[Vector, Vector]] = []
+    columns = [[abs(each) for each in rotate(entity.pose.quaternion_wxyz, axis)] for axis in AXES]
     for one in (replace(entity, shapes=(shape,)) for shape in entity.shapes):
         (left, right), (back, front), (low, high) = (compute_extent(one, axis) for axis in AXES)
         middle = to_parent(entity.pose, ((left + right) / 2, (back + front) / 2, (low + high) / 2))
-        boxes.append((middle, ((right - left) / 2, (front - back) / 2, (high - low) / 2)))
+        half_m = ((right - left) / 2, (front - back) / 2, (high - low) / 2)
+        x, y, z = (sum(column[k] * half for column, half in zip(columns, half_m, strict=True)) for k in range(3))
+        boxes.append((middle, (x, y, z)))
     return boxes

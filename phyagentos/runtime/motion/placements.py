@@ -18,7 +18,7 @@ from itertools import chain, islice, product, zip_longest
 import msgspec
 import numpy as np
 
-from phyagentos.geometry import compute_matrix, make_matrix, turn
+from phyagentos.geometry import compute_heading, compute_matrix, compute_quaternion, make_matrix, turn
 from phyagentos.protocol.sessions.strategy import SiteLabel
 from phyagentos.protocol.sessions.trace import Contact
 from phyagentos.protocol.world.entity_geometry import compute_extent
@@ -82,7 +82,8 @@ def find_placements(
             return job.fail("NO_SPACE", f"{request.destination} has no interior to put objects into.")
         tilt = measure_tilt(world_T_tcp) if request.up is None else point_up(tcp_T_entity[:3, :3] @ request.up)
         footprint = measure_footprint(held, DOWN @ tilt @ tcp_T_entity[:3, :3])
-        attitudes = _list_attitudes(tilt @ tcp_T_entity[:3, :3])
+        list_attitudes = partial(_list_attitudes, tilt @ tcp_T_entity[:3, :3], _find_heading(request, space))
+        attitudes = list_attitudes()
         placing = Placing(request, space, held, footprint, world_T_tcp[:3, 3])
         groups = [fit_tight(placing, attitudes, group, job) for group in find_sites(placing, attitudes, job)]
         joint = find_joint_sites(placing, attitudes)
@@ -94,7 +95,7 @@ def find_placements(
     found = search.run([joint], attitudes) or search.run(groups, attitudes)
     if (not found and set(job.rejected) - OUT_OF_REACH) or not any(groups):
         with job.stage("sites"):
-            finer = _list_attitudes(tilt @ tcp_T_entity[:3, :3], FINE_DEG)
+            finer = list_attitudes(FINE_DEG)
             standing = find_standing_sites(placing, finer, job)
         groups = [*groups, standing]
         found = search.run([standing], finer)
@@ -167,9 +168,20 @@ def _iter_single(ways: Iterator[Iterator[ApproachCandidate]]) -> Iterator[list[A
         yield from ([way] for turn in zip_longest(*some) for way in turn if way is not None)
 
 
-def _list_attitudes(tcp_R_entity: Array, step_deg: int = 45) -> dict[int, Array]:
-    """Yaws of the tool [degrees] -> attitude (3, 3) of the payload: every `step_deg`, and faces along the walls."""
+def _find_heading(request: FindPlacements, space: Space) -> float | None:
+    """The heading in the axes of the space [rad], where one is wanted."""
+    return None if request.heading_rad is None else request.heading_rad - space.yaw_rad
+
+
+def _list_attitudes(tcp_R_entity: Array, heading_rad: float | None, step_deg: int = 45) -> dict[int, Array]:
+    """Yaws of the tool [degrees] -> attitude (3, 3) of the payload: every `step_deg`, and faces along the walls.
+
+    One alone where a heading is wanted.
+    """
     level = DOWN @ tcp_R_entity
+    if heading_rad is not None:
+        by_rad = heading_rad - compute_heading(compute_quaternion(level))
+        return {round(np.degrees(by_rad)) % 360: turn((0.0, 0.0, by_rad)) @ level}
     side = int(np.argmax(np.linalg.norm(level[:2], axis=0)))
     off = round(np.degrees(np.arctan2(level[1, side], level[0, side]))) % 45
     aligned = range(-off, 360 - off, 90) if ALIGNED_DEG <= off <= 45 - ALIGNED_DEG else range(0)

@@ -90,12 +90,14 @@ class Trajectory(msgspec.Struct, frozen=True):
 
 
 class Destination(msgspec.Struct, frozen=True):
-    """Where an object is put after it was grasped, and which side up; as in `FindPlacements`."""
+    """Where an object is put after it was grasped, and how it is turned; as in `FindPlacements`."""
 
     name: str
     relation: Meaning = Meaning.INSIDE
     near: tuple[float, float, float] | None = None
     up: tuple[float, float, float] | None = None
+    heading_rad: float | None = None
+    near_radius_m: float = 0.12
 
 
 class PlanningState(msgspec.Struct, frozen=True):
@@ -138,6 +140,7 @@ class FindPlacements(PlanningState, frozen=True, tag=True):
         destination: An entity with an interior, an entity to stand on (`relation` ON, not INSIDE), or a region.
         near: (3,) point; sites are at most `near_radius_m` from it.
         up: (3,) direction in the entity's frame that shall point up; as it is held if unset.
+        heading_rad: Turn of the entity about the vertical, as `compute_heading` has it; any if unset.
         may_fall: Whether it may be let go above the floor of a container whose walls keep it.
         count: The most that are wanted, the nearest first; where it is one, the first that is found.
         coming: Entities for which room is left where there is enough, if need be where something `removable` is.
@@ -149,6 +152,7 @@ class FindPlacements(PlanningState, frozen=True, tag=True):
     near: tuple[float, float, float] | None = None
     near_radius_m: float = 0.12
     up: tuple[float, float, float] | None = None
+    heading_rad: float | None = None
     avoid: tuple[str, ...] = ()
     hover_m: float = 0.07
     count: int = 4

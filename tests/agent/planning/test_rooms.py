@@ -24,13 +24,22 @@ def make_world(*entities):
     return Environment(time_s=0.0, scene="s", episode="", revision=0, sensing="truth", entities=named)
 
 
-@pytest.mark.parametrize(("behind_m", "in_lane"), [(0.12, []), (0.01, ["block"])])
+@pytest.mark.parametrize(("behind_m", "in_lane"), [(0.12, []), (0.0, ["block"])])
 def test_what_stands_behind_a_slanting_door_is_not_in_its_lane(behind_m, in_lane):
     """The box around the door, along the axes of the world, has the block in it either way."""
     door = make_door((0.0, 0.0, 0.1), (0.15, 0.12, 0.005), pi / 3.0)
     block = make_box("block", (0.3, behind_m, 0.03), (0.02, 0.02, 0.02))
     world = make_world(door, block)
     assert find_in_lane(world, "door", ["block"]) == in_lane
+
+
+@pytest.mark.parametrize(("beside_m", "in_lane"), [(0.05, []), (0.02, ["block"])])
+def test_what_stands_beside_a_door_under_its_jutting_handle_is_not_in_its_lane(beside_m, in_lane):
+    """The box around door and handle has the block in it either way."""
+    door = make_door((0.0, 0.0, 0.1), (0.05, 0.01, 0.1), 0.0)
+    handle = make_box("handle", (0.0, 0.05, 0.18), (0.02, 0.04, 0.02), part_of="door")
+    block = make_box("block", (0.3, beside_m, 0.03), (0.02, 0.02, 0.02))
+    assert find_in_lane(make_world(door, handle, block), "door", ["block"]) == in_lane
 
 
 @pytest.mark.parametrize(("at_m", "hides"), [(0.0, "door"), (0.1, "")])

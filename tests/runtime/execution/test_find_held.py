@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
+from msgspec.structs import replace
 
 from phyagentos.geometry import Pose
 from phyagentos.protocol.world.environment import Entity, Environment, Shape, ShapeKind, TargetState
@@ -56,3 +57,11 @@ def test_it_stays_in_the_hand_where_nothing_in_reach_is_under_it(profile, limits
     status, leaf, _ = find(profile, limits, FLOOR)
     assert (status, leaf.code) == (Status.FAILURE, "NO_FREE_SITE")
     assert "cube is held" in leaf.message
+
+
+def test_where_nothing_in_reach_is_under_it_it_goes_where_another_object_stands(profile, limits):
+    bench = replace(make_fixed("bench", 0.0, 0.1), pose=Pose((0.9, 0.0, -0.01)))
+    other = Entity(name="other", kind="cube", pose=Pose((0.9, 0.0, 0.02)), shapes=CUBE)
+    status, _, found = find(profile, limits, FLOOR, bench, other)
+    assert (status, found["support"]) == (Status.SUCCESS, "bench")
+    assert "to" not in found

@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from phyagentos.geometry import compute_inverse, compute_matrix, compute_pose, to_child
+from phyagentos.geometry import compute_heading, compute_inverse, compute_matrix, compute_pose, to_child
 from phyagentos.protocol.world.environment import Interior, Pose, Region, Shape, ShapeKind
 from phyagentos.runtime.motion.poses import point_tool_down, tilt_tool
 from phyagentos.runtime.motion.requests import Approaches, Destination, FindGrasps, FindPlacements, Payload, World
@@ -116,6 +116,12 @@ def test_what_fits_at_one_yaw_only_is_turned_along_the_walls(place):
         w, _, _, z = approach.site.quaternion_wxyz
         off_rad = (2.0 * np.arctan2(z, w) - 0.4) % np.pi
         assert off_rad == pytest.approx(np.pi / 2, abs=0.02)
+
+
+def test_an_object_is_put_down_at_a_heading_in_a_place_that_is_turned_itself(place):
+    askew = Pose(quaternion_wxyz=(0.0, float(np.cos(0.17)), float(np.sin(0.17)), 0.0))
+    for approach in place(deep(0.04), 0.03, tcp_T_entity=askew, heading_rad=1.0):
+        assert compute_heading(approach.site.quaternion_wxyz) == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_mug_goes_where_its_handle_is_over_the_wall(ask, place):

@@ -24,17 +24,19 @@ class FindHeld(Leaf):
     }
 
     def on_start(self) -> Status:
-        """Ask the hand, and look for a free spot under it."""
+        """Ask the hand, and look for a free spot under it; where nothing is, it goes where other objects stand."""
         now, profile = self.belief, self.context.profile
         holding = self.context.world.observe(HAND).targets[self.context.session.target].holding
         held = [each for each in holding if each in now.entities and not now.entities[each].part_of][:1]
         self.write("things", Names(held))
         for name in held:
             drop_m = compute_lowest(now.entities[name]) - self.context.lowest_m
-            if (support := find_support(now, name, drop_m)) is None:
+            under = find_support(now, name, drop_m)
+            others = (find_support(now, each) for each in now.entities if each != name and now.entities[each].movable)
+            if (support := under or next(filter(None, others), None)) is None:
                 return self.fail(
                     "NO_FREE_SITE",
-                    message=f"{name} is held, and nothing under it is there to set it down on",
+                    message=f"{name} is held, and nothing is there to set it down on",
                     object=name,
                 )
             self.write("support", support.name)

@@ -40,6 +40,10 @@ class PlanGrasp(CandidatePlanningLeaf):
         "near": PortInformation(
             data_type=tuple, required=False, description="Point to stay close to, world frame [m]."
         ),
+        "near_radius_m": Port(data_type=float, above=0.0, default_value=0.12, description="How close [m]."),
+        "heading": PortInformation(
+            data_type=float, required=False, description="Turn about the vertical that it has then [rad]."
+        ),
         "sides": PortInformation(
             data_type=tuple, default_value=(), description="Directions in its frame, one of which shall point up then."
         ),
@@ -69,7 +73,14 @@ class PlanGrasp(CandidatePlanningLeaf):
             moves=self._list_moves(whole),
             then=None
             if destination is None
-            else Destination(destination, find_relation(self.read("relation")), near, self._get_up()),
+            else Destination(
+                name=destination,
+                relation=find_relation(self.read("relation")),
+                near=near,
+                up=self._get_up(),
+                heading_rad=self.find("heading"),
+                near_radius_m=self.read("near_radius_m"),
+            ),
         )
 
     def on_found(self, answer: Approaches) -> Status:

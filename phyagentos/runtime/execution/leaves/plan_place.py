@@ -24,6 +24,9 @@ class PlanPlace(ApproachPlanningLeaf):
         ),
         "near_radius_m": Port(data_type=float, above=0.0, default_value=0.12, description="How close [m]."),
         "up": PortInformation(data_type=tuple, required=False, description="Direction in its frame to point up."),
+        "heading": PortInformation(
+            data_type=float, required=False, description="Turn about the vertical that it has then [rad]."
+        ),
         "hover_m": Port(data_type=float, minimum=0.0, default_value=0.07, description="Length of the approach [m]."),
         "may_fall": PortInformation(
             data_type=bool, default_value=True, description="Whether it may be let go above a walled floor."
@@ -41,6 +44,7 @@ class PlanPlace(ApproachPlanningLeaf):
             near=self.find_point("near"),
             near_radius_m=self.read("near_radius_m"),
             up=self.find("up"),
+            heading_rad=self.find("heading"),
             avoid=self.context.session.strategy.avoid_sites,
             hover_m=self.read("hover_m"),
             may_fall=self.read("may_fall"),
