@@ -338,12 +338,8 @@ class Discourse:
         if tail.data in {"is_so", "is_not_so"}:
             (state,) = list_children(tail)
             return [item for item in found if self.is_so(item, state) is (tail.data == "is_so")]
-        if has_token(tail, "it"):  # what is put there
-            origins = [item for name in self.recent[-1] if (item := self.get(name)).movable]
-            origins = origins or [self.get(name) for name in self.recent[-2:][0]]
-            if len(origins) != 1:
-                return [*map(self.get, self.ask(QuestionKind.WHICH, tail, (each.name for each in origins)))][:0]
-            return [each for item in origins[:1] for each in self._select([*found], tail, str(tail.data), item)]
+        if has_token(tail, "it"):
+            return self._filter_by_it([*found], tail)
         if tail.data == "stacked":  # on another one
             return [item for item in found if item.stands and self.get(item.stands).movable]
         if not list_children(tail):  # `on the left`, `largest`
@@ -388,6 +384,15 @@ class Discourse:
             is_surface = any(self.get(name).kind in SURFACES for name in owners)  # `the corner of the table`
             return [item for item in found if item.part_of in owners or (is_surface and item.kind == REGION)]
         return self._list_standing(found, owners)
+
+    def _filter_by_it(self, found: Sequence[SceneObject], tail: Node) -> list[SceneObject]:
+        """`the tray nearest to it`, to what is put there."""
+        origins = [item for name in self.recent[-1] if (item := self.get(name)).movable]
+        origins = origins or [self.get(name) for name in self.recent[-2:][0]]
+        if len(origins) == 1:
+            return self._select(found, tail, str(tail.data), origins[0])
+        self.ask(QuestionKind.WHICH, tail, (each.name for each in origins))
+        return []
 
     def check_within(self, found: Iterable[SceneObject], place: str) -> None:
         """A lack where the scene has objects at a place that no predicate calls in or on it, as below a board."""

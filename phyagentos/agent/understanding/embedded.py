@@ -143,15 +143,20 @@ def _interpret(
     if open_or_missing := said.conclude():
         return open_or_missing
     about = {name for step in (*steps, accept, constraints) for text in step for name in find_entities(text)}
-    tokens = list_tokens(tree)
-    spoken = " ".join(each if get_type(each) in {"noun", "adj", "elliptic"} else "," for each in tokens)
-    unheard = [words for words, names in iter_named(spoken, vocabulary) if names.isdisjoint(about | said.heard)]
-    if unheard and _TAKEN_BACK.isdisjoint(map(get_type, tokens)):
+    if unheard := _list_unheard(tree, vocabulary, about | said.heard):
         return refuse(RequestProblemKind.SENTENCE, *unheard)
     parts = {"constraints": constraints, "steps": steps, "accept": accept}
     reasons, chosen = (tuple(dict.fromkeys(each)) for each in (said.reasons, said.chosen))
     told = {"reasons": reasons, "left_out": said.left_out, "unsaid": (*read.unsaid, *said.unsaid), "chosen": chosen}
     return conclude(request, vocabulary, parts, **told)
+
+
+def _list_unheard(tree: Node, vocabulary: Vocabulary, heard: set[str]) -> list[str]:
+    """Names in a request of which no object was heard, where nothing is corrected or negated."""
+    tokens = list_tokens(tree)
+    spoken = " ".join(each if get_type(each) in {"noun", "adj", "elliptic"} else "," for each in tokens)
+    unheard = [words for words, names in iter_named(spoken, vocabulary) if names.isdisjoint(heard)]
+    return unheard if _TAKEN_BACK.isdisjoint(map(get_type, tokens)) else []
 
 
 def _is_laxer(one: Understood, other: Understood) -> bool:

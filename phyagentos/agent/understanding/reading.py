@@ -98,10 +98,7 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     except UnexpectedInput as error:
         if condition:
             return refuse(RequestProblemKind.CONDITION, condition[0].strip(" ,;"))
-        stop = 0 if isinstance(error, UnexpectedEOF) else error.pos_in_stream
-        return refuse(
-            RequestProblemKind.SENTENCE, text[text.rfind(" ", 0, len(text) - len(text[stop:]) + 1) + 1 :] or text
-        )
+        return refuse(RequestProblemKind.SENTENCE, _quote_rest(text, error))
     spoken = scene - {word for phrase in courtesy for word in phrase.split()}
     if lost := _find_lost(written, " ".join((text, *unsaid, *asides)), spoken):
         return refuse(RequestProblemKind.SENTENCE, lost)
@@ -115,6 +112,12 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
         is_robots_view=is_robots_view,
         goes_on=goes_on,
     )
+
+
+def _quote_rest(text: str, error: UnexpectedInput) -> str:
+    """From the word on at which a sentence ends to be one."""
+    stop = 0 if isinstance(error, UnexpectedEOF) else len(text) - len(text[error.pos_in_stream :])
+    return text[text.rfind(" ", 0, stop + 1) + 1 :] or text
 
 
 def _drop_phrases(text: str, words: Collection[str]) -> tuple[str, tuple[str, ...], bool]:

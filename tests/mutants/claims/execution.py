@@ -176,7 +176,7 @@ MUTANTS = (
         claim="A body that fell stands: only how high its trunk is counts.",
         edits=(
             Edit(
-                "phyagentos.protocol.predicates.builtins",
+                "phyagentos.protocol.predicates.stances",
                 "min(1.0 - tilt_rad / UPRIGHT_RAD, (height_m - least_m) / max(least_m, 1e-3))",
                 "(height_m - least_m) / max(least_m, 1e-3)",
             ),
