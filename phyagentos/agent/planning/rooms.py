@@ -106,7 +106,10 @@ def place_spot(world: Environment, point: Vector, objects: Sequence[str]) -> Pla
     known = [world.entities[name] for name in objects if name in world.entities]
     blockers = [e.name for e in known if math.dist(compute_center(e)[:2], point[:2]) < ROOM_M]
     supports = [support.name for each in known if (support := find_support(world, each.name)) is not None]
-    return PlacementPoint(point, max(supports, key=supports.count, default=""), tuple(blockers))
+    there = [replace(world, entities=world.entities | {e.name: replace(e, pose=Pose(point))}) for e in known]
+    under = [found.name for each, moved in zip(known, there, strict=True) if (found := find_support(moved, each.name))]
+    likely = [name for name in under if name in supports] or supports
+    return PlacementPoint(point, max(likely, key=likely.count, default=""), tuple(blockers))
 
 
 def is_taken(world: Environment, item: str, spot: PlacementPoint) -> bool:
