@@ -94,7 +94,7 @@ class Employed:
 
 @pytest.fixture
 def employed(build_bench, plant, build_session, tmp_path):
-    bench = build_bench(library=plant(["wait: {seconds: 1000000}"]))
+    bench = build_bench(library=plant(["wait: {seconds: 3600}"]))
     limits = Limits(timeout_s=1e9, wall_timeout_s=1e9)
     session = build_session(skill="planted", parameters={}, limits=limits)
     employed = Employed(bench, session, tmp_path / "w")

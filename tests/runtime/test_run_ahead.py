@@ -9,6 +9,7 @@ import pytest
 from phyagentos.protocol.sessions import evidence
 from phyagentos.protocol.sessions.session import Ended, Limits
 from phyagentos.runtime.actions.handle import TargetSessionHandle
+from phyagentos.runtime.actions.target_link import TargetLink
 from phyagentos.runtime.execution.leaf import Leaf, Role, Status
 from phyagentos.runtime.perception.world_model import ConfirmationCapture, GroundTruthWorldModel
 from phyagentos.runtime.targets import wire
@@ -153,12 +154,13 @@ def test_frames_are_requested_behind_the_command_of_a_sample_and_nothing_waits(m
 def test_the_next_command_is_judged_before_frames_are_read_and_sent_behind_their_sample(move, monkeypatch):
     done = []
 
-    def note(name):
-        own = getattr(TargetSessionHandle, name)
-        return lambda handle, *arguments: done.append(name) or own(handle, *arguments)
+    def note(owner, name):
+        own = getattr(owner, name)
+        monkeypatch.setattr(owner, name, lambda at, *arguments: done.append(name) or own(at, *arguments))
 
-    for name in ("collect", "judge", "collect_frames", "send"):
-        monkeypatch.setattr(TargetSessionHandle, name, note(name))
+    for name in ("collect", "judge", "collect_frames"):
+        note(TargetSessionHandle, name)
+    note(TargetLink, "send")
     _, _, execution = move(hold=("exists(red_cube)",))
     reads = [index for index, name in enumerate(done) if name == "collect_frames"]
 

@@ -185,7 +185,7 @@ def _check_limits(located: Located, target: str, limits: TargetLimits) -> Iterat
             yield from _check_box(located, (*at, "value"), limit)
         elif isinstance(limit.value, tuple) and not _is_per_joint(path[0], limit.value):
             expected = "one number, or one per joint" if path[0] in PER_JOINT else "one number"
-            hint = f"Write {limit.value[0]}." if len(limit.value) == 1 else "Write one of them."
+            hint = f"Write {limit.value[0]}." if len(limit.value) == 1 else "Write one number."
             yield located.problem("INVALID_VALUE", (*at, "value"), str(list(limit.value)), expected, hint)
         elif path[0].startswith("gripper_") and min(as_numbers(limit)) == 0.0:
             continue  # nothing opens

@@ -186,17 +186,20 @@ class TargetSessionHandle:
         Raises:
             CommandRefused: By the guard or the target. Nothing moved, or the target stopped by its own means.
         """
-        self.send(self.judge(points))
+        self.link.send(self.judge(points))
         return self.collect()
 
     def judge(self, points: SetPoints) -> wire.Command:
-        """Guard one control period; the command to `send`, before another one is judged.
+        """Guard one control period; the command is to be sent before another one is judged, and `collect` reports it.
+
+        The target carries out commands in the order of their numbers, and none behind a refused one.
 
         Raises:
             CommandRefused: By the guard.
         """
         if self._guard is None:
             raise ExecutionError("NO_AUTHORITY", "no session has begun on this target; call begin() first")
+        self._check_permitted(OPERATIONS[wire.Command])
         description = self.describe()
         if self.is_at_rest and (description.mode == WorldMode.REALTIME or description.shares_time):
             self.settle(0.0)  # time may have gone on
@@ -220,14 +223,6 @@ class TargetSessionHandle:
         self._sequence += 1
         self.is_at_rest = not ruling.command.qd_rad_s[-1].any()
         return ruling.command
-
-    def send(self, command: wire.Command) -> None:
-        """Send a command that the guard has passed; `collect` returns its report.
-
-        The target carries out commands in the order of their numbers, and none behind a refused one.
-        """
-        self._check_permitted(OPERATIONS[wire.Command])
-        self.link.send(command)
 
     def collect(self) -> wire.Step:
         """The report of the oldest command that was sent.

@@ -143,7 +143,7 @@ class SessionLoop:
         command = self.handle.judge(points)
         if violation := self._catch_up():
             return violation
-        self.handle.send(command)
+        self.handle.link.send(command)
         self._latest = points
         for each in self.handle.take_interventions():
             context.note(

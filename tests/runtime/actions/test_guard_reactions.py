@@ -378,7 +378,7 @@ def test_a_gripper_that_is_not_there_has_limits_of_zero(write_safety, name):
 @pytest.mark.parametrize("name", [name for name in FIELDS if not name.startswith(("joint", "workspace"))])
 @pytest.mark.parametrize("count", [0, 1, 2, 7])
 def test_a_list_where_one_number_is_meant_is_refused_at_load(write_safety, name, count):
-    with pytest.raises(DefinitionError, match=r"INVALID_VALUE: found \[.*\]; expected one number$"):
+    with pytest.raises(DefinitionError, match=r"INVALID_VALUE: found \[.*\]; expected one number. Write "):
         read_safety(write_safety(name, value=[0.05] * count))
 
 
