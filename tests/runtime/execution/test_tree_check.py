@@ -117,7 +117,7 @@ def test_what_fits_its_type_has_no_problem(check, children):
 def test_ports_of_a_subtree_are_checked_like_those_of_a_leaf(check):
     problems = check(["subtree: {tree: pick, with: {objekt: $object}}"])
 
-    ports = "approach, destination, heading, near, near_radius_m, object, relation"
+    ports = "approach, destination, heading, near, object, relation, within"
     assert any(f"mine.yaml:7:38: UNKNOWN_NAME (port): found 'objekt'; expected {ports}" in p for p in problems)
     assert any("MISSING_VALUE: found pick without 'object'" in p for p in problems)
 
