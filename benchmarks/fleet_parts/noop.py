@@ -31,7 +31,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.fleet.bus import Bucket, Bus
 from phyagentos.fleet.host import BY, FleetHost
 from phyagentos.fleet.hub import FleetHub
-from phyagentos.fleet.server import ALL
+from phyagentos.fleet.server_settings import ALL
 from phyagentos.operations.fleet import open_bus, prepare_server, take_turns
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.estop import Latch, is_latched

@@ -36,7 +36,7 @@ from phyagentos.fleet.bus import (
 )
 from phyagentos.fleet.host import BEAT_S, BY, FleetHost
 from phyagentos.fleet.hub import LEASE_S, SILENCE_S, FleetHub
-from phyagentos.fleet.server import FleetSettings, configure, configure_alone
+from phyagentos.fleet.server_settings import FleetSettings, configure, configure_alone
 from phyagentos.protocol.capabilities.registries import read_skill_registry, read_target_registry
 from phyagentos.protocol.capabilities.skill_runtimes import SkillRuntime
 from phyagentos.protocol.capabilities.targets import TargetProfile, find_own_world

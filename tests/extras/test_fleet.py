@@ -17,7 +17,7 @@ from phyagentos.clock import SystemClock
 from phyagentos.fleet.bus import HUB, Bucket, BusLost, HostCard, encode_key
 from phyagentos.fleet.host import BY, FleetHost
 from phyagentos.fleet.lanes import LanePublisher, LaneReplica
-from phyagentos.fleet.server import ALL
+from phyagentos.fleet.server_settings import ALL
 from phyagentos.operations.fleet import open_bus, prepare_server, read_status, stop_fleet
 from phyagentos.protocol.capabilities.library import Library
 from phyagentos.protocol.sessions.estop import is_latched

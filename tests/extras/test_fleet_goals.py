@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.fleet_parts.stage import choose_port
 from phyagentos.assembly.paths import TOKENS
-from phyagentos.fleet.server import ALL
+from phyagentos.fleet.server_settings import ALL
 from phyagentos.operations.fleet import prepare_server
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
 from phyagentos.protocol.workspace.workspace import Workspace

@@ -351,8 +351,7 @@ class Discourse:
         if tail.data == "not_called":
             return [item for item in found if item.name not in owners]
         if tail.data == "not_located":
-            found = [*found]
-            there = self._list_standing(found, owners)
+            there = self._list_standing(found := [*found], owners)
             return [item for item in found if item not in there]
         if tail.data == "coloured_as":
             colours = {self.get(name).colour for name in owners}

@@ -6,7 +6,7 @@ import pytest
 
 from phyagentos.errors import DefinitionError
 from phyagentos.fleet.bus import HUB, OPERATOR, hide_token
-from phyagentos.fleet.server import FleetSettings, configure
+from phyagentos.fleet.server_settings import FleetSettings, configure
 from phyagentos.fleet.subjects import list_rights
 from phyagentos.protocol.documents.schema import read_yaml, validate
 
