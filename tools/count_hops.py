@@ -314,6 +314,7 @@ def record(root: Path, folder: Path) -> Run:
     probe = Path(__file__).resolve().parent / "hop_probe"
     environment = os.environ | {
         "PYTHONPATH": f"{probe}{os.pathsep}{root}",
+        "PHYAGENTOS_FORK_SERVER": str(folder / "none"),  # the probe is loaded by each interpreter
         "HOPS_PACKAGE": str(root / "phyagentos"),
         "HOPS_OUT": str(folder / "hops"),
         "HOPS_CALLS": ",".join(name for names in NAMES.values() for name in names),
