@@ -47,7 +47,6 @@ GROUPS = {  # name -> help, module and functions
     ),
 }
 GROUP = ""
-NAME = re.compile("'([a-z_]+)'")
 SECTIONS = {  # of the help -> name -> module and function, the first line of whose docstring is its help; or a group
     "Run": {
         "run": "mission_run:run",
@@ -276,7 +275,7 @@ def _to_exit_code(error: BaseException) -> int:
             error.__dict__.update(
                 possibilities=None, message=f"{error}. Did you mean {' or '.join(map(repr, nearest))}?"
             )
-        _word(error)
+        _rephrase(error)
         show()
         return ExitCode.INVALID_INPUT
     if isinstance(error, SystemExit):
@@ -286,13 +285,13 @@ def _to_exit_code(error: BaseException) -> int:
     return int(report_exception(error))
 
 
-def _word(error: BaseException) -> None:
+def _rephrase(error: BaseException) -> None:
     """Say of a wrong argument what was found and is expected, of an unknown command of a group which there are."""
     from phyagentos.protocol.documents.schema import phrase
 
     for each in getattr(error.__cause__, "errors", list)()[:1]:
-        expected, choices = phrase(each["type"], each.get("ctx", {})), str(each.get("ctx")).partition(" not one of ")[2]
-        expected = f"one of {', '.join(re.findall(NAME, choices))}" if choices else expected
+        choices = re.findall(r"'(\w+)'", str(each.get("ctx")).partition(" not one of ")[2])
+        expected = f"one of {', '.join(choices)}" if choices else phrase(each["type"], each.get("ctx", {}))
         error.__dict__["message"] = f"found {each['input']!r}; expected {expected}."
     members = MEMBERS.get(getattr(getattr(error, "ctx", None), "info_name", ""))
     if members and "No such command" in getattr(error, "message", ""):

@@ -57,6 +57,7 @@ class FileKind(StrEnum):
     DOCUMENT = "protocol document"
 
 
+LIKELY_MS = 5000.0  # a time from which on milliseconds were meant, rather than seconds
 _KEYS = {
     "goal": FileKind.GOAL_GRAPH,
     "tree": FileKind.TREE,
@@ -178,7 +179,8 @@ def _iter_overlong(path: Path, graph: "GoalGraph", library: Library) -> Iterator
         at: Address = (*node.path, "timeout_s") if node.spec.timeout_s else ("defaults", "timeout_s")
         allowed_s = limits[target].session_duration_max.value if target in limits else None
         if isinstance(allowed_s, float | int) and given_s > allowed_s and at not in seen:
-            hint = f"For milliseconds write {given_s / 1000:g}."
+            is_of_ms = given_s >= LIKELY_MS
+            hint = f"For milliseconds write {given_s / 1000:g}." if is_of_ms else "Shorten it, or split the session."
             seen.add(at)
             yield located.problem(
                 "SESSION_TOO_LONG", at, f"{given_s:g} s", f"at most {allowed_s:g} s for {target!r} by safety.yaml", hint

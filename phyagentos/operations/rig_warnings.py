@@ -14,9 +14,8 @@ from phyagentos.agent.goals.graph import GoalGraph
 from phyagentos.errors import Problem, format_names
 from phyagentos.protocol.documents.schema import Address, Located
 from phyagentos.protocol.predicates import syntax
-from phyagentos.protocol.predicates.library import get_predicate_library
+from phyagentos.protocol.predicates.library import UNCERTAINTY_STDS, get_predicate_library
 from phyagentos.protocol.predicates.predicate import find_entities, find_formula
-from phyagentos.protocol.predicates.stances import UNCERTAINTY_STDS
 from phyagentos.protocol.settings.sensors import WORLD, CameraSettings, Sensors
 from phyagentos.protocol.world.alike import ALIKE_M, find_alike
 from phyagentos.protocol.world.entity_geometry import compute_sides

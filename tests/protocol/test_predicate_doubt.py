@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phyagentos.protocol.predicates.builtins import MOVED_M, PERCEIVED_STD_M
+from phyagentos.protocol.predicates.library import UNCERTAINTY_STDS
 from phyagentos.protocol.predicates.predicate import View, parse_predicate
-from phyagentos.protocol.predicates.stances import UNCERTAINTY_STDS
 from phyagentos.protocol.world.environment import (
     Mechanism,
     Pose,

@@ -8,9 +8,8 @@ import msgspec
 
 from phyagentos.protocol.predicates import syntax
 from phyagentos.protocol.predicates.evaluation import evaluate
-from phyagentos.protocol.predicates.library import PredicateDefinition, get_predicate_library
+from phyagentos.protocol.predicates.library import UNCERTAINTY_STDS, PredicateDefinition, get_predicate_library
 from phyagentos.protocol.predicates.predicate import find_formula, find_objects
-from phyagentos.protocol.predicates.stances import UNCERTAINTY_STDS
 from phyagentos.protocol.predicates.view import View
 from phyagentos.protocol.world.environment import LEAST_STD_M, Entity
 from phyagentos.protocol.world.truth import Truth

@@ -32,6 +32,7 @@ from phyagentos.protocol.predicates.bearing import (
     measure_sunk,
 )
 from phyagentos.protocol.predicates.library import (
+    UNCERTAINTY_STDS,
     Argument,
     ArgumentKind,
     FactMarginal,
@@ -45,7 +46,6 @@ from phyagentos.protocol.predicates.library import (
 )
 from phyagentos.protocol.predicates.stances import (
     POSTURE_RAD,
-    UNCERTAINTY_STDS,
     UPRIGHT_RAD,
     measure_in_posture,
     measure_standing,

@@ -111,6 +111,7 @@ class Part(StrEnum):
     """Where that is."""
 
 
+UNCERTAINTY_STDS = 2.0  # that a reading states: 95 % of a normal distribution lies within
 OBJECTS = (ArgumentKind.ENTITY, ArgumentKind.CONTAINER, ArgumentKind.PLACE)
 
 

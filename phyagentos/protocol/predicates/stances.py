@@ -2,11 +2,10 @@
 
 from phyagentos.errors import format_names
 from phyagentos.geometry import compute_tilt
-from phyagentos.protocol.predicates.library import FactUnknown, Reading
+from phyagentos.protocol.predicates.library import UNCERTAINTY_STDS, FactUnknown, Reading
 from phyagentos.protocol.predicates.view import View
 from phyagentos.wording import compare_angles, compare_lengths, format_angle
 
-UNCERTAINTY_STDS = 2.0  # 95 % of a normal distribution lies within
 UPRIGHT_RAD = 0.26  # 15 degrees: a bottle leaning on a wall does not stand
 POSTURE_RAD = 0.05  # the error of a servo that carries a load stays below
 

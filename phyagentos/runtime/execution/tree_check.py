@@ -326,8 +326,8 @@ def _iter_literal_problems(tree: Tree, place: Address, value: Any, port: PortInf
 
 def _iter_condition_problems(tree: Tree, node: Node, written: dict[str, type]) -> Iterator[Problem]:
     try:
-        written_names = parse_predicate(node.text, address=tree.located.address_of(node.address), template=True)
-        for each in written_names.iter_references():
+        predicate = parse_predicate(node.text, address=tree.located.address_of(node.address), template=True)
+        for each in predicate.iter_references():
             if each.name in tree.header.inputs:
                 found, wanted = f"{each.name!r} in {node.text!r}", f"a name of the scene, or the key '${{{each.name}}}'"
                 yield tree.located.problem("INVALID_VALUE", node.address, found, wanted, "A key stands in ${ }.")
