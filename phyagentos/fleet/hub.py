@@ -281,7 +281,7 @@ class FleetHub:
             elif taken.isdisjoint(session.resources):
                 taken.update(session.resources)
                 new.append(session)
-        return [*changed, *(self._open(new) if new else ())]
+        return [*changed, *(self._open(new, placed) if new else ())]
 
     def _update(self, offer: Offer, session: Session) -> Offer:
         """As it should be now: the lease of a session that several hosts can take is short, else one may finish it."""
@@ -294,8 +294,11 @@ class FleetHub:
             offer, contract=session, lease_s=lease_s, hosts=hosts, home=home if home in capable else ""
         )
 
-    def _open(self, sessions: list[Session]) -> list[Offer]:
-        """Offers of those whose claim is open: since now, or by an earlier process that ended before it offered it."""
+    def _open(self, sessions: list[Session], placed: dict[SessionId, Placed]) -> list[Offer]:
+        """Offers of those whose claim is open: since now, or by an earlier process that ended before it offered it.
+
+        Placed from here on: one whose answer is lost may have reached a host. Without a lease it is sent again.
+        """
         self._own.sync()  # what a power cut could take back here must not stand elsewhere
         keys = {encode_key(each.id): each for each in sessions}
         opened = self._bus.open_all(Bucket.CLAIMS, dict.fromkeys(keys, msgspec.json.encode(Claim())))
@@ -312,6 +315,7 @@ class FleetHub:
                 continue
             self._number += 1
             offer = Offer(contract=session, number=self._number, revision=revision, lease_s=0.0)
+            placed[session.id] = Placed(offer, since_s=self._clock.now_s())
             offers.append(self._update(offer, session))
         return offers
 
@@ -381,7 +385,7 @@ class FleetHub:
         if values:
             self._bus.put_all(values)
         for id, offer in sent.items():
-            placed.setdefault(id, Placed(offer, since_s=self._clock.now_s())).offer = offer
+            placed[id].offer = offer
         for contract in over:
             del placed[contract.id]
             self._fetched.forget(contract.id)

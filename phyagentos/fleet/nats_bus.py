@@ -8,7 +8,9 @@ break and every few seconds.
 """
 
 import asyncio
+import base64
 import contextlib
+import hashlib
 import os
 import threading
 from collections.abc import Awaitable, Callable, Collection, Coroutine, Mapping, Sequence
@@ -16,6 +18,7 @@ from functools import partial
 from itertools import takewhile
 from typing import TypeVar
 
+import msgspec
 import nats
 import nats.errors
 import nats.js.errors
@@ -34,6 +37,7 @@ PING_S = 2.0  # a peer that answers neither of two is gone: a cut cable closes n
 RESCAN_S = 5.0
 HEARD_MAX = 4096  # records of a lane that wait to be read; others are asked for
 TOGETHER = 64  # requests on their way at once
+CHUNK_BYTES = 1 << 17  # of an object in one message
 SEGMENT = "Segment"
 _WRONG_SEQUENCE = frozenset({10071, 10164})
 _LAST, _OF = "Nats-Expected-Last-Subject-Sequence", "Nats-Expected-Last-Subject-Sequence-Subject"
@@ -372,11 +376,32 @@ class NatsBus:
         return [frame for frame in found if frame is not None]
 
     async def _store(self, name: str, data: bytes) -> None:
-        objects = self._open_objects(self._token)
-        try:
+        """An object is listed once all its chunks are there. What broke off goes on, and nothing is taken back.
+
+        `ObjectStore.put` removes the chunks when the answer to the list is lost, though the list may be there.
+        """
+        objects, place, sha256 = self._open_objects(self._token), name_evidence(self._token), hashlib.sha256(data)
+        with contextlib.suppress(nats.js.errors.NotFoundError):
             await objects.get_info(name)
-        except nats.js.errors.NotFoundError:
-            await objects.put(name, data)
+            return
+        chunks, last, sent = f"$O.{place}.C.{sha256.hexdigest()}", 0, 0
+        with contextlib.suppress(nats.js.errors.NotFoundError):
+            last = (await self._js.get_last_msg(f"OBJ_{place}", chunks)).seq or 0
+            found = await self._js.stream_info(f"OBJ_{place}", subjects_filter=chunks)
+            sent = (found.state.subjects or {}).get(chunks, 0)
+        for at in range(CHUNK_BYTES * sent, len(data), CHUNK_BYTES):
+            part, headers = data[at : at + CHUNK_BYTES], {_LAST: str(last)}
+            last = (await self._js.publish(chunks, part, timeout=CALL_S, headers=headers)).seq
+        info = api.ObjectInfo(
+            name=name,
+            bucket=place,
+            nuid=sha256.hexdigest(),
+            size=len(data),
+            chunks=-(-len(data) // CHUNK_BYTES),
+            digest=f"SHA-256={_encode(sha256.digest())}",
+        )
+        listed, headers = msgspec.json.encode(info.as_dict()), {api.Header.ROLLUP: "sub"}
+        await self._js.publish(f"$O.{place}.M.{_encode(name.encode())}", listed, timeout=CALL_S, headers=headers)
 
     async def _load(self, lane: str, name: str) -> bytes | None:
         objects, stream = self._open_objects(encode_key(lane)), name_evidence(encode_key(lane))
@@ -390,6 +415,11 @@ class NatsBus:
 
     def _open_objects(self, token: str) -> ObjectStore:
         return ObjectStore(name=name_evidence(token), stream=f"OBJ_{name_evidence(token)}", js=self._js)
+
+
+def _encode(data: bytes) -> str:
+    """As in the names and sums of an object store."""
+    return base64.urlsafe_b64encode(data).decode()
 
 
 def _cover(bucket: Bucket, key: str) -> str:

@@ -48,7 +48,6 @@ def list_rights(role: str) -> dict[str, dict[str, list[str]]]:
     heard = [*Bucket] if role == OPERATOR else [Bucket.OFFERS, Bucket.STOPS]
     objects = name_evidence(token)
     own = [f"{LANE}{token}", f"{locate(Bucket.HOSTS)}{token}", locate_claim("*", token), f"$O.{objects}.>"]
-    own += [f"$JS.API.STREAM.PURGE.OBJ_{objects}"]
     streams = [*map(name_store, Bucket), *([name_lane(role), f"OBJ_{objects}"] if role != OPERATOR else ["*"])]
     asked = [f"$JS.API.{verb}.{stream}" for verb in _READ for stream in streams]
     written = [f"{locate(Bucket.STOPS)}stop"] if role == OPERATOR else own

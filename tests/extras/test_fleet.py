@@ -1,6 +1,7 @@
 """The port of a fleet over a real NATS server, which is killed meanwhile; a session from hub to host and back."""
 
 import contextlib
+import itertools
 import json
 import math
 import os
@@ -28,7 +29,7 @@ from phyagentos.testing import make_contract
 from tests.certificates import make_certificate
 from tests.following import wait_until
 
-pytest.importorskip("nats", reason="needs the extra `fleet`: make test-extras")
+nats = pytest.importorskip("nats", reason="needs the extra `fleet`: make test-extras")
 pytestmark = pytest.mark.extras
 CLOCK = SystemClock()
 
@@ -136,6 +137,26 @@ def test_an_object_is_kept_by_its_name(bus):
     bus.store("b", data)
     bus.store("b", data)
     assert bus.load("hub", "b") == data
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_an_object_is_whole_whichever_answer_is_lost(bus, monkeypatch, number):
+    data, numbers = os.urandom(300_000), itertools.count()  # three chunks, then its list
+    bus.count("hub")
+
+    async def publish(self, *arguments, **options):
+        answer = await publish_before(self, *arguments, **options)
+        if next(numbers) == number:
+            raise nats.errors.TimeoutError
+        return answer
+
+    publish_before = nats.js.JetStreamContext.publish
+    monkeypatch.setattr(nats.js.JetStreamContext, "publish", publish)
+    with pytest.raises(BusLost):
+        bus.store("b", data)
+    bus.store("b", data)
+    assert bus.load("hub", "b") == data
+    assert next(numbers) == 4  # nothing was sent twice
 
 
 def test_the_stop_of_a_fleet_latches_on_a_host(server, bus, journal, tmp_path):
@@ -249,6 +270,7 @@ def check_rights(host, hub):
     subjects += ["$KV.paos_offers.t.s", "$KV.paos_stops.stop", "$O.paos_evidence_h2.M.x", "$JS.API.STREAM.LIST"]
     subjects += [f"$JS.API.STREAM.{verb}.KV_paos_claims" for verb in ("DELETE", "PURGE", "UPDATE", "MSG.DELETE")]
     subjects += ["$JS.API.STREAM.CREATE.paos_lane_h=2e=1", "$JS.API.CONSUMER.CREATE.KV_paos_hosts"]
+    subjects += ["$JS.API.STREAM.PURGE.OBJ_paos_evidence_h=2e=1"]
     for subject in subjects:
         with pytest.raises(BusLost, match="Timeout"):
             ask(host, subject, b"{}")

@@ -15,6 +15,7 @@ class FakeServer:
         self.objects: dict[str, bytes] = {}
         self.buses: list[FakeBus] = []
         self.revision = 0
+        self.loses_offers = False  # the answers to them
         self.lost: set[Bucket] = set()  # without a leader: nothing can be written there
 
     def write(self, bucket, key, value, by=HUB):
@@ -66,6 +67,8 @@ class FakeBus:
             raise BusLost("no leader")
         self.server.write(bucket, key, value, self.role)
         self._answer()
+        if self.server.loses_offers and bucket is Bucket.OFFERS:
+            raise BusLost("no answer")
 
     def swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         self._look()

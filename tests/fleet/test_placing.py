@@ -212,6 +212,30 @@ def test_a_claim_whose_answer_was_lost_is_taken_up_by_its_own_host(fleet):
     assert [host.read_state() for host in fleet.hosts] == ["pending", None]
 
 
+@pytest.mark.parametrize("hears_of_the_claim", [False, True])
+def test_an_offer_whose_answer_was_lost_counts_as_sent(fleet, hears_of_the_claim):
+    fleet.turn(seconds=2.0)
+    fleet.submit()
+    fleet.server.loses_offers = True
+    fleet.hub.process.turn()
+    fleet.server.loses_offers = False
+    holder, body = fleet.hosts[0], {"attempt": msgspec.to_builtins(VERDICT)}
+    holder.process.turn()
+    if hears_of_the_claim:
+        holder.begin("g.a")
+        holder.process.turn()
+        fleet.turn()
+    else:
+        fleet.turn()
+        holder.begin("g.a")
+    holder.finish("g.a")
+    fleet.turn()
+    fleet.hub.agent.commit([Entry("g.a", "verify"), Entry("g.a", "accept", body)])
+    fleet.turn()
+    assert holder.read_state() == fleet.hub.read_state() == "succeeded"
+    assert not fleet.server.values[Bucket.OFFERS]
+
+
 def test_a_host_that_is_started_again_may_not_command_before_its_claim_is_confirmed(fleet):
     holder, _ = fleet.place()
     holder.bus.is_connected = False
