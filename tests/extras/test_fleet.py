@@ -137,6 +137,10 @@ def test_an_object_is_kept_by_its_name(bus):
     bus.store("b", data)
     bus.store("b", data)
     assert bus.load("hub", "b") == data
+    bus.store("empty", b"")
+    assert bus.load("hub", "empty") == b""
+    bus._call(lambda: bus._js.purge_stream("OBJ_paos_evidence_hub", subject="$O.*.C.>"))
+    assert bus.load("hub", "b") == b""  # damaged: it is not waited for
 
 
 @pytest.mark.parametrize("number", range(4))
