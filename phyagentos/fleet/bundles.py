@@ -4,7 +4,7 @@ A transfer that breaks off goes on where it was: what is kept already is neither
 """
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -44,11 +44,12 @@ class Transfers:
             begun.add_done_callback(lambda _: self._bus.ring())
         return session in self._done
 
-    def forget(self, session: SessionId) -> None:
-        """It is over."""
-        self.running.pop(session, None)
-        self._since.pop(session, None)
-        self._done.discard(session)
+    def forget_all_but(self, sessions: Set[SessionId]) -> None:
+        """The others are over."""
+        for session in self._since.keys() - sessions:
+            del self._since[session]
+            self.running.pop(session, None)
+            self._done.discard(session)
 
 
 def send_bundle(folder: Path, session: SessionId, _lane: str, bus: Bus) -> bool:

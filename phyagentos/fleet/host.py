@@ -130,6 +130,7 @@ class FleetHost:
         self._offers = {each: seen for each, seen in (self._offers | new).items() if each in found}
         mine = [(offer, at_s) for offer, at_s in self._offers.values() if offer and self._card.offers(offer.contract)]
         self._lost &= {(offer.contract.id, offer.revision) for offer, _ in mine}
+        self._transfers.forget_all_but({offer.contract.id for offer, _ in mine})
         for offer, at_s in sorted(mine, key=lambda each: (-each[0].contract.priority, each[0].number)):
             id = offer.contract.id
             status = self._ledger.sessions.get(id)
@@ -187,7 +188,6 @@ class FleetHost:
             status = self._ledger.sessions.get(id)
             if status is None or status.state in FINAL_STATES:
                 del self._held[id]
-                self._transfers.forget(id)
                 remove_lease(self._leases, id)
             elif (now_s := self._clock.now_s()) >= held.renew_at_s:
                 claim = msgspec.structs.replace(held.claim, beat=held.claim.beat + 1)
@@ -205,12 +205,12 @@ class FleetHost:
     def _follow(self, status: SessionStatus, offer: Offer) -> None:
         """Bring a session of this host on as the hub wants it, and its evidence there."""
         id = status.contract.id
+        if status.execution is not None:
+            self._transfers.is_done(self._workspace.evidence_of(id), id)
         if status.state in FINAL_STATES:
             return
         if id not in self._held and not offer.end and not self._hold_again(status, offer):
             return
-        if status.execution is not None:
-            self._transfers.is_done(self._workspace.evidence_of(id), id)
         if offer.end and status.state == SessionState.AWAITING_VERIFICATION:
             self._commit([Entry(id, each.trigger, each.body or None) for each in offer.end])
         elif offer.is_cancelled or offer.end:

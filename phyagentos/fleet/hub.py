@@ -388,7 +388,7 @@ class FleetHub:
             placed[id].offer = offer
         for contract in over:
             del placed[contract.id]
-            self._fetched.forget(contract.id)
+        self._fetched.forget_all_but(placed.keys())
         self._over &= placed.keys()
         self._holders = {id: host for id, host in self._holders.items() if id in placed}
 

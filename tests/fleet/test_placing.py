@@ -9,7 +9,7 @@ import pytest
 
 from phyagentos.assembly.processes import locate_doors
 from phyagentos.errors import DefinitionError, ExecutionError
-from phyagentos.fleet.bus import Bucket, Claim, HostCard, Offer, encode_key, read_cards
+from phyagentos.fleet.bus import Bucket, BusLost, Claim, HostCard, Offer, encode_key, read_cards
 from phyagentos.fleet.host import BY, FleetHost
 from phyagentos.fleet.hub import GRACE_S, LEASE_S, FleetHub
 from phyagentos.operations.fleet import _choose_lane, _refuse_half_a_world
@@ -277,6 +277,25 @@ def test_a_session_that_finished_while_its_end_was_requested_is_cancelled_on_bot
     fleet.turn()
 
     assert (fleet.hub.read_state(), holder.read_state()) == ("cancelled", "cancelled")
+
+
+def test_evidence_of_a_cancelled_session_comes_after_a_transfer_that_broke_off(fleet, monkeypatch):
+    holder, _ = fleet.place()
+    holder.finish("g.a")
+    fleet.hub.agent.commit([Entry("g.a", "request_cancel", {"reason": "no more"})])
+
+    def store(*_):
+        raise BusLost("cut")
+
+    with monkeypatch.context() as context:
+        context.setattr(holder.bus, "store", store)
+        fleet.turn()
+    assert (fleet.hub.read_state(), holder.read_state()) == ("cancelling", "cancelled")
+    fleet.turn()
+    assert fleet.hub.read_state() == "cancelled"
+    assert (fleet.hub.workspace.evidence_of("g.a") / "execution.json").exists()
+    fleet.turn()
+    assert not holder.process._transfers._done
 
 
 def test_a_resource_is_given_to_one_session_at_a_time_on_whatever_host(fleet):
