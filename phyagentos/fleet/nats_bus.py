@@ -39,7 +39,8 @@ HEARD_MAX = 4096  # records of a lane that wait to be read; others are asked for
 TOGETHER = 64  # requests on their way at once
 CHUNK_BYTES = 1 << 17  # of an object in one message
 SEGMENT = "Segment"
-_WRONG_SEQUENCE = frozenset({10071, 10164})
+_WRONG_SEQUENCE, _IN_PROCESS = frozenset({10071, 10164}), 10158
+_ID = "Nats-Msg-Id"
 _LAST, _OF = "Nats-Expected-Last-Subject-Sequence", "Nats-Expected-Last-Subject-Sequence-Subject"
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -316,13 +317,26 @@ class NatsBus:
     async def _swap(self, bucket: Bucket, key: str, value: bytes, revision: int) -> int | None:
         """A claim stands under the subject of its writer; the latest of all is the one that counts."""
         subject = f"{locate(bucket)}{key}" if bucket is not Bucket.CLAIMS else locate_claim(key, self._token)
-        headers = {_LAST: str(revision), _OF: _cover(bucket, key)}
         try:
-            return int((await self._js.publish(subject, value, timeout=CALL_S, headers=headers)).seq)
+            return await self._publish(subject, value, {_LAST: str(revision), _OF: _cover(bucket, key)})
         except nats.js.errors.APIError as error:
             if error.err_code in _WRONG_SEQUENCE:
                 return None
             raise
+
+    async def _publish(self, subject: str, value: bytes, headers: dict[str, str]) -> int:
+        """The number of a message behind another one; of one that comes twice, each copy has the answer of the first.
+
+        Without an id the second copy is refused, and a cluster says so before it has stored the first.
+        """
+        headers = {_ID: os.urandom(12).hex()} | headers
+        while True:
+            try:
+                return int((await self._js.publish(subject, value, timeout=CALL_S, headers=headers)).seq)
+            except nats.js.errors.APIError as error:
+                if error.err_code != _IN_PROCESS:
+                    raise
+            await asyncio.sleep(RETRY_S / 10.0)
 
     async def _put(self, bucket: Bucket, key: str, value: bytes | None) -> None:
         if value is not None:
@@ -350,13 +364,13 @@ class NatsBus:
         async def send(number: int) -> None:
             frame, seq = frames[number], after + 1 + number
             headers = {
-                "Nats-Msg-Id": f"{lane}.{seq}",
+                _ID: f"{lane}.{seq}",
                 "Nats-Expected-Last-Sequence": str(seq - 1),
+                "Nats-Expected-Stream": stream,
                 SEGMENT: frame.segment,
             }
-            ack = await self._js.publish(subject, frame.data, timeout=CALL_S, stream=stream, headers=headers)
-            if ack.seq != seq:
-                raise nats.errors.Error(f"record {seq} of lane {lane} became message {ack.seq}")
+            if (found := await self._publish(subject, frame.data, headers)) != seq:
+                raise nats.errors.Error(f"record {seq} of lane {lane} became message {found}")
 
         await _gather(range(len(frames)), send)
 
@@ -390,8 +404,7 @@ class NatsBus:
             found = await self._js.stream_info(f"OBJ_{place}", subjects_filter=chunks)
             sent = (found.state.subjects or {}).get(chunks, 0)
         for at in range(CHUNK_BYTES * sent, len(data), CHUNK_BYTES):
-            part, headers = data[at : at + CHUNK_BYTES], {_LAST: str(last)}
-            last = (await self._js.publish(chunks, part, timeout=CALL_S, headers=headers)).seq
+            last = await self._publish(chunks, data[at : at + CHUNK_BYTES], {_LAST: str(last)})
         info = api.ObjectInfo(
             name=name,
             bucket=place,

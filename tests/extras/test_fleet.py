@@ -219,7 +219,9 @@ def cluster(tmp_path, monkeypatch):
         server.kill()
 
 
-def test_a_host_can_write_what_is_its_own_alone_and_a_leader_that_is_killed_loses_nothing(cluster, journal, tmp_path):
+def test_a_host_can_write_what_is_its_own_alone_and_a_leader_that_is_killed_loses_nothing(
+    cluster, journal, tmp_path, monkeypatch
+):
     urls = cluster["a"].prepared.urls
     with contextlib.ExitStack() as stack:
         hub = stack.enter_context(open_bus(urls["hub"], "hub"))
@@ -230,7 +232,9 @@ def test_a_host_can_write_what_is_its_own_alone_and_a_leader_that_is_killed_lose
         hub.count(lane)
         revision = hub.swap(Bucket.CLAIMS, "s", b"open", 0)
         check_rights(host, hub)
-        held = host.swap(Bucket.CLAIMS, "s", b"h2", revision)
+        with monkeypatch.context() as context:
+            context.setattr(nats.aio.client.Client, "publish", publish_twice)
+            held = host.swap(Bucket.CLAIMS, "s", b"h2", revision)
         assert held is not None
         assert other.swap(Bucket.CLAIMS, "s", b"h2", revision) is None
         card = HostCard(host=lane, targets={"t": ()}, is_stopped=True)
@@ -253,6 +257,11 @@ def test_a_host_can_write_what_is_its_own_alone_and_a_leader_that_is_killed_lose
         assert replica.seq == last
         assert retry(other.swap, Bucket.CLAIMS, "s", b"h2", revision) is None
         assert retry(hub.load, lane, "b") == b"data"
+
+
+async def publish_twice(*arguments, publish=nats.aio.client.Client.publish, **options):
+    await publish(*arguments, **options)
+    await publish(*arguments, **options)
 
 
 def retry(call, *arguments):
