@@ -39,7 +39,8 @@ HEARD_MAX = 4096  # records of a lane that wait to be read; others are asked for
 TOGETHER = 64  # requests on their way at once
 CHUNK_BYTES = 1 << 17  # of an object in one message
 SEGMENT = "Segment"
-_WRONG_SEQUENCE, _IN_PROCESS = frozenset({10071, 10164}), 10158
+_WRONG_SEQUENCE = 10071
+_IN_PROCESS = frozenset({10158, 10164})  # a copy, or another message there, is not stored yet: undecided
 _ID = "Nats-Msg-Id"
 _LAST, _OF = "Nats-Expected-Last-Subject-Sequence", "Nats-Expected-Last-Subject-Sequence-Subject"
 _Item = TypeVar("_Item")
@@ -320,7 +321,7 @@ class NatsBus:
         try:
             return await self._publish(subject, value, {_LAST: str(revision), _OF: _cover(bucket, key)})
         except nats.js.errors.APIError as error:
-            if error.err_code in _WRONG_SEQUENCE:
+            if error.err_code == _WRONG_SEQUENCE:
                 return None
             raise
 
@@ -334,7 +335,7 @@ class NatsBus:
             try:
                 return int((await self._js.publish(subject, value, timeout=CALL_S, headers=headers)).seq)
             except nats.js.errors.APIError as error:
-                if error.err_code != _IN_PROCESS:
+                if error.err_code not in _IN_PROCESS:
                     raise
             await asyncio.sleep(RETRY_S / 10.0)
 
