@@ -69,11 +69,11 @@ class Clauses(FollowUps):
             return
         texts, is_untrue = self._read_texts(case), has_token(case, "untrue")
         self.moved, self.placed, self.unmet = [], (), ""
-        if not texts:  # nothing that could be looked at
+        if not all(texts) or not texts or any(says(text, Meaning.AT) for text in texts):  # a side is more than a point
             self.lack(RequestProblemKind.CONDITION, f"if {self.quote(case)}")
-        for (
-            text
-        ) in texts:  # a drawer may be neither open nor closed: it is not what `closed` says, and no more is known
+            return
+        for text in texts:
+            # a drawer may be neither open nor closed: it is not what `closed` says, and no more is known
             known, flipped = self.vocabulary.is_known, list_flipped(text)
             is_ajar = bool(flipped) and all(known(each, is_true=False) for each in (text, *flipped))
             is_undecided = is_ajar and (is_untrue or not says(text, Meaning.CLOSED))
