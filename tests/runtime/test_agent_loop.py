@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from phyagentos.clock import SystemClock
 from phyagentos.errors import DefinitionError
 from phyagentos.protocol.capabilities.skill_runtimes import AgentLoop, SkillRuntime, read_skill
+from phyagentos.protocol.sessions import agent_calls
 from phyagentos.protocol.sessions.agent_calls import CallFiles, Turn
 from phyagentos.protocol.sessions.evidence import TRACE
 from phyagentos.protocol.sessions.session import Ended, Limits
@@ -144,6 +145,19 @@ def files(tmp_path):
     turn = Turn(turn=1, objective="", accept=(), calls_left=2, time_s=0.0, tools=())
     shown.show(turn)
     return shown, turn
+
+
+def test_an_answer_that_comes_while_it_is_looked_for_is_found_next_time(files, monkeypatch):
+    shown, _ = files
+
+    def look_too_early(*_, **__):
+        monkeypatch.undo()
+        shown.answer(1, FINISH)
+        raise FileNotFoundError
+
+    monkeypatch.setattr(agent_calls, "read_regular", look_too_early)
+    assert shown.find_answer(1) is None
+    assert shown.find_answer(1) == FINISH
 
 
 def test_only_the_open_turn_can_be_answered(files):

@@ -64,11 +64,12 @@ class CallFiles:
 
     def find_answer(self, turn: int) -> Any:
         """The answer to a turn as plain data, None before there is one; what cannot be read is an empty one."""
-        path = self._get_answer(turn)
         try:
-            return msgspec.json.decode(read_regular(path, REQUEST_MAX, follow=False))
+            return msgspec.json.decode(read_regular(self._get_answer(turn), REQUEST_MAX, follow=False))
+        except FileNotFoundError:
+            return None
         except (OSError, ValueError, RecursionError):
-            return {} if os.path.lexists(path) else None
+            return {}
 
     def _get_answer(self, turn: int) -> Path:
         return self._folder / f"answer-{turn:04}.json"
