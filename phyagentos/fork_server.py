@@ -244,7 +244,7 @@ class ForkServer:
     def serve(self) -> tuple[Request, list[int]] | None:
         """Returns in each child, with its request and files; in the server, None at the end."""
         while True:
-            for key, _ in self._selector.select(0.0 if self._to_load else None):
+            for key, _ in self._selector.select(0.0 if self._to_load or self._waiting else None):
                 child = key.data
                 if key.fileobj == 0:
                     return None

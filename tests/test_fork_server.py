@@ -165,6 +165,15 @@ def test_a_process_whose_module_is_loaded_waits_for_that_and_another_one_for_not
     assert (tmp_path / "log").read_text().split() == ["False", "True"]
 
 
+def test_a_process_that_waits_for_the_last_of_what_is_loaded_starts_then(tmp_path, monkeypatch):
+    (tmp_path / "last.py").write_text("if __name__ == '__main__': print('started')")
+    monkeypatch.delenv(ADDRESS, raising=False)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with fork_server(["last"]), (tmp_path / "log").open("ab") as log:
+        assert start_python(["-m", "last"], log).wait(60) == 0
+    assert (tmp_path / "log").read_text() == "started\n"
+
+
 def test_its_server_ends_with_the_block_and_its_folder_goes():
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv(ADDRESS, raising=False)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba.core import event
+from numba.core.registry import cpu_target
 from typing_extensions import override
 
 from phyagentos.protocol.capabilities.library import Library, find_shipped_root
@@ -30,6 +31,12 @@ class _Listener(event.Listener):  # type: ignore[misc]
     @override
     def on_end(self, event: "event.Event") -> None:
         """Announces the next one."""
+
+
+def open_compiler() -> None:
+    """Load what numba needs before its first kernel, compiled or kept: 0.2 s, which forks of this process share."""
+    cpu_target.typing_context.refresh()
+    cpu_target.target_context.refresh()
 
 
 def load_kernels() -> None:

@@ -7,7 +7,7 @@ not share memory, and Ctrl-C in the terminal must reach only the parent).
 import contextlib
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from phyagentos.clock import Clock
@@ -70,9 +70,14 @@ class Plane:
 
 
 def start_watch(
-    workspace: Workspace, *, faults: Path | None = None, pictures: bool = True, sense: Sensing | None = None
+    workspace: Workspace,
+    *,
+    faults: Path | None = None,
+    pictures: bool = True,
+    sense: Sensing | None = None,
+    expected: Iterable[str] = (),
 ) -> Plane:
-    """The runtime plane of a workspace that no other process supervises; `faults` and `sense` as of `run_watch`.
+    """The runtime plane of a workspace that no other process supervises; options as of `run_watch`.
 
     The Python of its skills is run: look at it before, where the workspace may come from elsewhere.
     """
@@ -80,4 +85,5 @@ def start_watch(
     arguments += ["--faults", str(faults)] if faults is not None else []
     arguments += ["--sense", sense] if sense is not None else []
     arguments += [] if pictures else ["--no-pictures"]
+    arguments += [f"--expect={target}" for target in expected]
     return Plane("watch", arguments, workspace.logs)

@@ -1,12 +1,13 @@
 """The runtime's own child processes, started by the watchdog: a world, a worker and a rehearsal for each target."""
 
 import argparse
+import contextlib
 import gc
 import os
 import sys
 import threading
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 def make_command(process: str, root: Path, target: str, *options: str) -> list[str]:
     """Arguments of the interpreter that start one of these processes."""
     place = ["--workspace", str(root), "--target", target]
+    if process == "worker":  # a module of its own: a fork server has loaded the others before it
+        return ["-m", "phyagentos.assembly.worker_process", *place, *options]
     return ["-m", "phyagentos.assembly.processes", process, *place, *options]
 
 
@@ -200,33 +203,30 @@ def open_door(where: str, spin_s: float = SPIN_S, certificate: Path | None = Non
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Entry point of the runtime's own child processes."""
+    """Entry point of worlds and rehearsals."""
     parser = argparse.ArgumentParser(prog="phyagentos.assembly.processes")
-    parser.add_argument("process", choices=("world", "worker", "rehearsal"))
+    parser.add_argument("process", choices=("world", "rehearsal"))
     parser.add_argument("--workspace", type=Path, required=True)
-    parser.add_argument("--target", required=True, help="of a worker; for a world its name")
+    parser.add_argument("--target", required=True, help="of a rehearsal; for a world its name")
     parser.add_argument("--socket", default="")
     parser.add_argument("--certificate", type=Path, help="PEM file of a chain and its key, to serve at wss://")
-    parser.add_argument("--control", type=int, default=-1)
     parser.add_argument("--descriptor", type=int, default=-1)
-    parser.add_argument("--no-pictures", action="store_true")
     parser.add_argument("--outlives", action="store_true")
     given = parser.parse_args(argv)
-    try:
+    with ending_by_errors():
         if given.process == "world":
             run_world(
                 given.workspace, given.target, given.socket, outlives=given.outlives, certificate=given.certificate
             )
-        elif given.process == "rehearsal":
-            run_rehearsal(given.workspace, given.target, given.descriptor)
         else:
-            from phyagentos.assembly.worker_process import run_worker
+            run_rehearsal(given.workspace, given.target, given.descriptor)
 
-            rehearsal = make_command("rehearsal", given.workspace.resolve(), given.target)
-            pictures = not given.no_pictures
-            run_worker(
-                given.workspace, given.target, given.socket, given.control, pictures=pictures, rehearsal=rehearsal
-            )
+
+@contextlib.contextmanager
+def ending_by_errors() -> Iterator[None]:
+    """A block whose errors end this process, with a line for its log; of a defect the whole traceback."""
+    try:
+        yield
     except (DefinitionError, ExecutionError) as error:
         _end(f"{error}\n")  # now: the frames above hold connections, at whose end the supervisor kills
     except Exception as error:

@@ -5,7 +5,7 @@ import shutil
 import signal
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 
 import msgspec
@@ -99,12 +99,13 @@ def run_watch(
     world_mode: WorldMode | None = None,
     sense: Sensing | None = None,
     outlived: bool = True,
+    expected: Collection[str] = (),
 ) -> None:
     """The runtime plane: supervise until interrupted; raises `BUSY`, and as `require_graphics`.
 
     `faults`, `world_mode` and `sense` are written into the workspace; None leaves what is declared there. With
     `once_idle` it ends when every goal has its verdict. With `outlived`, worlds wait for another watchdog when this one
-    dies.
+    dies. Targets that are `expected` to be used are started at once.
     """
     require_graphics()
     workspace, clock = open_project(root), SystemClock()
@@ -113,7 +114,7 @@ def run_watch(
         become_sole(lock, clock, "BUSY", busy, patience_s=STOP_S)  # that of a command that died is ending
         declare_world(workspace, faults, world_mode, sense)
         try:
-            _supervise(workspace, clock, pictures=pictures, once_idle=once_idle, outlived=outlived)
+            _supervise(workspace, clock, expected, pictures=pictures, once_idle=once_idle, outlived=outlived)
         finally:
             end_worlds(workspace.root)
             remove_socket_folders(workspace.root)
@@ -142,7 +143,9 @@ def _read_terms(workspace: Workspace) -> tuple[WorldMode, bool, bytes]:
     return _read_rules(workspace).world_mode, reads_truth(workspace), read_regular(path) if path.exists() else b""
 
 
-def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle: bool, outlived: bool) -> None:
+def _supervise(
+    workspace: Workspace, clock: Clock, expected: Collection[str], *, pictures: bool, once_idle: bool, outlived: bool
+) -> None:
     sockets = make_socket_folder(workspace.root)
     journal = Journal(workspace.root, side=Side.RUNTIME, by="watchdog", clock=clock)
     views = Views(workspace, journal.folder, clock, edits := EditIntake(workspace, clock))
@@ -172,6 +175,7 @@ def _supervise(workspace: Workspace, clock: Clock, *, pictures: bool, once_idle:
         publish=publish,
         on_record=on_record,
         shared_time=shared,
+        expected=expected,
         ageing_per_s=rules.ageing_per_min / 60.0,
         lease_s=rules.lease_s,
     )

@@ -1,5 +1,7 @@
 """The worker process of one target, put together: what defines it, its access to the body, its runner and examiner."""
 
+import argparse
+import gc
 import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,6 +11,7 @@ from pathlib import Path
 
 from phyagentos.assembly.drivers import choose_driver
 from phyagentos.assembly.process_tuning import ask_for_precedence, collect_rarely
+from phyagentos.assembly.processes import ending_by_errors, make_command
 from phyagentos.clock import Clock, SystemClock
 from phyagentos.errors import DefinitionError, ExecutionError
 from phyagentos.protocol.capabilities.library import Library
@@ -201,6 +204,7 @@ def build_examiner(site: WorkerSite, body: Embodiment, planner: Planner, runner:
         registry=site.registry,
         clock=site.clock,
         show_look=runner.bundles.show,
+        render_ahead=runner.render_ahead,
     )
 
 
@@ -267,3 +271,29 @@ def connect_to_world(socket: str, token: bytes, clock: Clock) -> Link:
             if clock.now_s() > deadline_s:
                 raise ExecutionError("TARGET_LOST", f"no world listens at {socket}") from error
             clock.sleep(0.02)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Entry point of a worker."""
+    parser = argparse.ArgumentParser(prog="phyagentos.assembly.worker_process")
+    parser.add_argument("--workspace", type=Path, required=True)
+    parser.add_argument("--target", required=True)
+    parser.add_argument("--socket", required=True)
+    parser.add_argument("--control", type=int, required=True)
+    parser.add_argument("--no-pictures", action="store_true")
+    given = parser.parse_args(argv)
+    rehearsal = make_command("rehearsal", given.workspace.resolve(), given.target)
+    with ending_by_errors():
+        run_worker(
+            given.workspace,
+            given.target,
+            given.socket,
+            given.control,
+            pictures=not given.no_pictures,
+            rehearsal=rehearsal,
+        )
+
+
+if __name__ == "__main__":
+    gc.disable()  # until all is loaded: a sixth of a start
+    main()

@@ -76,6 +76,7 @@ def watch(
     world_mode: Mode = None,
     sense: Sense = None,
     trust_python: TrustPython = False,
+    expect: Annotated[list[str] | None, typer.Option(help="Start this target before a session waits for it.")] = None,
 ) -> None:
     """Start the runtime plane: claims sessions, checks them, runs them. Ends with Ctrl-C."""
     from phyagentos.assembly.runtime_plane import run_watch
@@ -94,6 +95,7 @@ def watch(
         world_mode=world_mode,
         sense=sense,
         outlived=with_parent is None,  # with a parent no other process would start another one
+        expected=expect or (),
     )
 
 

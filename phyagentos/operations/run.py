@@ -194,7 +194,8 @@ def run_goal(
             goal = choose_goal(f"{compiled.name}-{request.seed}", ledger, journal)
             fold = RunFold(workspace, goal, ledger)
             show(fold)
-            planes = start_planes(request, goal, graph, faults, workspace)
+            targets = sorted({choice.target for choice in compiled.choices.values()})
+            planes = start_planes(request, goal, graph, faults, workspace, targets)
             try:
                 follow_run(fold, journal, planes, interrupts, clock, show)
             except PlaneEnded:
@@ -299,10 +300,15 @@ def _check_own(
 
 
 def start_planes(
-    request: RunRequest, goal: GoalId, graph: Path, faults: Path | None, workspace: Workspace
+    request: RunRequest,
+    goal: GoalId,
+    graph: Path,
+    faults: Path | None,
+    workspace: Workspace,
+    targets: Sequence[str] = (),
 ) -> list[Plane]:
-    """Start the runtime first: it warms up while the agent compiles."""
-    watch = start_watch(workspace, faults=faults, pictures=request.pictures)
+    """Start the runtime first, and the processes of `targets`: it warms up while the agent compiles."""
+    watch = start_watch(workspace, faults=faults, pictures=request.pictures, expected=targets)
     agent = [str(graph), "--workspace", str(workspace.root), "--seed", str(request.seed), "--goal", goal]
     agent += ["--ask"] if request.asks else []
     agent += ["--trust-python"]  # as admitted here

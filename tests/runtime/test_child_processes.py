@@ -7,7 +7,7 @@ import weakref
 
 import pytest
 
-from phyagentos.assembly import processes, worker_process
+from phyagentos.assembly import worker_process
 from phyagentos.errors import DefinitionError, ExecutionError
 
 
@@ -22,7 +22,7 @@ def test_a_child_has_told_why_before_its_connections_close(monkeypatch):
     monkeypatch.setattr(worker_process, "run_worker", break_off)
     monkeypatch.setattr("sys.stderr", told)
     with pytest.raises(SystemExit) as end:
-        processes.main(["worker", "--workspace", "w", "--target", "arm"])
+        worker_process.main(["--workspace", "w", "--target", "arm", "--socket", "s", "--control", "3"])
     assert end.value.code == os.EX_SOFTWARE
     del end
     assert "MODEL_INVALID" in at_the_end[0]
@@ -42,6 +42,6 @@ def test_a_child_whose_log_is_on_a_full_disk_ends_with_its_own_code_all_the_same
     monkeypatch.setattr(worker_process, "run_worker", break_off)
     monkeypatch.setattr("sys.stderr", Full())
     with pytest.raises(SystemExit) as end:
-        processes.main(["worker", "--workspace", "w", "--target", "arm"])
+        worker_process.main(["--workspace", "w", "--target", "arm", "--socket", "s", "--control", "3"])
     assert end.value.code == os.EX_SOFTWARE
     assert sys.stderr is None

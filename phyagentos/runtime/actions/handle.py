@@ -332,6 +332,11 @@ class TargetSessionHandle:
         result = self._invoke(wire.RENDER, camera=camera, width=width, height=height)
         return result.artefacts["picture.png"].data if result.artefacts else b""
 
+    def render_ahead(self, camera: str, width: int = 640, height: int = 480) -> None:
+        """Let the target begin a picture of the present, where it can: `render` has it at once then."""
+        if self.describe().offers_tool(wire.RENDER_AHEAD):
+            self._invoke(wire.RENDER_AHEAD, camera=camera, width=width, height=height)
+
     def fetch_files(self, tool: str) -> dict[str, bytes]:
         """What a tool keeps for the evidence, by file name; empty where the target has no such tool."""
         if not self.describe().offers_tool(tool):

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Sequence
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from phyagentos.runtime.perception.solids import Array
@@ -27,7 +26,11 @@ SCALE = np.array((0.4, 1.0, 1.0)) / 100.0  # of CIE Lab: its lightness is the li
 
 def assign(costs: Array) -> Columns:
     """The assignment of least cost for (n names, m clusters and n places unseen) [m]; `HUGE` where impossible."""
-    _, columns = linear_sum_assignment(costs)
+    columns = np.argmin(costs, axis=1)
+    if len(costs) > 1:
+        from scipy.optimize import linear_sum_assignment  # a quarter of a second to load, for look-alikes alone
+
+        _, columns = linear_sum_assignment(costs)
     return np.asarray(columns, dtype=np.intp)
 
 

@@ -5,6 +5,7 @@ its problems.
 """
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import msgspec
@@ -53,6 +54,7 @@ class Examiner:
     """Examines sessions on one target.
 
     `show_look` keeps the pictures of a look in a folder of evidence, and ends a sentence with their names.
+    `render_ahead` begins the picture of a scene that was loaded.
     """
 
     preflight: Preflight
@@ -63,6 +65,7 @@ class Examiner:
     registry: LeafRegistry
     clock: Clock
     show_look: Callable[[Look | None, str], str] = lambda _look, _evidence: ""
+    render_ahead: Callable[[], None] = lambda: None
     _episode: str = field(default="", init=False)
     _flaws: tuple[Problem, ...] = field(default=(), init=False)
 
@@ -86,12 +89,20 @@ class Examiner:
             is_other = any(problem.code in _OTHER_TARGET for problem in mismatches)
             if not missing and not is_other and session.target == self.preflight.profile.target:
                 loading_began_s = self.clock.now_s()
-                self.handle.load(session.scene, snapshot, may_reset=may_reset)
+                is_first = session.scene.episode != self._episode and not snapshot
+                with ThreadPoolExecutor(1, "flaws") as beside:  # the world loads in another process
+                    flaws = beside.submit(self._find_flaws, session) if is_first else None
+                    self.handle.load(session.scene, snapshot, may_reset=may_reset)
+                    self.render_ahead()
                 loading_s = self.clock.now_s() - loading_began_s
                 live = self.handle.describe()  # its cameras belong to the scene
                 problems += self._iter_call_problems(session, live)
                 problems += self.preflight.find_scene_problems(session, live)
-                found, held_back, trials = self._look(session, live, is_repeated=bool(snapshot), thorough=thorough)
+                self._flaws = self._flaws if flaws is None else flaws.result()
+                self._episode = session.scene.episode
+                found, held_back, trials = self._look(
+                    session, live, is_first=is_first, is_tried=thorough or not snapshot, thorough=thorough
+                )
                 problems += found
         except DefinitionError as error:
             problems += locate(session, error.problems)
@@ -105,33 +116,34 @@ class Examiner:
         return Finding(plan=plan, tools=tools, trials=trials, ms=ms)
 
     def _look(
-        self, session: Session, live: Description, *, is_repeated: bool, thorough: bool
+        self, session: Session, live: Description, *, is_first: bool, is_tried: bool, thorough: bool
     ) -> tuple[list[Problem], tuple[Problem, ...], tuple[Trial, ...]]:
         """Problems of the world as it stands, those that do not matter if nothing is to be done, and the dry run."""
-        is_first = session.scene.episode != self._episode and not is_repeated
-        self._episode = session.scene.episode
         self.world.enter(session.scene)
         now = self.world.observe(WORLD)
         found = self.preflight.find_world_problems(session, live, now, is_fresh=is_first)
         problems = [self._tell_unseen(session, now, problem) for problem in found]
-        if is_first and self.preflight.profile.model:  # what is sunk is thrown about: a flaw for every session
-            flaws = find_start_problems(
-                path=self.library.get_scene(name_plain(session.scene.name)), seed=session.scene.seed, robot=self._robot
-            )
-            self._flaws = tuple(each for each in flaws if each.kind == OVERLAP)
         problems += locate(session, self._flaws)
         met = weigh_before(session, now)
         if met is Truth.TRUE and all(each.code == _UNMET for each in problems):
             seen = make_problem(ALREADY_MET, f"{session.id}: accept", "true in preflight, not any more", "true")
             return [], (seen,), ()
         refused, trials = self._find_payload_problems(session), tuple[Trial, ...]()
-        if thorough or not is_repeated:
+        if is_tried:
             trials = self._try_out(session, now, live, thorough=thorough)
             impossible = (make_trial_problem(each, session) for each in trials if each.outcome == "impossible")
             refused += locate(session, impossible)
         if met is Truth.UNKNOWN:  # it may rest in its place already
             return problems, tuple(refused), trials
         return [*problems, *refused], (), trials
+
+    def _find_flaws(self, session: Session) -> tuple[Problem, ...]:
+        """What is sunk at the start is thrown about: a flaw for every session."""
+        if not self.preflight.profile.model:
+            return ()
+        path = self.library.get_scene(name_plain(session.scene.name))
+        found = find_start_problems(path=path, seed=session.scene.seed, robot=self._robot)
+        return tuple(each for each in found if each.kind == OVERLAP)
 
     @property
     def _robot(self) -> Robot:

@@ -68,6 +68,7 @@ class Watchdog:
         publish: Renders the views of the workspace; called at most five times a second.
         on_record: Called with every record of the journal, once it is applied to the ledger.
         shared_time: Informs worlds of several targets, and keeps others in turn; None where there are none of either.
+        expected: Targets whose workers are started at once, before a session waits for them.
         ageing_per_s: Priority that a waiting session gains [1/s].
         lease_s: As of `Supervision`; `rest_s` likewise.
     """
@@ -82,6 +83,7 @@ class Watchdog:
         publish: Callable[[], None],
         on_record: Callable[[Record], None] = lambda _: None,
         shared_time: SharedTime | None = None,
+        expected: Collection[str] = (),
         ageing_per_s: float = AGEING_PER_S,
         lease_s: float = LEASE_S,
         rest_s: float = REST_S,
@@ -93,7 +95,7 @@ class Watchdog:
         self.ledger = ledger
         self._operator: OperatorSignals  # listens while this runs
         self._hire, self._clock, self._publish = hire, clock, publish
-        self._shared_time = shared_time
+        self._shared_time, self._expected = shared_time, expected
         self._supervision = Supervision(
             journal=self._journal,
             queues=self._queues,
@@ -120,6 +122,8 @@ class Watchdog:
                     self._queues.put(status)
                 self._journal.follow()
                 self._adopt()
+                for target in self._expected:
+                    self._find_supervisor(target)
                 while not self._is_stopping:
                     self._take_signals()
                     self._journal.follow()

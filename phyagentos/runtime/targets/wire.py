@@ -32,6 +32,7 @@ SHARED_TIMEOUT_S = 600.0  # time may stand so long for other targets of a shared
 WIRE_VERSION = handshake.WIRE_VERSION
 NPZ = "application/x-npz"
 RENDER = "render"  # tool: a picture for people; arguments `camera`, `width`, `height`; artefact `PICTURE`
+RENDER_AHEAD = "render_ahead"  # tool: begins a picture that `render` is about to be asked for; the same arguments
 PICTURE = "picture.png"
 SCENE_MODEL = "scene_model"  # tool: the compiled scene, artefacts by file name
 MOTION = "motion"  # tool: how the world has moved since the session began, artefact `motion.npz`

@@ -341,6 +341,12 @@ class SessionRunner:
             recorder.write_file(name, data)
             self._model_of = (episode, recorder.folder)
 
+    def render_ahead(self) -> None:
+        """Let the target begin the picture that the next session begins with."""
+        cameras = self._handle.describe().cameras
+        if self.bundles.pictures and cameras:
+            self._handle.render_ahead(cameras[0])
+
     def _take_picture(self, recorder: Recorder, name: str) -> None:
         cameras = self._handle.describe().cameras
         if self.bundles.pictures and cameras and self._handle.permits("render"):

@@ -5,7 +5,9 @@ reason, or no frame with a code; never an error.
 """
 
 import io
-import threading
+import weakref
+from concurrent.futures import Future, ThreadPoolExecutor
+from copy import copy
 
 import mujoco
 import numpy as np
@@ -18,51 +20,62 @@ from phyagentos.runtime.targets.wire import Artefact, ToolResult
 
 _MAX_WIDTH, _MAX_HEIGHT = 1920, 1440
 _SHADOW_MAP = 2048  # pixels of its side
-_DRAWING = threading.Lock()  # robots of one world are served by a thread each
-_OPEN = threading.local()  # graphics belong to the thread that opened them
+_DRAWING = ThreadPoolExecutor(1, "drawing")  # graphics belong to the thread that opened them: all are this one's
 _FAR = 0.99  # of the far plane: beyond it nothing was drawn
 
 
 def render_png(model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: int, height: int) -> ToolResult:
     """One picture of a model's camera, as the artefact `picture.png`; without graphics none, with the reason."""
-    names = [model.camera(index).name for index in range(model.ncam)]
-    if camera not in names:
-        return ToolResult({}, f"no camera {camera!r}; there are {', '.join(names) or 'none'}")
-    try:
-        with _DRAWING:
-            renderer = _reuse_renderer(model, min(width, _MAX_WIDTH), min(height, _MAX_HEIGHT))
+    return render_ahead(model, data, camera, width, height).result()
+
+
+def render_ahead(
+    model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: int, height: int
+) -> "Future[ToolResult]":
+    """Begin a picture as `render_png` does, which then has it at once; `data` must stay as it is."""
+    return _DRAWING.submit(_PICTURES.draw, model, data, camera, min(width, _MAX_WIDTH), min(height, _MAX_HEIGHT))
+
+
+class _Pictures:
+    """Pictures for people, drawn in the one thread of graphics; the latest is kept, and the graphics stay open."""
+
+    def __init__(self) -> None:
+        self._renderer: mujoco.Renderer | None = None
+        self._model: mujoco.MjModel | None = None
+        self._drawn: tuple[object, bytes] = None, b""
+
+    def draw(self, model: mujoco.MjModel, data: mujoco.MjData, camera: str, width: int, height: int) -> ToolResult:
+        names = [model.camera(index).name for index in range(model.ncam)]
+        if camera not in names:
+            return ToolResult({}, f"no camera {camera!r}; there are {', '.join(names) or 'none'}")
+        try:
+            renderer = self._reuse_renderer(model, width, height)
             shown = (camera, data.qpos.tobytes(), data.mocap_pos.tobytes(), data.mocap_quat.tobytes())
-            if _OPEN.drawn[0] != shown:  # a session begins with the world that the one before has left
+            if self._drawn[0] != shown:  # a session begins with the world that the one before has left
                 mujoco.mj_camlight(model, data)
                 renderer.update_scene(data, camera, _make_options())
-                _OPEN.drawn = shown, _encode(renderer.render())
-            return ToolResult({"picture.png": Artefact("image/png", _OPEN.drawn[1])})
-    except Exception as error:  # graphics drivers raise what they like
-        _OPEN.renderer = None  # what failed once is not used again
-        return ToolResult({}, f"{type(error).__name__}: {error}")
+                self._drawn = shown, _encode(renderer.render())
+            return ToolResult({"picture.png": Artefact("image/png", self._drawn[1])})
+        except Exception as error:  # graphics drivers raise what they like
+            self._renderer = None  # what failed once is not used again
+            return ToolResult({}, f"{type(error).__name__}: {error}")
+
+    def _reuse_renderer(self, model: mujoco.MjModel, width: int, height: int) -> mujoco.Renderer:
+        """The graphics, opened again for another world or size: to open them costs more than to draw."""
+        kept = self._renderer
+        if kept and self._model is model and (kept.width, kept.height) == (width, height):
+            return kept
+        if kept:
+            kept.close()
+        self._renderer, self._model, self._drawn = None, model, (None, b"")
+        own = copy(model)  # that of the world is exported meanwhile
+        _make_room(own, width, height)
+        own.vis.quality.shadowsize = min(model.vis.quality.shadowsize, _SHADOW_MAP)  # a processor draws more at once
+        self._renderer = mujoco.Renderer(own, height, width)
+        return self._renderer
 
 
-def _reuse_renderer(model: mujoco.MjModel, width: int, height: int) -> mujoco.Renderer:
-    """The graphics of this thread, opened again for another world or size: to open them costs more than to draw."""
-    kept: mujoco.Renderer | None = getattr(_OPEN, "renderer", None)
-    if kept and kept.model is model and (kept.width, kept.height) == (width, height):
-        return kept
-    if kept:
-        kept.close()
-    _OPEN.renderer, _OPEN.drawn = None, (None, b"")
-    _OPEN.renderer = _open_renderer(model, width, height)
-    return _OPEN.renderer
-
-
-def _open_renderer(model: mujoco.MjModel, width: int, height: int) -> mujoco.Renderer:
-    """Graphics for pictures for people: coarser shadows than the model's, of which a processor draws more at once."""
-    _make_room(model, width, height)
-    finest = model.vis.quality.shadowsize
-    model.vis.quality.shadowsize = min(finest, _SHADOW_MAP)
-    try:
-        return mujoco.Renderer(model, height, width)
-    finally:
-        model.vis.quality.shadowsize = finest
+_PICTURES = _Pictures()
 
 
 class GraphicsCaster:
@@ -71,6 +84,7 @@ class GraphicsCaster:
     def __init__(self, model: mujoco.MjModel) -> None:
         self._model = model
         self._renderers: dict[tuple[int, int], mujoco.Renderer] = {}
+        weakref.finalize(self, _DRAWING.submit, _close, self._renderers).atexit = False
 
     def cast(self, data: mujoco.MjData, shot: Shot) -> Picture:
         """One picture of a state with computed poses.
@@ -79,8 +93,7 @@ class GraphicsCaster:
             ExecutionError: `NO_GRAPHICS` when this machine cannot draw.
         """
         try:
-            with _DRAWING:
-                rgb, depth = self._draw(data, shot.lens, shot.viewpoint)
+            rgb, depth = _DRAWING.submit(self._draw, data, shot.lens, shot.viewpoint).result()
         except Exception as error:  # graphics drivers raise what they like
             raise ExecutionError("NO_GRAPHICS", f"{type(error).__name__}: {error}") from error
         far = min(shot.far_m, _FAR * float(self._model.vis.map.zfar * self._model.stat.extent))
@@ -100,7 +113,7 @@ class GraphicsCaster:
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         size = (lens.width, lens.height)
         if size not in self._renderers:
-            self.close()
+            _close(self._renderers)
             _make_room(self._model, *size)
             self._renderers[size] = mujoco.Renderer(self._model, lens.height, lens.width)
         renderer = self._renderers[size]
@@ -112,11 +125,12 @@ class GraphicsCaster:
         renderer.enable_depth_rendering()
         return rgb, np.array(renderer.render())
 
-    def close(self) -> None:
-        """Release the graphics."""
-        for renderer in self._renderers.values():
-            renderer.close()
-        self._renderers.clear()
+
+def _close(renderers: dict[tuple[int, int], mujoco.Renderer]) -> None:
+    """Release graphics, in the thread that opened them."""
+    for renderer in renderers.values():
+        renderer.close()
+    renderers.clear()
 
 
 def _place(camera: mujoco.MjvGLCamera, lens: Lens, viewpoint: Viewpoint) -> None:

@@ -33,7 +33,7 @@ from phyagentos.runtime.drivers.mujoco.joint_controller import JointController, 
 from phyagentos.runtime.drivers.mujoco.kinematics import read_kinematics
 from phyagentos.runtime.drivers.mujoco.local_limits import END_MARGIN_RAD
 from phyagentos.runtime.drivers.mujoco.physics import Physics, advance
-from phyagentos.runtime.drivers.mujoco.rendering import render_png
+from phyagentos.runtime.drivers.mujoco.rendering import render_ahead, render_png
 from phyagentos.runtime.drivers.mujoco.simulation import BROKEN_OFF, ReadAgreement, Simulation
 from phyagentos.runtime.models.robot import compile_robot, count_steps
 from phyagentos.runtime.models.world import CompiledScene, compile_scene, name_prefix
@@ -42,7 +42,7 @@ from phyagentos.runtime.targets.driver import TargetDriver
 
 PICTURE_MAX = 4096  # pixels of one side
 MOTION_PERIOD_S = 0.04
-TOOLS = (wire.Tool(wire.RENDER), wire.Tool(wire.SCENE_MODEL), wire.Tool(wire.MOTION))
+TOOLS = tuple(map(wire.Tool, (wire.RENDER, wire.RENDER_AHEAD, wire.SCENE_MODEL, wire.MOTION)))
 
 
 class RenderArguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -380,6 +380,9 @@ class MujocoDriver(TargetDriver):
                 return wire.ToolResult({}, f"in real time, a picture would make {other} late, which runs a session")
             physics.queries.look()
             seen = copy(physics.queries.seen)
+        if name == wire.RENDER_AHEAD:
+            render_ahead(physics.model, seen, wanted.camera, wanted.width, wanted.height)
+            return wire.ToolResult({})
         return render_png(physics.model, seen, wanted.camera, wanted.width, wanted.height)
 
     def _get_present(self) -> Embodiment:
