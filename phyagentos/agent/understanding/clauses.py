@@ -45,15 +45,25 @@ class Clauses(FollowUps):
             if has_token(plan, "otherwise"):
                 is_unmet = {each.kind for each in self.lacks[count:]} == {RequestProblemKind.UNMET}
                 del self.lacks[count if is_unmet else len(self.lacks) :]
-                if is_unmet:  # `it` is what the other part is about
-                    self.resolve(next(parts[0].find_data("things")), Slot.ANY)
-                    del self.questions[asked:]
+                if is_unmet:  # `it`, and `else the cube`, are of what the other part is about
+                    kept = [*self.constraints]
+                    self._read_group(parts[0])
+                    del self.lacks[count:], self.questions[asked:]
+                    self.constraints, self.moved, self.spared, self.unmet = kept, [], [], ""
                     self.recent.append([])
+                self._hear(parts[0 if is_unmet else 1])
                 parts = parts[1:] if is_unmet else parts[:1]
         read = [self._read_group(part) if part.data == "group" else self._read_steps(part) for part in parts]
         steps = [step for group in (reversed(read) if plan.data == "reversed" else read) for step in group if step]
         wanted = [text for step in steps for text in step]
         return [[each for text in step for each in self._spare(text, wanted)] for step in steps]
+
+    def _hear(self, part: Node) -> None:
+        """What a part names that is not to be done counts as heard, and nothing of it as open."""
+        before = [*self.lacks], [*self.questions], {**self.heads}
+        for plain in part.find_data("plain"):
+            self._find_candidates(plain, Slot.ANY, "")
+        self.lacks, self.questions, self.heads = before
 
     def _check_case(self, case: Node) -> None:
         """A condition is of the world as it is now: where it holds it is no part of the goal."""
@@ -81,7 +91,8 @@ class Clauses(FollowUps):
                 self.lack(RequestProblemKind.UNMET, case)
             elif is_undecided or not known(text, is_true=not is_untrue):
                 self.lack(RequestProblemKind.CONDITION, f"if {self.quote(case)}")
-        self.reasons.append(f"{self.quote(case)}: so it is as the scene begins")
+        is_unmet = any(each.kind is RequestProblemKind.UNMET for each in self.lacks)
+        self.reasons.append(f"{self.quote(case)}: so it is {'not ' * is_unmet}as the scene begins")
 
     def _spare(self, text: str, wanted: Step) -> Step:
         """A predicate; of `nothing on the table` one each, where something is to be left or put there."""

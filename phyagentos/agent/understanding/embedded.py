@@ -10,8 +10,8 @@ from phyagentos.agent.understanding.clauses import Clauses
 from phyagentos.agent.understanding.grounding import iter_named
 from phyagentos.agent.understanding.inquiries import read_inquiry
 from phyagentos.agent.understanding.phrases import Node, get_type, has_token, list_children, list_tokens
-from phyagentos.agent.understanding.reading import Readings, find_letters, read_request
-from phyagentos.agent.understanding.steps import finish, list_flipped
+from phyagentos.agent.understanding.reading import Readings, find_letters, list_verbs, read_request
+from phyagentos.agent.understanding.steps import finish, get_object, list_flipped, says_place
 from phyagentos.agent.understanding.understanding import (
     Ambiguous,
     Impossible,
@@ -30,6 +30,10 @@ from phyagentos.protocol.predicates.predicate import find_entities
 Texts = tuple[str, ...]
 _SPELLINGS_MAX = 24  # of a request with several slips
 _TAKEN_BACK = {"correction", "instead", "rather_than", "untrue"}  # what stands beside it is not meant
+_SAYS_MORE = re.compile(
+    r"\b(?:an?|any|apart|aside|away|but|by|each|every|except|first|if|in|inside|into|last|left|next|no|not|on|one|onto|"
+    r"only|right|some|then|three|to|two|unless|until|with|without)\b"
+)
 READING = "reading"  # key of the question which of several readings is meant
 
 
@@ -38,6 +42,36 @@ class EmbeddedUnderstander:
 
     def understand(self, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]) -> Understanding:
         """The goal of a request, or why there is none; `answers` maps keys of questions to the chosen candidates."""
+        found = self._understand(request, vocabulary, answers)
+        head, mark, body = request.partition(":")
+        if not isinstance(found, Impossible) or not (mark and head.strip() and body.strip()):
+            return found
+        return self._join(head, body, vocabulary, answers) or found
+
+    def _join(self, head: str, body: str, vocabulary: Vocabulary, answers: Mapping[str, str]) -> Understanding | None:
+        """What is listed in `pile the cubes: yellow on green, red on yellow`, and what its heading wishes for besides.
+
+        None where the heading is neither a goal nor a mere verb with its objects, each of which is listed.
+        """
+        listed, headed = (self.understand(each, vocabulary, answers) for each in (body, head))
+        if isinstance(headed, Inquiry) or not (isinstance(headed, Understood) or _is_mere(head)):
+            return None
+        if not isinstance(listed, Understood):
+            return listed if isinstance(listed, Ambiguous) else None
+        goal = listed.goal
+        about = {name for step in (*goal.steps, goal.accept) for text in step for name in find_entities(text)}
+        if not isinstance(headed, Understood) and any(
+            names.isdisjoint(about) for _, names in iter_named(head, vocabulary)
+        ):
+            return None
+        if isinstance(headed, Understood) and (headed.goal.steps or headed.goal.constraints):
+            return None
+        placed, wished = set(map(get_object, goal.accept)), headed.goal.accept if isinstance(headed, Understood) else ()
+        accept = (*goal.accept, *(each for each in wished if not (says_place(each) and get_object(each) in placed)))
+        reasons = (*listed.reasons, f"{head.strip()}: as is listed")
+        return replace(listed, goal=goal.model_copy(update={"accept": accept}), reasons=reasons)
+
+    def _understand(self, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]) -> Understanding:
         read = read_request(request, vocabulary)
         if isinstance(read, Impossible):
             return self._respell(read, request, vocabulary, answers)
@@ -71,13 +105,8 @@ class EmbeddedUnderstander:
             spelt[_replace_words(request, dict(zip(words, near, strict=True)))] = near
         read = {text: self.understand(text, vocabulary, answers) for text in spelt if text != request}
         found = {text: each for text, each in read.items() if not isinstance(each, Impossible)}
-        shorter = re.sub(rf"(?i)\b(the|an?|my|this|that) {re.escape(words[0])} (?=\w)", r"\1 ", request)
-        if not found and len(words) == 1 and shorter != request:  # `the coke can`: which can is that?
-            without = self.understand(shorter, vocabulary, answers)
-            is_open = isinstance(without, Ambiguous) and {each.kind for each in without.questions} == {
-                QuestionKind.WHICH
-            }
-            return without if is_open else refused
+        if not found and len(words) == 1:
+            return self._read_without(words[0], request, vocabulary, answers) or refused
         if not found:
             return refused
         key, meant = ", ".join(words), dict[object, tuple[str, Understanding]]()
@@ -97,6 +126,19 @@ class EmbeddedUnderstander:
             kind=QuestionKind.SPELLING, key=key, words=key, candidates=tuple(named), likely=next(iter(named))
         )
         return Ambiguous(questions=(question,))
+
+    def _read_without(
+        self, word: str, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]
+    ) -> Ambiguous | Understood | None:
+        """`the coke can`, `the metal tin`: a question which can that is, or whether this is meant."""
+        shorter = re.sub(rf"(?i)\b((?:the|an?|my|this|that)(?: \w+)?) {re.escape(word)} (?=\w)", r"\1 ", request)
+        found = self.understand(shorter, vocabulary, answers) if shorter != request else None
+        if isinstance(found, Understood):
+            meant = _summarise(found.goal)
+            question = Question(kind=QuestionKind.READING, key=word, words=word, candidates=(meant,))
+            return found if answers.get(word) == meant else Ambiguous(questions=(question,))
+        is_open = isinstance(found, Ambiguous) and {each.kind for each in found.questions} == {QuestionKind.WHICH}
+        return found if isinstance(found, Ambiguous) and is_open else None
 
 
 def _interpret(
@@ -149,6 +191,12 @@ def _interpret(
     reasons, chosen = (tuple(dict.fromkeys(each)) for each in (said.reasons, said.chosen))
     told = {"reasons": reasons, "left_out": said.left_out, "unsaid": (*read.unsaid, *said.unsaid), "chosen": chosen}
     return conclude(request, vocabulary, parts, **told)
+
+
+def _is_mere(head: str) -> bool:
+    """Whether a heading is a verb with its objects: it says neither where to, nor how many or which of them."""
+    said = re.sub(r"\b(please|in there|out there|up here)\b", " ", head.lower()).strip()
+    return said.split(" ")[0] in list_verbs() and not _SAYS_MORE.search(said)
 
 
 def _list_unheard(tree: Node, vocabulary: Vocabulary, heard: set[str]) -> list[str]:

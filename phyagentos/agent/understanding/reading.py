@@ -94,7 +94,7 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     if len(text) > MOST_LETTERS:
         return refuse(RequestProblemKind.SENTENCE, text[MOST_LETTERS:])
     try:
-        text, forest = _parse(parser, text, reword(text, nouns | {*map(pluralise, nouns)}, adjectives, _list_verbs()))
+        text, forest = _parse(parser, text, reword(text, nouns | {*map(pluralise, nouns)}, adjectives, list_verbs()))
     except UnexpectedInput as error:
         if condition:
             return refuse(RequestProblemKind.CONDITION, condition[0].strip(" ,;"))
@@ -224,7 +224,7 @@ def _find_stem(verb: str) -> str:
 
 
 @lru_cache(maxsize=1)
-def _list_verbs() -> frozenset[str]:
+def list_verbs() -> frozenset[str]:
     """Every verb of requests."""
     phrases = (phrase for each in read_lexicon().values() if isinstance(each, list) for phrase in each)
     return frozenset(phrase.partition("*")[0] for phrase in phrases if "*" in phrase)
@@ -233,14 +233,14 @@ def _list_verbs() -> frozenset[str]:
 @lru_cache(maxsize=1)
 def _list_participles() -> dict[str, str]:
     """Perfect participle -> its verb, as far as it is regular."""
-    return {f"{_find_stem(verb)}ed": verb for verb in _list_verbs()}
+    return {f"{_find_stem(verb)}ed": verb for verb in list_verbs()}
 
 
 @lru_cache(maxsize=1)
 def _read_spellings() -> tuple[tuple[re.Pattern[str], str], ...]:
     """Patterns of what is written, and what is read for each."""
     known = yaml.safe_load((_FOLDER / "spellings.yaml").read_text(encoding="utf-8"))
-    parts = {f"<{name}>": known[name] for name in ("corrected", "placed")} | {"<verb>": "|".join(sorted(_list_verbs()))}
+    parts = {f"<{name}>": known[name] for name in ("corrected", "placed")} | {"<verb>": "|".join(sorted(list_verbs()))}
     written = [
         (reduce(lambda text, part: text.replace(*part), parts.items(), pattern), spelt)
         for pattern, spelt in known["spellings"]

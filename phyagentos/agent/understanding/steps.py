@@ -45,6 +45,11 @@ def says(text: str, *meanings: Meaning, is_true: bool = True) -> bool:
     return isinstance(formula, Not) is not is_true and read_statement(body).meaning in meanings
 
 
+def says_place(text: str) -> bool:
+    """Whether a text says where an object is, or is not."""
+    return any(says(text, *_BROUGHT, is_true=is_true) for is_true in (True, False))
+
+
 def get_object(text: str) -> str:
     """What a predicate is about, the first object that it names."""
     return next(iter(find_entities(text)), "")

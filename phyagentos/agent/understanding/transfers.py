@@ -155,6 +155,10 @@ class Transfers(Destinations):
     def _read_row(self, clause: Node, nouns: Node, *order: Node) -> Step:
         """The first stays, the others stand in a row beside it, on the freest side."""
         bodies = [self.get(name) for name in self.resolve(nouns, Slot.MOVED).names]
+        if order and order[0].data == "ground":
+            (ground,), order = list_children(order[0]), order[1:]
+            if any(self.get(name).kind not in SURFACES for name in self.resolve_aside(ground, Slot.PLACE).names):
+                return self.lack(RequestProblemKind.CAPABILITY, clause)
         if order:
             return self._read_row_across(clause, [each.name for each in bodies], order)
         others = [each for each in self.list_fitting(Slot.ANY) if each not in bodies and each.kind not in SURFACES]
@@ -269,6 +273,8 @@ class Transfers(Destinations):
         names = self._put(Named(names=named if all(self.get(name).movable for name in named) else tuple(standing)))
         if any(has_token(clause, each) for each in ("give", "hand_over")):  # `pick up` is in the examples
             return self.lack(RequestProblemKind.CAPABILITY, clause)
+        if named and not names and not self.questions and not any(self.get(each).has_interior for each in named):
+            return self.lack(RequestProblemKind.FIXED, clause)
         places = [each.name for each in self.list_rests()]
         is_clear = (
             len(places) == 1
@@ -302,12 +308,18 @@ class Transfers(Destinations):
         amount = float(NUMBERS.index(said[0]) if said[0] in NUMBERS else said[0]) if said else 0.0
         by_m = amount * read_lexicon()["units_m"].get(said[-1], 0.0) if said else 0.0
         turning = " ".join(str(token) for token in clause.children if get_type(token) == "rotation") or side
+        if not turning and said and said[-1] in read_lexicon()["units_rad"] and has_token(clause, "turn"):
+            turning = next(iter(self.ask(QuestionKind.READING, clause, ("clockwise", "anticlockwise"))), "")
+            if not turning:
+                return []
         if turning in _TURNS and (side not in _TURNS or str(clause.children[0]).startswith(("rotat", "spin", "twist"))):
             by_rad = amount * read_lexicon()["units_rad"].get(said[-1], 0.0) if said else 0.0
             return self._turn(clause, names, by_rad, _TURNS[turning])
         fallen = [name for name in names if self.vocabulary.is_known(f"upright({name})", is_true=False)]
         if not said and has_token(clause, "rotation") and names and len(fallen) == len(names):  # `flip the stool over`
             return self._say_upright(names)
+        if names and not any(self.get(name).movable for name in names):
+            return self.lack(RequestProblemKind.FIXED, clause)
         if side in {*SIDES, "toward", "away"} and not said and names:
             by_m = next((STEPS_M[each] for each in self.ask(QuestionKind.HOW_FAR, clause, STEPS_M)), 0.0)
             if not by_m:
