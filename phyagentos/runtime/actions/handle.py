@@ -332,16 +332,17 @@ class TargetSessionHandle:
         result = self._invoke(wire.RENDER, camera=camera, width=width, height=height)
         return result.artefacts["picture.png"].data if result.artefacts else b""
 
-    def render_ahead(self, camera: str, width: int = 640, height: int = 480) -> None:
-        """Let the target begin a picture of the present, where it can: `render` has it at once then."""
-        if self.describe().offers_tool(wire.RENDER_AHEAD):
-            self._invoke(wire.RENDER_AHEAD, camera=camera, width=width, height=height)
+    def render_ahead(self, camera: str, name: str = "") -> bool:
+        """Let the target begin a picture of the present beside all else, by name for `PICTURES`; whether it can."""
+        if can := self.describe().offers_tool(wire.RENDER_AHEAD):
+            self._invoke(wire.RENDER_AHEAD, camera=camera, name=name)
+        return can
 
-    def fetch_files(self, tool: str) -> dict[str, bytes]:
+    def fetch_files(self, tool: str, **arguments: bool) -> dict[str, bytes]:
         """What a tool keeps for the evidence, by file name; empty where the target has no such tool."""
         if not self.describe().offers_tool(tool):
             return {}
-        return {name: file.data for name, file in self._invoke(tool).artefacts.items()}
+        return {name: file.data for name, file in self._invoke(tool, **arguments).artefacts.items()}
 
     def _invoke(self, tool: str, **arguments: str | int) -> wire.ToolResult:
         return self._ask(wire.InvokeTool(name=tool, arguments=arguments, session=self._session, epoch=self._epoch))

@@ -70,6 +70,7 @@ class SessionRunner:
         self._record = record
         self._model_of: tuple[str, Path] | None = None  # episode and the folder that holds its model
         self._open_criteria: tuple[str, ...] = ()
+        self._is_drawn = False  # a picture of the session, beside its motion
 
     def run(
         self,
@@ -186,6 +187,8 @@ class SessionRunner:
             posture = {"q_rad": now.q_rad, "gripper_width_m": now.gripper_width_m}
             beat(phase=phase, tick=ticks, sim_time_s=time_s, leaf=result.active, **posture)
             recorder.follow_trace(loop.skill.trace)
+            if result.thinking and self._is_drawn:
+                self._fetch_pictures(recorder, wait=False)
 
         handle, rest = self._handle, partial(beat, phase="loading")
         observation = handle.begin(session.id, epoch)
@@ -200,7 +203,7 @@ class SessionRunner:
         self._provide_model(session, recorder, rest)
         self._write_world(recorder, LookRole.START, observation, initial)
         rest()
-        self._take_picture(recorder, files.PICTURE_BEFORE)
+        self._begin_picture(recorder)
         rest()
         context = self._skills.open_context(session, self._target, initial, recorder.folder)
         skill = self._skills.open(session, plan, context)
@@ -305,6 +308,7 @@ class SessionRunner:
             holds.sample(after, self._world.latest_look, is_last=True)
         self._open_criteria = find_open_criteria(session, after)
         self._take_picture(recorder, files.PICTURE_AFTER)
+        self._fetch_pictures(recorder, wait=True)
         for name, data in self._handle.fetch_files(wire.MOTION).items():
             recorder.write_file(name, data)
         return self._handle.end().faults
@@ -346,6 +350,21 @@ class SessionRunner:
         cameras = self._handle.describe().cameras
         if self.bundles.pictures and cameras:
             self._handle.render_ahead(cameras[0])
+
+    def _begin_picture(self, recorder: Recorder) -> None:
+        """Of the world as a session begins: at once only where the target cannot draw it beside the motion."""
+        cameras = self._handle.describe().cameras
+        if self.bundles.pictures and cameras and self._handle.permits("render"):
+            self._is_drawn = self._handle.render_ahead(cameras[0], files.PICTURE_BEFORE)
+            if not self._is_drawn:
+                self._take_picture(recorder, files.PICTURE_BEFORE)
+
+    def _fetch_pictures(self, recorder: Recorder, *, wait: bool) -> None:
+        """Those that were begun and are drawn by now, or all of them."""
+        found = self._handle.fetch_files(wire.PICTURES, wait=wait) if self._is_drawn else {}
+        self._is_drawn = self._is_drawn and not (found or wait)
+        for name, data in found.items():
+            recorder.write_file(name, data)
 
     def _take_picture(self, recorder: Recorder, name: str) -> None:
         cameras = self._handle.describe().cameras

@@ -5,6 +5,8 @@ reason, or no frame with a code; never an error.
 """
 
 import io
+import os
+import threading
 import weakref
 from concurrent.futures import Future, ThreadPoolExecutor
 from copy import copy
@@ -20,7 +22,15 @@ from phyagentos.runtime.targets.wire import Artefact, ToolResult
 
 _MAX_WIDTH, _MAX_HEIGHT = 1920, 1440
 _SHADOW_MAP = 2048  # pixels of its side
-_DRAWING = ThreadPoolExecutor(1, "drawing")  # graphics belong to the thread that opened them: all are this one's
+_GIVES_WAY = 10  # nice value of what draws, and of the threads that its graphics start
+
+
+def _give_way() -> None:
+    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), max(_GIVES_WAY, os.getpriority(os.PRIO_PROCESS, 0)))
+
+
+# graphics belong to the thread that opened them: all are this one's
+_DRAWING = ThreadPoolExecutor(1, "drawing", initializer=_give_way)
 _FAR = 0.99  # of the far plane: beyond it nothing was drawn
 
 

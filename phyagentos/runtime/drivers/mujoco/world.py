@@ -4,6 +4,7 @@ Time moves only by commands, halts and holding; state is written only when a sce
 """
 
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future
 from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,15 +43,16 @@ from phyagentos.runtime.targets.driver import TargetDriver
 
 PICTURE_MAX = 4096  # pixels of one side
 MOTION_PERIOD_S = 0.04
-TOOLS = tuple(map(wire.Tool, (wire.RENDER, wire.RENDER_AHEAD, wire.SCENE_MODEL, wire.MOTION)))
+TOOLS = tuple(map(wire.Tool, (wire.RENDER, wire.RENDER_AHEAD, wire.PICTURES, wire.SCENE_MODEL, wire.MOTION)))
 
 
 class RenderArguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Arguments of the tool `render`."""
+    """Arguments of the tools `render` and `render_ahead`."""
 
     camera: str
     width: int = 640
     height: int = 480
+    name: str = ""
 
 
 class SimulatedWorld:
@@ -166,6 +168,7 @@ class MujocoDriver(TargetDriver):
         self.session = ""
         self._present: Embodiment | None = None
         self._moved: list[tuple[float, NDArray[np.float64]]] = []  # simulated time and (nq,) of the whole world
+        self._begun: dict[str, Future[wire.ToolResult]] = {}  # pictures of this session
         world.join(profile.target, self)
 
     @property
@@ -257,7 +260,7 @@ class MujocoDriver(TargetDriver):
             self.world.simulation.carry_out(self.profile.target, present.controller.halt())
         self.world.simulation.ending.discard(self.profile.target)
         present.controller.begin()
-        self._moved = []
+        self._moved, self._begun = [], {}
         present.controller.activations = list(present.faults.on_session(session))
 
     @override
@@ -367,6 +370,10 @@ class MujocoDriver(TargetDriver):
             qpos = np.array([each for _, each in self._moved], np.float32).reshape(-1, physics.model.nq)
             arrays = {"time_s": np.array([time_s for time_s, _ in self._moved]), "qpos": qpos}
             return wire.ToolResult({MOTION: wire.Artefact(wire.NPZ, encode_arrays(arrays))})
+        if name == wire.PICTURES:
+            done = [each for each, drawn in self._begun.items() if arguments.get("wait") or drawn.done()]
+            drawn = ((each, self._begun.pop(each).result().artefacts) for each in done)
+            return wire.ToolResult({each: files[wire.PICTURE] for each, files in drawn if files})
         wanted = msgspec.convert(dict(arguments), RenderArguments)
         if not (1 <= wanted.width <= PICTURE_MAX and 1 <= wanted.height <= PICTURE_MAX):
             raise ExecutionError(
@@ -381,7 +388,8 @@ class MujocoDriver(TargetDriver):
             physics.queries.look()
             seen = copy(physics.queries.seen)
         if name == wire.RENDER_AHEAD:
-            render_ahead(physics.model, seen, wanted.camera, wanted.width, wanted.height)
+            begun = render_ahead(physics.model, seen, wanted.camera, wanted.width, wanted.height)
+            self._begun |= {wanted.name: begun} if wanted.name else {}
             return wire.ToolResult({})
         return render_png(physics.model, seen, wanted.camera, wanted.width, wanted.height)
 
