@@ -150,8 +150,7 @@ def _supervise(
     journal = Journal(workspace.root, side=Side.RUNTIME, by="watchdog", clock=clock)
     views = Views(workspace, journal.folder, clock, edits := EditIntake(workspace, clock))
     signals = RuntimeSignal(workspace, clock)
-    known = read_target_registry(workspace.target_registry)
-    shared = open_shared_time(known, workspace, sockets, clock)
+    shared = open_shared_time(known := read_target_registry(workspace.target_registry), workspace, sockets, clock)
     keeper = EvidenceKeeper(workspace, clock)
 
     def on_record(record: Record) -> None:

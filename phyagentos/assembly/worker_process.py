@@ -204,7 +204,6 @@ def build_examiner(site: WorkerSite, body: Embodiment, planner: Planner, runner:
         registry=site.registry,
         clock=site.clock,
         show_look=runner.bundles.show,
-        render_ahead=runner.render_ahead,
     )
 
 

@@ -230,7 +230,7 @@ def test_no_process_is_started_for_what_an_operation_does():
     started = {name: re.findall(r'"-m",\s*"(phyagentos[\w.]*)"', text) for name, text in texts.items()}
     assert {name: modules for name, modules in started.items() if modules} == {
         "phyagentos/assembly/planes.py": ["phyagentos"],
-        "phyagentos/assembly/processes.py": ["phyagentos.assembly.processes"],
+        "phyagentos/assembly/processes.py": ["phyagentos.assembly.worker_process", "phyagentos.assembly.processes"],
         "phyagentos/bench/episode.py": ["phyagentos.bench.episode"],
         "phyagentos/fork_server.py": ["phyagentos.fork_server"],
         "phyagentos/runtime/motion/process.py": [

@@ -167,6 +167,12 @@ def test_at_the_end_only_a_worker_that_may_command_is_not_waited_for(stand, is_r
     assert worker.ends == [at_once]
 
 
+def test_a_target_that_is_expected_is_started_before_a_session_waits_for_it(stand):
+    stand.watch(ScriptedWorker(), expected=("panda",))
+
+    wait_until(lambda: "panda" in stand.watchdog._supervisors, "the worker")
+
+
 def test_a_session_that_fails_preflight_is_rejected_with_every_problem_and_never_run(stand):
     problems = (Problem(code="A", address="x", found="1"), Problem(code="B", address="y", found="2"))
     refuse = lambda order: Checked(session=order.session.id, plan=None, tools=None, problems=problems)  # noqa: E731

@@ -332,8 +332,8 @@ class TargetSessionHandle:
         result = self._invoke(wire.RENDER, camera=camera, width=width, height=height)
         return result.artefacts["picture.png"].data if result.artefacts else b""
 
-    def render_ahead(self, camera: str, name: str = "") -> bool:
-        """Let the target begin a picture of the present beside all else, by name for `PICTURES`; whether it can."""
+    def render_ahead(self, camera: str, name: str) -> bool:
+        """Let the target begin a picture of the present, to be fetched by `PICTURES`; whether it can."""
         if can := self.describe().offers_tool(wire.RENDER_AHEAD):
             self._invoke(wire.RENDER_AHEAD, camera=camera, name=name)
         return can

@@ -54,7 +54,6 @@ class Examiner:
     """Examines sessions on one target.
 
     `show_look` keeps the pictures of a look in a folder of evidence, and ends a sentence with their names.
-    `render_ahead` begins the picture of a scene that was loaded.
     """
 
     preflight: Preflight
@@ -65,7 +64,6 @@ class Examiner:
     registry: LeafRegistry
     clock: Clock
     show_look: Callable[[Look | None, str], str] = lambda _look, _evidence: ""
-    render_ahead: Callable[[], None] = lambda: None
     _episode: str = field(default="", init=False)
     _flaws: tuple[Problem, ...] = field(default=(), init=False)
 
@@ -93,7 +91,6 @@ class Examiner:
                 with ThreadPoolExecutor(1, "flaws") as beside:  # the world loads in another process
                     flaws = beside.submit(self._find_flaws, session) if is_first else None
                     self.handle.load(session.scene, snapshot, may_reset=may_reset)
-                    self.render_ahead()
                 loading_s = self.clock.now_s() - loading_began_s
                 live = self.handle.describe()  # its cameras belong to the scene
                 problems += self._iter_call_problems(session, live)

@@ -345,12 +345,6 @@ class SessionRunner:
             recorder.write_file(name, data)
             self._model_of = (episode, recorder.folder)
 
-    def render_ahead(self) -> None:
-        """Let the target begin the picture that the next session begins with."""
-        cameras = self._handle.describe().cameras
-        if self.bundles.pictures and cameras:
-            self._handle.render_ahead(cameras[0])
-
     def _begin_picture(self, recorder: Recorder) -> None:
         """Of the world as a session begins: at once only where the target cannot draw it beside the motion."""
         cameras = self._handle.describe().cameras

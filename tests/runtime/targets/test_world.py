@@ -31,6 +31,21 @@ def test_an_unknown_scene_is_refused_with_the_nearest_name(make_rig):
     assert "Did you mean 'tabletop/cubes_and_trays'?" in reply.message
 
 
+def test_a_picture_that_is_begun_is_of_that_moment_and_fetched_once(rig):
+    rig.load()
+    rig.begin()
+    drawn = rig.world.handle(render("overview", 160, 120))
+    if not drawn.artefacts:
+        pytest.skip(f"no graphics here: {drawn.reason}")
+    ahead = wire.InvokeTool(wire.RENDER_AHEAD, {"camera": "overview", "width": 160, "height": 120, "name": "x.png"})
+    rig.world.handle(ahead)
+    rig.send(rig.make_command(HOME, 0.0))
+    fetched, again = (rig.world.handle(wire.InvokeTool(wire.PICTURES, {"wait": True})).artefacts for _ in range(2))
+
+    assert fetched == {"x.png": drawn.artefacts["picture.png"]}
+    assert again == {}
+
+
 def render(camera, width, height):
     return wire.InvokeTool(wire.RENDER, {"camera": camera, "width": width, "height": height})
 

@@ -43,7 +43,8 @@ from phyagentos.runtime.targets.driver import TargetDriver
 
 PICTURE_MAX = 4096  # pixels of one side
 MOTION_PERIOD_S = 0.04
-TOOLS = tuple(map(wire.Tool, (wire.RENDER, wire.RENDER_AHEAD, wire.PICTURES, wire.SCENE_MODEL, wire.MOTION)))
+TOOLS = tuple(map(wire.Tool, (wire.RENDER, wire.SCENE_MODEL, wire.MOTION)))
+BESIDE = tuple(map(wire.Tool, (wire.RENDER_AHEAD, wire.PICTURES)))  # in real time it would make commands late
 
 
 class RenderArguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -53,6 +54,12 @@ class RenderArguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     width: int = 640
     height: int = 480
     name: str = ""
+
+
+class PicturesArguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Arguments of the tool `pictures`."""
+
+    wait: bool = False
 
 
 class SimulatedWorld:
@@ -224,7 +231,7 @@ class MujocoDriver(TargetDriver):
             depth_cameras=present.rig.names if present else (),
             counts_frames=True,
             driver="mujoco",
-            tools=TOOLS,
+            tools=(*TOOLS, *(BESIDE if self.world.mode is WorldMode.LOCKSTEP else ())),
             ground_truth=True,
             shares_time=len(self.world.robots) > 1,
             idealisations=tuple(self._list_idealisations()),
@@ -371,7 +378,8 @@ class MujocoDriver(TargetDriver):
             arrays = {"time_s": np.array([time_s for time_s, _ in self._moved]), "qpos": qpos}
             return wire.ToolResult({MOTION: wire.Artefact(wire.NPZ, encode_arrays(arrays))})
         if name == wire.PICTURES:
-            done = [each for each, drawn in self._begun.items() if arguments.get("wait") or drawn.done()]
+            waits = msgspec.convert(dict(arguments), PicturesArguments).wait
+            done = [each for each, drawn in self._begun.items() if waits or drawn.done()]
             drawn = ((each, self._begun.pop(each).result().artefacts) for each in done)
             return wire.ToolResult({each: files[wire.PICTURE] for each, files in drawn if files})
         wanted = msgspec.convert(dict(arguments), RenderArguments)
@@ -389,7 +397,7 @@ class MujocoDriver(TargetDriver):
             seen = copy(physics.queries.seen)
         if name == wire.RENDER_AHEAD:
             begun = render_ahead(physics.model, seen, wanted.camera, wanted.width, wanted.height)
-            self._begun |= {wanted.name: begun} if wanted.name else {}
+            self._begun[wanted.name] = begun
             return wire.ToolResult({})
         return render_png(physics.model, seen, wanted.camera, wanted.width, wanted.height)
 
