@@ -360,7 +360,7 @@ class Clauses(FollowUps):
         bases = [part for part in parts if part.data != "level"]
         on = self.resolve_one(bases[0], Slot.PLACE).names if bases else ()
         named = [self.resolve_one(list_children(level)[0], Slot.MOVED).names for level in levels]
-        names = [each[0] for each in named if len(each) == 1]
+        names = [*named[0]] if len(named) == 1 else [each[0] for each in named if len(each) == 1]
         lowest, highest = (find_side(levels, f"side_{side}") for side in ("bottom", "top"))
         rises = has_token(clause, "from_bottom") or 0 in lowest or -1 in highest
         is_chain = has_token(clause, "onto") and not bases  # `red on green on blue`
@@ -372,7 +372,7 @@ class Clauses(FollowUps):
             names = names if answer else []
         names = names[::-1] if sinks else names
         self.placed = tuple(names[-1:])
-        steps = pairwise([*on, *names]) if len(named) == len(names) else ()
+        steps = pairwise([*on, *names]) if len(named) in {1, len(names)} else ()
         return [self._relate(upper, lower) for lower, upper in steps]
 
     def _read_pose(self, clause: Node) -> Step:

@@ -44,9 +44,10 @@ class EmbeddedUnderstander:
         """The goal of a request, or why there is none; `answers` maps keys of questions to the chosen candidates."""
         found = self._understand(request, vocabulary, answers)
         head, mark, body = request.partition(":")
-        if not isinstance(found, Impossible) or not (mark and head.strip() and body.strip()):
+        if isinstance(found, Understood | Inquiry) or not (mark and head.strip() and body.strip()):
             return found
-        return self._join(head, body, vocabulary, answers) or found
+        listed = self._join(head, body, vocabulary, answers)
+        return listed if isinstance(listed, Understood) or (listed and isinstance(found, Impossible)) else found
 
     def _join(self, head: str, body: str, vocabulary: Vocabulary, answers: Mapping[str, str]) -> Understanding | None:
         """What is listed in `pile the cubes: yellow on green, red on yellow`, and what its heading wishes for besides.
