@@ -36,7 +36,7 @@ class Clauses(FollowUps):
 
     def read_plan(self, plan: Node) -> list[Step]:
         """The steps of a plan in the order in which they have to come true."""
-        parts = list_children(plan)
+        parts, others = list_children(plan), list[Node]()
         if plan.data == "in_case":
             (case,) = (part for part in parts if part.data != "group")
             parts.remove(case)
@@ -49,10 +49,13 @@ class Clauses(FollowUps):
                     self.resolve(next(parts[0].find_data("things")), Slot.ANY)
                     del self.questions[asked:]
                     self.recent.append([])
-                parts = parts[1:] if is_unmet else parts[:1]
+                parts, others = (parts[1:], parts[:1]) if is_unmet else (parts[:1], parts[1:])
         read = [self._read_group(part) if part.data == "group" else self._read_steps(part) for part in parts]
         steps = [step for group in (reversed(read) if plan.data == "reversed" else read) for step in group if step]
-        wanted = [text for step in steps for text in step]
+        wanted, asked, count = [text for step in steps for text in step], len(self.questions), len(self.lacks)
+        for plain in (each for part in others for each in part.find_data("plain")):
+            self._find_candidates(plain, Slot.ANY, "")  # heard, and not to be done
+        del self.questions[asked:], self.lacks[count:]
         return [[each for text in step for each in self._spare(text, wanted)] for step in steps]
 
     def _check_case(self, case: Node) -> None:

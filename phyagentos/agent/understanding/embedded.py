@@ -10,9 +10,10 @@ from phyagentos.agent.understanding.clauses import Clauses
 from phyagentos.agent.understanding.grounding import iter_named
 from phyagentos.agent.understanding.inquiries import read_inquiry
 from phyagentos.agent.understanding.phrases import Node, get_type, has_token, list_children, list_tokens
-from phyagentos.agent.understanding.reading import Readings, find_letters, read_request
+from phyagentos.agent.understanding.reading import Readings, find_beyond, find_letters, read_request
 from phyagentos.agent.understanding.steps import finish, list_flipped
 from phyagentos.agent.understanding.understanding import (
+    OF_WORDS,
     Ambiguous,
     Impossible,
     Inquiry,
@@ -38,6 +39,12 @@ class EmbeddedUnderstander:
 
     def understand(self, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]) -> Understanding:
         """The goal of a request, or why there is none; `answers` maps keys of questions to the chosen candidates."""
+        found = self._understand(request, vocabulary, answers)
+        if _is_of_words(found):
+            return find_beyond(request, vocabulary) or found
+        return found
+
+    def _understand(self, request: str, vocabulary: Vocabulary, answers: Mapping[str, str]) -> Understanding:
         read = read_request(request, vocabulary)
         if isinstance(read, Impossible):
             return self._respell(read, request, vocabulary, answers)
@@ -77,9 +84,10 @@ class EmbeddedUnderstander:
             is_open = isinstance(without, Ambiguous) and {each.kind for each in without.questions} == {
                 QuestionKind.WHICH
             }
-            return without if is_open else refused
-        if not found:
-            return refused
+            if is_open:
+                return without
+        if not found:  # the spelling is right where what it makes of the request cannot be met here
+            return next((each for each in read.values() if not _is_of_words(each)), refused)
         key, meant = ", ".join(words), dict[object, tuple[str, Understanding]]()
         for text, each in found.items():
             meant.setdefault(_outline(each), (spelt[text][0] if len(words) == 1 else text, each))
@@ -97,6 +105,11 @@ class EmbeddedUnderstander:
             kind=QuestionKind.SPELLING, key=key, words=key, candidates=tuple(named), likely=next(iter(named))
         )
         return Ambiguous(questions=(question,))
+
+
+def _is_of_words(found: Understanding) -> bool:
+    """Whether it is a refusal of words or of the sentence alone."""
+    return isinstance(found, Impossible) and {lack.kind for lack in found.lacks} <= OF_WORDS
 
 
 def _interpret(
