@@ -22,13 +22,13 @@ from phyagentos.agent.understanding.examples import list_examples
 from phyagentos.agent.understanding.inquiries import Answer, answer
 from phyagentos.agent.understanding.model import ModelUnderstander
 from phyagentos.agent.understanding.understanding import (
+    OF_WORDS,
     Ambiguous,
     Impossible,
     Inquiry,
     InquiryKind,
     Question,
     RequestProblem,
-    RequestProblemKind,
     Understanding,
     Understood,
 )
@@ -53,9 +53,6 @@ from phyagentos.protocol.world.environment import Environment, read_environment
 
 GOAL_SUFFIX = ".goal.yaml"
 FIRST_SCENE = "tabletop/cubes_and_trays"
-_OF_WORDS = frozenset(
-    {RequestProblemKind.WORD, RequestProblemKind.SENTENCE}
-)  # what a model may understand where the grammar does not
 
 
 class Asked(msgspec.Struct, frozen=True, kw_only=True):
@@ -275,7 +272,7 @@ def _understand(
     while True:
         found = EmbeddedUnderstander().understand(request, vocabulary, answers)
         lacks = found.lacks if isinstance(found, Impossible) else ()
-        if model is not None and lacks and _OF_WORDS.issuperset(lack.kind for lack in lacks):
+        if model is not None and lacks and OF_WORDS.issuperset(lack.kind for lack in lacks):
             wider = model.understand(request, vocabulary, answers)
             found = Impossible(lacks=lacks + wider.lacks) if isinstance(wider, Impossible) else wider
         questions = found.questions if isinstance(found, Ambiguous) else ()

@@ -54,10 +54,6 @@ _MANNER = (
     r"\b(?:by|using|with|at) (?:its|the|their) (?:\w+ )?(?:handle|knob|grip)s?\b(?=\s*(?:[,;]|$))(?<!\bopen the handle)"
     r"|\b(?:side by side|next to each other|in a (?:neat )?row) (?=in\b|into\b|on\b|onto\b)"
 )
-_TOGETHER = re.compile(
-    r"\b((?:in|into|on|onto) (?:the|my|your) (?:\w+ )?\w+) ?,? "
-    r"(side by side|(?:next to|beside) each other)(?=\s*(?:[,;]|$))"
-)
 _NEXT_PART = re.compile(r"\b(?:and|but|then|or)\b(?! (?:i|we|my|our|he|she|they|it is|there)\b)")
 _FOR = re.compile(
     r"(?<!look )(?<!search )(?<!same )\bfor (?:(?!and\b|with\b|in\b|into\b|on\b|onto\b|to\b)[a-z'-]+ ?){1,5}"
@@ -117,8 +113,6 @@ def drop_asides(text: str, known: Set[str], scene: Set[str]) -> tuple[str, tuple
         lambda found: f"{drop(found, bool)}{found[1]} ",
         text,
     )
-    together = _TOGETHER.findall(text)  # of what shares a place
-    text, dropped = _TOGETHER.sub(r"\1 ", text), [*dropped, *(said for _, said in together)]
     if not _TRADED.search(text):
         text = _FOR.sub(partial(drop, is_idle=lambda said: _is_idle(said.removeprefix("for "), known, scene)), text)
     text = re.sub(

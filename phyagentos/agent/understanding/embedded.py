@@ -10,9 +10,10 @@ from phyagentos.agent.understanding.clauses import Clauses
 from phyagentos.agent.understanding.grounding import iter_named
 from phyagentos.agent.understanding.inquiries import read_inquiry
 from phyagentos.agent.understanding.phrases import Node, get_type, has_token, list_children, list_tokens
-from phyagentos.agent.understanding.reading import Readings, find_letters, list_verbs, read_request
+from phyagentos.agent.understanding.reading import Readings, find_beyond, find_letters, list_verbs, read_request
 from phyagentos.agent.understanding.steps import finish, get_object, list_flipped, says_place
 from phyagentos.agent.understanding.understanding import (
+    OF_WORDS,
     Ambiguous,
     Impossible,
     Inquiry,
@@ -44,10 +45,10 @@ class EmbeddedUnderstander:
         """The goal of a request, or why there is none; `answers` maps keys of questions to the chosen candidates."""
         found = self._understand(request, vocabulary, answers)
         head, mark, body = request.partition(":")
-        if isinstance(found, Understood | Inquiry) or not (mark and head.strip() and body.strip()):
-            return found
-        listed = self._join(head, body, vocabulary, answers)
-        return listed if isinstance(listed, Understood) or (listed and isinstance(found, Impossible)) else found
+        if isinstance(found, Ambiguous | Impossible) and mark and head.strip() and body.strip():
+            listed = self._join(head, body, vocabulary, answers)
+            found = listed if isinstance(listed, Understood) or (listed and isinstance(found, Impossible)) else found
+        return find_beyond(request, vocabulary) or found if _is_of_words(found) else found
 
     def _join(self, head: str, body: str, vocabulary: Vocabulary, answers: Mapping[str, str]) -> Understanding | None:
         """What is listed in `pile the cubes: yellow on green, red on yellow`, and what its heading wishes for besides.
@@ -106,10 +107,10 @@ class EmbeddedUnderstander:
             spelt[_replace_words(request, dict(zip(words, near, strict=True)))] = near
         read = {text: self.understand(text, vocabulary, answers) for text in spelt if text != request}
         found = {text: each for text, each in read.items() if not isinstance(each, Impossible)}
-        if not found and len(words) == 1:
-            return self._read_without(words[0], request, vocabulary, answers) or refused
-        if not found:
-            return refused
+        if not found and len(words) == 1 and (without := self._read_without(words[0], request, vocabulary, answers)):
+            return without
+        if not found:  # the spelling is right where what it makes of the request cannot be met here
+            return next((each for each in read.values() if not _is_of_words(each)), refused)
         key, meant = ", ".join(words), dict[object, tuple[str, Understanding]]()
         for text, each in found.items():
             meant.setdefault(_outline(each), (spelt[text][0] if len(words) == 1 else text, each))
@@ -140,6 +141,11 @@ class EmbeddedUnderstander:
             return found if answers.get(word) == meant else Ambiguous(questions=(question,))
         is_open = isinstance(found, Ambiguous) and {each.kind for each in found.questions} == {QuestionKind.WHICH}
         return found if isinstance(found, Ambiguous) and is_open else None
+
+
+def _is_of_words(found: Understanding) -> bool:
+    """Whether it is a refusal of words or of the sentence alone."""
+    return isinstance(found, Impossible) and {lack.kind for lack in found.lacks} <= OF_WORDS
 
 
 def _interpret(

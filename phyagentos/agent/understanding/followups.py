@@ -66,13 +66,16 @@ class FollowUps(Keeping):
         return [*moved, *places] if is_open and {*moved, *past}.isdisjoint(places) else []
 
     def _read_turned(self, clause: Node) -> Step:
-        """`the other way around`, of one goal about two objects."""
+        """`the other way around`, of one goal about two objects, or of two objects in two places."""
         past = self.vocabulary.past[-1].accept if self.vocabulary.past else ()
-        pairs = [find_entities(text) for text in past]
-        if [len(pair) for pair in pairs] != [2]:
-            return self.lack(RequestProblemKind.PAST, clause)
-        ((one, other),) = pairs
-        return [rename(past[0], {one: other, other: one})]
+        match [find_entities(text) for text in past]:
+            case [(one, other)]:
+                pass
+            case [(first, one), (second, other)] if one != other and {first, second}.isdisjoint((one, other)):
+                pass
+            case _:
+                return self.lack(RequestProblemKind.PAST, clause)
+        return [rename(text, {one: other, other: one}) for text in past]
 
     def _find_fixed(self, objects: Node) -> str:
         """The place that a phrase names, as `the blue tray`; empty where it is about objects that can be moved."""

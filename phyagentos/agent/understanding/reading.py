@@ -114,6 +114,17 @@ def read_request(request: str, vocabulary: Vocabulary) -> Readings | Impossible:
     )
 
 
+def find_beyond(request: str, vocabulary: Vocabulary) -> Impossible | None:
+    """Which words of a request, none of this scene, mean what nothing here describes; None where there are none."""
+    text, scene = request.lower(), set[str]().union(*vocabulary.list_words())
+    found = {
+        kind: [words for words in re.findall(rf"(?<![\w-])(?:{known})(?![\w-])", text) if words not in scene]
+        for kind, known in read_lexicon()["beyond"].items()
+    }
+    kind = next((kind for kind, words in found.items() if words), "")
+    return refuse(RequestProblemKind[kind.upper()], *dict.fromkeys(found[kind])) if kind else None
+
+
 def _quote_rest(text: str, error: UnexpectedInput) -> str:
     """From the word on at which a sentence ends to be one."""
     stop = 0 if isinstance(error, UnexpectedEOF) else len(text) - len(text[error.pos_in_stream :])

@@ -99,7 +99,9 @@ class Transfers(Destinations):
             rest = (each.name for each in self.list_fitting(Slot.MOVED) if each.name not in names)
             objects = replace(objects, rest=tuple(rest))
         unmet, self._dest = self.unmet, dest
-        places = self._find_places(dest, by_colour=has_token(placing, "of_its_colour"))
+        # `stack blue on red` means no tray
+        self.among = tuple(each.name for each in self.list_fitting(Slot.MOVED)) if heaps else ()
+        places, self.among = self._find_places(dest, by_colour=has_token(placing, "of_its_colour")), ()
         self.unmet = unmet
         self._put(replace(objects, names=names))
         if heaps and len(names) > 1:
@@ -271,10 +273,10 @@ class Transfers(Destinations):
         named = self._find_untidy(clause, *parts)
         standing = (each.name for each in self._list_standing(self.list_fitting(Slot.MOVED), named))
         names = self._put(Named(names=named if all(self.get(name).movable for name in named) else tuple(standing)))
-        if any(has_token(clause, each) for each in ("give", "hand_over")):  # `pick up` is in the examples
-            return self.lack(RequestProblemKind.CAPABILITY, clause)
-        if named and not names and not self.questions and not any(self.get(each).has_interior for each in named):
+        if named and not names:
             return self.lack(RequestProblemKind.FIXED, clause)
+        if any(has_token(clause, each) for each in ("give", "hand_over")):  # `pick up` is in the examples
+            return () if self.questions else self.lack(RequestProblemKind.CAPABILITY, clause)
         places = [each.name for each in self.list_rests()]
         is_clear = (
             len(places) == 1
@@ -304,6 +306,9 @@ class Transfers(Destinations):
         if side in SIDES and (sliding := self._slide(nouns, sides[0])):
             return sliding
         names = self.resolve(nouns, Slot.MOVED).names
+        if names and not any(self.get(name).movable for name in names):
+            has_joint = all(self.get(self.find_opening(name)).opens for name in names)
+            return self.lack(RequestProblemKind.MEASURE if has_joint else RequestProblemKind.FIXED, clause)
         said = [str(token) for token in clause.children if get_type(token) in {"amount", "unit"}]
         amount = float(NUMBERS.index(said[0]) if said[0] in NUMBERS else said[0]) if said else 0.0
         by_m = amount * read_lexicon()["units_m"].get(said[-1], 0.0) if said else 0.0
@@ -318,8 +323,6 @@ class Transfers(Destinations):
         fallen = [name for name in names if self.vocabulary.is_known(f"upright({name})", is_true=False)]
         if not said and has_token(clause, "rotation") and names and len(fallen) == len(names):  # `flip the stool over`
             return self._say_upright(names)
-        if names and not any(self.get(name).movable for name in names):
-            return self.lack(RequestProblemKind.FIXED, clause)
         if side in {*SIDES, "toward", "away"} and not said and names:
             by_m = next((STEPS_M[each] for each in self.ask(QuestionKind.HOW_FAR, clause, STEPS_M)), 0.0)
             if not by_m:

@@ -82,9 +82,16 @@ class RequestProblemKind(_Kind):
     START = "start", "has to hold all through, and does not as the scene begins"
     PAST = "past", "means something done before, and nothing was"
     GOAL = "goal", "says nothing that shall come true"
+    MATERIAL = "material", "is a material, of which nothing is known here: say the name, the colour or the size"
+    WEIGHT = "weight", "is of a weight, which nothing here measures"
+    SHAPE = "shape", "is an arrangement that no criterion describes: say a row, between two, beside or on another one"
+    PART = "part", "is a part of a place that no criterion names: say the place, or a side of an object"
     MODEL = "model", "is what the model's answers came to"
 
 
+OF_WORDS = frozenset(
+    {RequestProblemKind.WORD, RequestProblemKind.SENTENCE}
+)  # what a model may understand where the grammar does not
 _UNFIT = {  # by the fact that an object lacks
     "movable": RequestProblemKind.FIXED,
     "has_interior": RequestProblemKind.SOLID,
