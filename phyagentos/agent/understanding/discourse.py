@@ -348,6 +348,8 @@ class Discourse:
         plains = [part for part in list_children(tail) if part.data == "plain"]
         owners = [owner.name for plain in plains for owner in self._find_candidates(plain, Slot.ANY, "")[0]]
         self.heads = heads
+        if tail.data in {*SIDES, "between", "near", "far", "beside"} and self._carries_all(found := [*found], owners):
+            return [*map(self.get, self.lack(RequestProblemKind.PART, tail))]  # a spot on it, which no criterion says
         if tail.data == "not_called":
             return [item for item in found if item.name not in owners]
         if tail.data == "not_located":
@@ -383,6 +385,12 @@ class Discourse:
             is_surface = any(self.get(name).kind in SURFACES for name in owners)  # `the corner of the table`
             return [item for item in found if item.part_of in owners or (is_surface and item.kind == REGION)]
         return self._list_standing(found, owners)
+
+    def _carries_all(self, found: Sequence[SceneObject], owners: Sequence[str]) -> bool:
+        """Whether all that a tail names is on the only object: `the panel between the buttons`."""
+        return bool(owners) and any(
+            all(item.name in {self.get(name).part_of, self.get(name).stands} for name in owners) for item in found
+        )
 
     def _filter_by_it(self, found: Sequence[SceneObject], tail: Node) -> list[SceneObject]:
         """`the tray nearest to it`, to what is put there."""
