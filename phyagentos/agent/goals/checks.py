@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from phyagentos.agent.goals.catalogue import Catalogue
 from phyagentos.agent.goals.expansion import Node, Path
-from phyagentos.agent.goals.places import iter_misplaced, iter_unmeasured
+from phyagentos.agent.goals.places import iter_apart, iter_misplaced, iter_unmeasured
 from phyagentos.agent.goals.selector import ANY, Choice, select
 from phyagentos.agent.goals.spec import NAME_MAX, REFERENCE, GoalSpec, Promise
 from phyagentos.errors import DefinitionError, Problem, format_names, raise_any
@@ -59,6 +59,10 @@ class Checks:
                 yield from error.problems
         for path, text in self._iter_predicates():
             yield from self.check_predicate(path, text)
+        if self._scene is not None:
+            wanted = {(): self.spec.accept} | {node.path: node.spec.accept for node in self.nodes.values()}
+            for path, texts in wanted.items():
+                yield from iter_apart(self.located, (*path, "accept"), texts, self._scene)
 
     def check_bindings(self, dag: "nx.DiGraph[str]", order: Iterable[str]) -> tuple[dict[str, Choice], list[Problem]]:
         """Skill and target of each node in the order of the graph, and the problems of these and their arguments."""

@@ -1,7 +1,7 @@
 """What no session can do: put an object into a solid, or where it is too large, or measure what nothing measures."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from phyagentos.errors import Problem, format_names
 from phyagentos.protocol.documents.schema import Address, Located
@@ -67,6 +67,39 @@ def iter_too_large(located: Located, path: Address, text: str, scene: SceneSpec)
             expected = f"an object of which one side is at most {format_length(room_m[0])}"
             hint = f"Ask for on({name}, {place}), or give {place!r} a wider `interior`."
             yield located.problem("INVALID_VALUE", path, found, expected, hint)
+
+
+def iter_apart(located: Located, path: Address, texts: Sequence[str], scene: SceneSpec) -> Iterator[Problem]:
+    """Objects that criteria which all have to be true want inside of two fixed places, which do not overlap."""
+    wanted: dict[str, str] = {}
+    for index, text in enumerate(texts):
+        for name, place in _iter_inside(text):
+            first = wanted.setdefault(name, place)
+            if _are_apart(scene.bodies.get(first), scene.bodies.get(place)):
+                found = f"{name!r} inside {place!r}, and inside {first!r}, which is elsewhere"
+                hint = "Ask for one of them, or for two nodes one after the other."
+                yield located.problem("CRITERIA_CONTRADICT", (*path, index), found, "places that overlap", hint)
+
+
+def _are_apart(one: Body | None, other: Body | None) -> bool:
+    """Whether the insides of two fixed bodies have no point in common, wherever the scene begins."""
+    if one is None or other is None or not (one.fixed and other.fixed) or one.place.frame != other.place.frame:
+        return False
+    bounds = [_bound(each) for each in (one, other)]
+    return any(low > high for low, high in zip(bounds[0][0], bounds[1][1], strict=True)) or any(
+        low > high for low, high in zip(bounds[1][0], bounds[0][1], strict=True)
+    )
+
+
+def _bound(body: Body) -> tuple[list[float], list[float]]:
+    """Least and greatest x and y of the inside of a body [m], as far as it may stand; infinite without one."""
+    if body.interior is None:
+        return [-math.inf] * 2, [math.inf] * 2
+    place, middle_m, half_m = body.place, body.interior.center_m[:2], body.interior.half_m[:2]
+    if any(place.euler_rad) or place.yaw_rad != (0.0, 0.0):  # turned
+        middle_m, half_m = (0.0, 0.0), (math.hypot(*middle_m) + math.hypot(*half_m),) * 2
+    sides = list(zip(place.position_m, middle_m, half_m, place.jitter_m, strict=False))
+    return [at + mid - half - by for at, mid, half, by in sides], [at + mid + half + by for at, mid, half, by in sides]
 
 
 def _find_sides(body: Body, room_m: list[float]) -> list[float]:

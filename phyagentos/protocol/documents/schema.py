@@ -28,7 +28,7 @@ from phyagentos.protocol.documents.yaml_scalars import (
     find_old_number,
     format_scalar,
 )
-from phyagentos.protocol.documents.yaml_syntax import BRACKET_OPEN, QUOTE_OPEN, explain
+from phyagentos.protocol.documents.yaml_syntax import BRACKET_OPEN, BULLETS, QUOTE_OPEN, explain, find_leftover
 
 Address = tuple[str | int, ...]
 _Mapping = dict[Any, Any]
@@ -118,7 +118,12 @@ def read_text(path: Path, hint: str = "Check the path and its encoding.") -> str
     """Read a text file that a person may have written; raises DefinitionError unless it is regular, small and UTF-8."""
     try:
         return read_regular(path).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
-    except (OSError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        head, byte = error.object[: error.start], error.object[error.start]
+        *before, line = head.split(b"\n")
+        place = f"{path}:{len(before) + 1}:{len(line) + 1}"
+        raise DefinitionError.of("UNREADABLE_FILE", place, f"the byte {byte:#04x}", "UTF-8", hint=hint) from error
+    except OSError as error:
         raise DefinitionError.of("UNREADABLE_FILE", str(path), str(error), hint=hint) from error
 
 
@@ -162,6 +167,9 @@ def parse_yaml(text: str, source: str, first_line: int = 1, values_max: int = VA
             loader.dispose()
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
+        if leftover := find_leftover(text):
+            line, detail, hint = leftover
+            raise DefinitionError.of("SYNTAX", f"{source}:{line + first_line}:1", detail, "YAML", hint) from error
         detail, hint = explain(error, text[mark.index : mark.index + 1] if mark else "")
         opened = getattr(error, "context_mark", None)
         if detail == QUOTE_OPEN or (detail == BRACKET_OPEN and opened and mark and opened.line < mark.line):
@@ -197,7 +205,7 @@ def _collect_marks(
         for index, child in enumerate(node.value):
             _collect_marks(child, (*path, index), source, offset, marks, problems)
     elif isinstance(node, yaml.MappingNode):
-        seen, merged = set[str](), list[yaml.Node]()
+        seen, merged = dict[str, int](), list[yaml.Node]()
         for key, child in node.value:
             if not isinstance(key, yaml.ScalarNode):
                 continue  # refused when it is constructed
@@ -209,12 +217,13 @@ def _collect_marks(
                         f"{source}:{line}:{column}",
                         repr(key.value),
                         "each key once",
-                        "Rename or remove one.",
+                        f"Rename or remove one; the first is on line {seen[key.value]}.",
                     )
                 )
-            seen.add(key.value)
+            seen.setdefault(key.value, line)
             if kind := find_key_kind(key):
                 found, hint = f"the key {key.value or 'null'}, {kind}", f"Write '{key.value}' in quotes."
+                hint += " A decimal number has a point." if key.value.isdecimal() and not child.value else ""
                 problems.append(Problem("INVALID_VALUE", f"{source}:{line}:{column}", found, "a text", hint))
             if key.tag == MERGE:
                 merged += child.value if isinstance(child, yaml.SequenceNode) else [child]
@@ -231,6 +240,8 @@ def validate(model: type[ModelT], located: Located, path: Address = ()) -> Model
     if not isinstance(data, dict):
         needed = [f"{name}: …" for name, field in model.model_fields.items() if field.is_required()]
         hint = f"Write {{{', '.join(needed)}}}." if needed else _STEPS["dict_type"]
+        if isinstance(data, str) and data.startswith("<"):
+            hint = "It is XML: `paos import` makes trees of files of BehaviorTree.CPP."
         raise DefinitionError(located.problem("INVALID_VALUE", path, show_value(data), "a mapping", hint))
     try:
         return model.model_validate(data)
@@ -506,6 +517,8 @@ def _advise(kind: str, key: str, facts: Mapping[str, Any], found: object) -> str
     pieces = found.replace(",", " ").split() if isinstance(found, str) else []
     if kind in {"list_type", "tuple_type"} and len(pieces) > 1 and all(map(_NUMBER.match, pieces)):
         return f"Write [{', '.join(pieces)}]."
+    if kind in {"list_type", "tuple_type"} and isinstance(found, str) and found[:1] in BULLETS:
+        return "Begin each item of a list with '- '."
     if of and unit in _UNITS and isinstance(found, str):
         return f"{key!r} is in {f'{of}/{unit}' if of in _UNITS else unit}; write the number alone."
     if kind == "string_pattern_mismatch":

@@ -1,5 +1,7 @@
 """What libyaml and PyYAML say of text that is no YAML, in words of the file."""
 
+import re
+
 import yaml
 
 QUOTE_OPEN = "a quote that is not closed"
@@ -32,6 +34,22 @@ _WORDS = {  # part of the library's sentence: found, and what to do
     "found unhashable key": ("a list or mapping as a key", "Write a text."),
     "expected a mapping": ("'<<' that merges what is no mapping", "Merge an anchor of a mapping, as in '<<: *name'."),
 }
+
+BULLETS = "\u2013\u2014\u2212\u2022*"
+_LEFTOVERS = {  # of copying, each with what is found and what to do; the line on which it is comes first
+    r"^(<{7}|={7}|>{7})(?= |$)": ("a mark of an unresolved merge", "Keep one of the two versions."),
+    r"^[ ]*```": ("the fence of a code block", "Remove it."),
+    r"^[ ]*[^\S \n\t]": ("a blank in the indent that is none of the keyboard's", "Type the indent anew."),
+    rf"^[ ]*[{BULLETS}](?= )": ("a dash or bullet that is no '-'", "Begin each item of a list with '- '."),
+    r"^[ ]*(\.\.\.|\u2026)[ ]*$": ("'...', where something was left out", "Write what belongs there."),
+    r"^[ ]*1[:|]?[ ]+\S.*\n[ ]*2[:|]?[ ]+\S": ("numbers of lines before the text", "Remove them."),
+}
+
+
+def find_leftover(text: str) -> tuple[int, str, str] | None:
+    """Line, from 0, of what copying has left in a text that is not as it should be, what it is, and what to do."""
+    found = ((re.search(pattern, text, re.MULTILINE), words) for pattern, words in _LEFTOVERS.items())
+    return next(((text[: each.start()].count("\n"), *words) for each, words in found if each is not None), None)
 
 
 def _split(said: str) -> tuple[str, str]:
