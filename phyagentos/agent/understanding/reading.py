@@ -160,8 +160,9 @@ class RequestParser:
 
     def find_rules(self, text: str) -> Rules:
         """The rules that can be part of a reading: for each of their symbols the text has words."""
-        found: set[Symbol] = {Terminal(name) for name, pattern in self.terminals.items() if pattern.search(text)}
-        left = list(chain.from_iterable(self.earley.predictions.values()))
+        absent = {Terminal(name) for name, pattern in self.terminals.items() if not pattern.search(text)}
+        found: set[Symbol] = self.earley.TERMINALS - absent
+        left = [r for r in chain.from_iterable(self.earley.predictions.values()) if absent.isdisjoint(r.expansion)]
         while fresh := {rule.origin for rule in left if found.issuperset(rule.expansion)} - found:
             found |= fresh
         return {
