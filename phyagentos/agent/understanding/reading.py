@@ -298,7 +298,7 @@ def _alternatives(phrases: Iterable[str]) -> str:
 def _read_grammar() -> tuple[EarleyParser, dict[str, re.Pattern[str]]]:
     """The parser for a scene without words, and what it reads as each terminal."""
     terminals = {name: phrases for name, phrases in _read_phrases().items() if name.isupper()}
-    terminals |= {name: ["-"] for name in ("ADJ", "NOUN", "ELLIPTIC", "POSTURE")}
+    terminals |= {name.upper(): ["-"] for name in ("adj", "noun", "elliptic", "posture")}
     grammar = (_FOLDER / "request.lark").read_text(encoding="utf-8")
     lines = [f"{name}: /{_alternatives(phrases)}/" for name, phrases in sorted(terminals.items())]
     lark = Lark(
@@ -321,13 +321,13 @@ def _build_parser(
 ) -> tuple[RequestParser, frozenset[str]]:
     """The parser for a scene's words, and every word that it knows."""
     scene = {
-        "ADJ": adjectives,
-        "NOUN": {form for noun in nouns for form in (noun, pluralise(noun))},
-        "ELLIPTIC": adjectives - nouns,
-        "POSTURE": {posture.replace("_", " ") for posture in postures} or {"-"},
+        "adj": adjectives,
+        "noun": {form for noun in nouns for form in (noun, pluralise(noun))},
+        "elliptic": adjectives - nouns,
+        "posture": {posture.replace("_", " ") for posture in postures} or {"-"},
     }
     earley, of_language = _read_grammar()
-    terminals = of_language | {name: re.compile(_alternatives(words)) for name, words in scene.items()}
+    terminals = of_language | {name.upper(): re.compile(_alternatives(words)) for name, words in scene.items()}
     known = {word for each in terminals.values() for word in re.findall(r"[a-z][a-z'-]*", each.pattern)}
     said = (phrases for name, phrases in _read_phrases().items() if name.isupper())
     spoken = {word for phrase in chain(*said, *scene.values()) for word in _WORD.findall(phrase)}
