@@ -20,8 +20,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from scipy.stats import binomtest
-
 from phyagentos.assembly.agent_plane import Agent, MemoryUse
 from phyagentos.assembly.paths import OUTCOMES
 from phyagentos.bench.suite import open_bench
@@ -120,6 +118,8 @@ def compare(file: Path) -> dict[str, float]:
 
 def compute_sign_test(better: int, worse: int) -> float:
     """The chance of so many out of all that differ, or more, if neither were likelier (McNemar 1947, exact)."""
+    from scipy.stats import binomtest  # half a second to load, for comparisons alone
+
     return round(float(binomtest(better, better + worse, alternative="greater").pvalue), 4) if better + worse else 1.0
 
 

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Sequence
 
 from rich.console import Console
 from rich.table import Table
-from scipy.stats import binomtest
 
 from benchmarks.runner import show
 from benchmarks.unseen_parts.records import GoalRecord, NodeRecord, SessionRecord, iter_findings
@@ -147,6 +146,8 @@ def find_code(session: SessionRecord) -> str:
 
 def find_interval(successes: int, trials: int) -> tuple[float, float]:
     """Clopper-Pearson, 95 %; everything is possible without trials."""
+    from scipy.stats import binomtest  # half a second to load, for figures alone
+
     if not trials:
         return 0.0, 1.0
     found = binomtest(min(successes, trials), trials).proportion_ci(0.95, method="exact")

@@ -19,6 +19,7 @@ RETRIES = {
     Retry.LATER: "once machine or target are well",
     Retry.REPLANNED: "as a child session",
     Retry.OBSERVED: "only after a fresh observation",
+    Retry.ELSEWHERE: "on another host, which observes its own world first",
 }
 
 

@@ -225,8 +225,9 @@ def test_a_model_without_its_name_is_refused(paos, model, monkeypatch):
 def _ask_in_terminal(approval: bytes, *words: str, before: bytes = b"") -> tuple[int, str]:
     """The command in a terminal of its own; what is pressed before the approval is asked for is no approval."""
     script = (
-        "import sys; from phyagentos.cli import asking; from tests.cli.test_asking import REPORT;"
-        "asking.run_shown = lambda request, **_: print('RUNS', request.graph) or REPORT;"
+        "from phyagentos.cli import asking; from phyagentos.operations.run import RunReport;"
+        "report = RunReport(exit_code=0, workspace='w', wall_s=1.0, pictures={}, goal=None);"
+        "asking.run_shown = lambda request, **_: print('RUNS', request.graph) or report;"
         "from phyagentos.cli.app import main; main()"
     )
     near, far = pty.openpty()

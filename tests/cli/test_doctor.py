@@ -1,5 +1,6 @@
 """`paos doctor`: each check finds what is wrong and says what to do."""
 
+import functools
 import importlib.metadata
 import json
 import os
@@ -8,6 +9,7 @@ import sys
 
 import pytest
 
+from phyagentos.assembly import graphics
 from phyagentos.clock import SystemClock
 from phyagentos.operations import doctor
 from phyagentos.operations.doctor import Grade, iter_findings
@@ -63,6 +65,7 @@ def test_graphics_that_are_named_and_cannot_draw_are_refused_by_doctor_and_run_a
     monkeypatch.delenv("PYOPENGL_PLATFORM", raising=False)  # MuJoCo leaves it where a test before has imported it
     for name, value in ({"DISPLAY": ""} | given).items():
         monkeypatch.setenv(name, value)
+    monkeypatch.setattr(graphics, "can_draw", functools.cache(graphics.can_draw))  # tried once for all three
     finding = doctor.check_graphics()
     refused = paos("run", "tidy_table", "-w", tmp_path / "w")
 

@@ -12,7 +12,8 @@ import yaml
 
 from phyagentos.cli import schemas
 from phyagentos.cli.outcome import ExitCode
-from tests.command_line import assert_refused
+from phyagentos.operations.listing import RETRIES
+from tests.command_line import assert_ended, assert_refused
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMAS = ROOT / "protocol" / "schemas"
@@ -112,3 +113,7 @@ def test_an_editor_refuses_an_unknown_key():
     data = yaml.safe_load((ROOT / "goal_graphs/tidy_table.yaml").read_text(encoding="utf-8")) | {"colour": "red"}
     with pytest.raises(jsonschema.ValidationError, match="'colour' was unexpected"):
         make_validator("goal_graph").validate(data)
+
+
+def test_every_code_says_whether_trying_again_helps(paos):
+    assert_ended(paos("codes"), ExitCode.GOAL_MET, out=[*RETRIES.values()])

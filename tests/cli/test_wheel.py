@@ -27,17 +27,27 @@ def wheel(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def site(wheel, tmp_path_factory):
-    """An installation without the checkout: the wheel's files, and kernels that are compiled already."""
+    """An installation without the checkout: the wheel's files, and what is compiled of them already."""
     folder = tmp_path_factory.mktemp("site")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(folder)
-    for cache in {path.parent for path in (ROOT / "phyagentos").rglob("__pycache__/*.nbi")}:
-        for kernel in cache.glob("*.nb?"):
-            place = folder / kernel.relative_to(ROOT)
-            place.parent.mkdir(exist_ok=True)
-            shutil.copyfile(kernel, place)
-        for source in cache.parent.glob("*.py"):  # numba knows a source by its time and size
-            os.utime(folder / source.relative_to(ROOT), ns=(source.stat().st_mtime_ns,) * 2)
+    for cache in (ROOT / "phyagentos").rglob("__pycache__"):
+        place = folder / cache.relative_to(ROOT)
+        if place.parent.is_dir():  # a folder of an earlier commit has a cache alone
+            shutil.copytree(cache, place)
+    for source in (folder / "phyagentos").rglob("*.py"):  # Python and numba know a source by its time and size
+        of_checkout = ROOT / source.relative_to(folder)
+        if of_checkout.exists():
+            os.utime(source, ns=(of_checkout.stat().st_mtime_ns,) * 2)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def begun(site, tmp_path_factory):
+    """A folder in which `paos init x` was typed."""
+    folder = tmp_path_factory.mktemp("begun")
+    done = paos(site, folder, "init", "x")
+    assert done.returncode == 0, done.stderr
     return folder
 
 
@@ -70,14 +80,12 @@ def test_the_wheel_carries_a_kit_the_scaffold_the_type_marker_and_the_page(wheel
     } <= set(zipfile.ZipFile(wheel).namelist())
 
 
-def test_an_empty_folder_and_the_wheel_are_enough_to_begin(site, tmp_path):
-    begun = paos(site, tmp_path, "init", "x")
-    assert begun.returncode == 0, begun.stderr
-    linted = paos(site, tmp_path, "lint", "x")
+def test_an_empty_folder_and_the_wheel_are_enough_to_begin(site, begun):
+    linted = paos(site, begun, "lint", "x")
     assert linted.returncode == 0, linted.stderr
-    named = paos(site, tmp_path, "compile", "tidy_table")
+    named = paos(site, begun, "compile", "tidy_table")
     assert named.returncode == 0, named.stderr
-    assert "Make the arm slower" in paos(site, tmp_path, "help", "slower").stdout
+    assert "Make the arm slower" in paos(site, begun, "help", "slower").stdout
 
 
 def test_the_installed_package_is_used_and_not_the_checkout(site, tmp_path):
@@ -90,7 +98,6 @@ def test_the_installed_package_is_used_and_not_the_checkout(site, tmp_path):
 
 
 @pytest.mark.sim  # beside the others, for which the wheel is built
-def test_a_new_place_runs_to_a_met_goal_from_the_wheel(site, tmp_path):
-    paos(site, tmp_path, "init", "x")
-    done = paos(site, tmp_path, "run", "x/goal_graphs/first.yaml", "--no-pictures", "--quiet")
+def test_a_new_place_runs_to_a_met_goal_from_the_wheel(site, begun):
+    done = paos(site, begun, "run", "x/goal_graphs/first.yaml", "--no-pictures", "--quiet")
     assert done.returncode == 0, done.stdout + done.stderr

@@ -5,17 +5,21 @@ reading, so that a sentence with two meanings is found out instead of decided by
 """
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence, Set
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import lru_cache, reduce
+from itertools import chain
 from math import prod
 from pathlib import Path
 
 import yaml
 from lark import Lark, Token, Tree
 from lark.exceptions import UnexpectedEOF, UnexpectedInput
+from lark.grammar import NonTerminal, Rule, Symbol, Terminal
+from lark.parsers.xearley import Parser as EarleyParser
 from lark.visitors import CollapseAmbiguities
 
 from phyagentos.agent.understanding.asides import drop_asides
@@ -155,15 +159,43 @@ def _spell(text: str) -> str:
     return _PERFECT.sub(lambda found: f"after you {_list_participles().get(found[1], found[1])}", text)
 
 
-def _parse(parser: Lark, text: str, others: Iterator[str]) -> tuple[str, Tree[Token]]:
+Rules = dict[NonTerminal, list[Rule]]
+
+
+@dataclass(frozen=True, slots=True)
+class RequestParser:
+    """Reads requests about one scene; the grammar is that of all scenes, the expressions of terminals are its own."""
+
+    earley: EarleyParser
+    terminals: Mapping[str, re.Pattern[str]]
+
+    def find_rules(self, text: str) -> Rules:
+        """The rules that can be part of a reading: for each of their symbols the text has words."""
+        absent = {Terminal(name) for name, pattern in self.terminals.items() if not pattern.search(text)}
+        found: set[Symbol] = self.earley.TERMINALS - absent
+        left = [r for r in chain.from_iterable(self.earley.predictions.values()) if absent.isdisjoint(r.expansion)]
+        while fresh := {rule.origin for rule in left if found.issuperset(rule.expansion)} - found:
+            found |= fresh
+        return {
+            origin: [rule for rule in rules if found.issuperset(rule.expansion)]
+            for origin, rules in self.earley.predictions.items()
+        }
+
+    def parse(self, text: str, rules: Rules) -> Tree[Token]:
+        """Every reading by these rules; raises `UnexpectedInput` from where on there is none."""
+        earley = copy(self.earley)  # of this call alone: others may read at the same time
+        earley.predictions = rules
+        earley.term_matcher = lambda terminal, stream, index=0: self.terminals[terminal.name].match(stream, index)
+        found: Tree[Token] = earley.parse(text, "start")  # type: ignore[no-untyped-call]
+        return found
+
+
+def _parse(parser: RequestParser, text: str, others: Iterator[str]) -> tuple[str, Tree[Token]]:
     """The readings of a request; where there are none, those of the first other order of its words that has some."""
-    try:
-        return text, parser.parse(text)
-    except UnexpectedInput:
-        for other in others:
-            with suppress(UnexpectedInput):
-                return other, parser.parse(other)
-        raise
+    for each in chain((text,), others):
+        with suppress(UnexpectedInput):
+            return each, parser.parse(each, parser.find_rules(each))
+    return text, parser.parse(text, parser.earley.predictions)  # raises where the whole grammar reads no further
 
 
 def _find_lost(written: str, read: str, scene: Set[str]) -> str:
@@ -273,10 +305,31 @@ def _alternatives(phrases: Iterable[str]) -> str:
     return rf"(?<![\w-])(?:{'|'.join(parts)})(?![\w-])"
 
 
+@lru_cache(maxsize=1)
+def _read_grammar() -> tuple[EarleyParser, dict[str, re.Pattern[str]]]:
+    """The parser for a scene without words, and what it reads as each terminal."""
+    terminals = {name: phrases for name, phrases in _read_phrases().items() if name.isupper()}
+    terminals |= {name.upper(): ["-"] for name in ("adj", "noun", "elliptic", "posture")}
+    grammar = (_FOLDER / "request.lark").read_text(encoding="utf-8")
+    lines = [f"{name}: /{_alternatives(phrases)}/" for name, phrases in sorted(terminals.items())]
+    lark = Lark(
+        "\n".join((grammar, *lines)),
+        parser="earley",
+        lexer="dynamic",
+        ambiguity="explicit",
+        maybe_placeholders=False,
+    )
+    earley = lark.parser.parser  # it predicts all that a rule may begin with, anew for each item: twice the time
+    earley.predictions = {
+        origin: [rule for rule in rules if rule.origin == origin] for origin, rules in earley.predictions.items()
+    }
+    return earley, {terminal.name: re.compile(terminal.pattern.to_regexp()) for terminal in lark.terminals}
+
+
 @lru_cache(maxsize=32)
 def _build_parser(
     adjectives: frozenset[str], nouns: frozenset[str], postures: tuple[str, ...]
-) -> tuple[Lark, frozenset[str]]:
+) -> tuple[RequestParser, frozenset[str]]:
     """The parser for a scene's words, and every word that it knows."""
     scene = {
         "adj": adjectives,
@@ -284,22 +337,11 @@ def _build_parser(
         "elliptic": adjectives - nouns,
         "posture": {posture.replace("_", " ") for posture in postures} or {"-"},
     }
-    terminals = {name: phrases for name, phrases in _read_phrases().items() if name.isupper()}
-    terminals |= {name.upper(): sorted(words) for name, words in scene.items()}
-    grammar = (_FOLDER / "request.lark").read_text(encoding="utf-8")
-    lines = [f"{name}: /{_alternatives(phrases)}/" for name, phrases in sorted(terminals.items())]
-    parser = Lark(
-        "\n".join((grammar, *lines)),
-        parser="earley",
-        lexer="dynamic",
-        ambiguity="explicit",
-        maybe_placeholders=False,
+    earley, of_language = _read_grammar()
+    terminals = of_language | {name.upper(): re.compile(_alternatives(words)) for name, words in scene.items()}
+    known = {word for each in terminals.values() for word in re.findall(r"[a-z][a-z'-]*", each.pattern)}
+    said = (phrases for name, phrases in _read_phrases().items() if name.isupper())
+    spoken = {word for phrase in chain(*said, *scene.values()) for word in _WORD.findall(phrase)}
+    return RequestParser(earley, terminals), frozenset(
+        spoken | {word for word in known if len(word) > 1} | set(",;()&")
     )
-    earley = parser.parser.parser  # it predicts all that a rule may begin with, anew for each item: twice the time
-    earley.predictions = {
-        origin: [rule for rule in rules if rule.origin == origin] for origin, rules in earley.predictions.items()
-    }
-    known = {word for terminal in parser.terminals for word in re.findall(r"[a-z][a-z'-]*", terminal.pattern.value)}
-    phrases = (phrase for each in terminals.values() for phrase in each)
-    spoken = {word for phrase in phrases for word in _WORD.findall(phrase)}
-    return parser, frozenset(spoken | {word for word in known if len(word) > 1} | set(",;()&"))

@@ -7,7 +7,7 @@ Search order: the folder of the user's project, libraries of installed packages 
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 from phyagentos.errors import DefinitionError
@@ -18,6 +18,7 @@ LIBRARIES = Plugins[Callable[[], str | Path]]("phyagentos.libraries")
 BEHAVIOURS = "behaviours.py"  # a skill folder's own leaves: `def register(registry)`
 
 
+@cache
 def find_shipped_root() -> Path:
     """The folder that ships: `share/` in an installed wheel, the checkout's root in development."""
     package = Path(__file__).resolve().parents[2]

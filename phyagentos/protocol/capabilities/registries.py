@@ -4,6 +4,7 @@ One `## name` and one YAML block an entry.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -14,7 +15,7 @@ from phyagentos.protocol.capabilities.skill_runtimes import SKILLRUNTIME, SkillR
 from phyagentos.protocol.capabilities.targets import TARGETS, RegisteredTarget, TargetHealth, TargetProfile
 from phyagentos.protocol.documents.document import DocumentFormat, Front, read_document
 from phyagentos.protocol.documents.markdown import format_moment, publish, render_block, render_front, render_table
-from phyagentos.protocol.documents.schema import Authored, read_text, read_yaml, validate
+from phyagentos.protocol.documents.schema import Authored, parse_library_yaml, read_text, validate
 
 _BlockT = TypeVar("_BlockT")
 _EntryT = TypeVar("_EntryT")
@@ -109,7 +110,12 @@ def publish_health(path: Path, health: Mapping[str, TargetHealth]) -> bool:
 
 def read_target(path: Path) -> TargetProfile:
     """Read `robots/<name>/target.yaml`; raises DefinitionError with every problem at file:line:column."""
-    located = read_yaml(path)
+    return _read_target(read_text(path), path)
+
+
+@lru_cache(maxsize=128)  # a library is read anew by each part of a process
+def _read_target(text: str, path: Path) -> TargetProfile:
+    located = parse_library_yaml(text, str(path))
     profile = validate(TargetProfile, located)
     if profile.target != path.parent.name:
         expected, hint = f"the folder's name {path.parent.name!r}", f"Write {path.parent.name!r}, or rename the folder."
