@@ -371,12 +371,7 @@ class Discourse:
                 each for each in bodies if list_most([each, self.get(owner)], str(size.data), 1.0, None) == [each.name]
             ]
         if tail.data == "between":
-            ends = [self.get(name) for name in owners]
-            if len(ends) == 1:  # that is no two
-                return [*map(self.get, self.lack(RequestProblemKind.SENTENCE, tail))]
-            if len(ends) != 2:
-                return [self.get(name) for name in self.ask(QuestionKind.WHICH, tail, owners)][:0]
-            return [each for each in found if each not in ends and is_between(each, ends)]
+            return self._filter_between(found, tail, owners)
         if tail.data not in _OWNED:
             names = owners if len(owners) == 1 else self.ask(QuestionKind.WHICH, tail, owners)
             around = [item for item in found if item.name not in names]
@@ -385,6 +380,14 @@ class Discourse:
             is_surface = any(self.get(name).kind in SURFACES for name in owners)  # `the corner of the table`
             return [item for item in found if item.part_of in owners or (is_surface and item.kind == REGION)]
         return self._list_standing(found, owners)
+
+    def _filter_between(self, found: Iterable[SceneObject], tail: Node, owners: Sequence[str]) -> list[SceneObject]:
+        ends = [self.get(name) for name in owners]
+        if len(ends) == 1:  # that is no two
+            return [*map(self.get, self.lack(RequestProblemKind.SENTENCE, tail))]
+        if len(ends) != 2:
+            return [self.get(name) for name in self.ask(QuestionKind.WHICH, tail, owners)][:0]
+        return [each for each in found if each not in ends and is_between(each, ends)]
 
     def _carries_all(self, found: Sequence[SceneObject], owners: Sequence[str]) -> bool:
         """Whether all that a tail names is on the only object: `the panel between the buttons`."""

@@ -99,8 +99,7 @@ class Transfers(Destinations):
             rest = (each.name for each in self.list_fitting(Slot.MOVED) if each.name not in names)
             objects = replace(objects, rest=tuple(rest))
         unmet, self._dest = self.unmet, dest
-        # `stack blue on red` means no tray
-        self.among = tuple(each.name for each in self.list_fitting(Slot.MOVED)) if heaps else ()
+        self.among = tuple(each.name for each in self.list_fitting(Slot.MOVED)) if heaps else ()  # on no tray
         places, self.among = self._find_places(dest, by_colour=has_token(placing, "of_its_colour")), ()
         self.unmet = unmet
         self._put(replace(objects, names=names))
