@@ -46,7 +46,7 @@ accept: ["inside(red_cube, red_tray)"]
 ROLES = {  # part of the command line -> process
     "motion.process": "planner",
     "processes world": "world",
-    "processes worker": "worker",
+    "assembly.worker_process": "worker",
     "phyagentos watch": "watchdog",
     "phyagentos agent": "agent",
 }

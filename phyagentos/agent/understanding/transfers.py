@@ -307,7 +307,8 @@ class Transfers(Destinations):
         names = self.resolve(nouns, Slot.MOVED).names
         if names and not any(self.get(name).movable for name in names):
             has_joint = all(self.get(self.find_opening(name)).opens for name in names)
-            return self.lack(RequestProblemKind.MEASURE if has_joint else RequestProblemKind.FIXED, clause)
+            kind = RequestProblemKind.MEASURE if has_joint else RequestProblemKind.FIXED
+            return () if self.questions else self.lack(kind, clause)
         said = [str(token) for token in clause.children if get_type(token) in {"amount", "unit"}]
         amount = float(NUMBERS.index(said[0]) if said[0] in NUMBERS else said[0]) if said else 0.0
         by_m = amount * read_lexicon()["units_m"].get(said[-1], 0.0) if said else 0.0

@@ -169,7 +169,9 @@ def parse_yaml(text: str, source: str, first_line: int = 1, values_max: int = VA
         mark = getattr(error, "problem_mark", None)
         if leftover := find_leftover(text):
             line, detail, hint = leftover
-            raise DefinitionError.of("SYNTAX", f"{source}:{line + first_line}:1", detail, "YAML", hint) from error
+            raise DefinitionError.of(
+                "SYNTAX", f"{source}:{line + first_line}:1", detail, "well-formed YAML", hint
+            ) from error
         detail, hint = explain(error, text[mark.index : mark.index + 1] if mark else "")
         opened = getattr(error, "context_mark", None)
         if detail == QUOTE_OPEN or (detail == BRACKET_OPEN and opened and mark and opened.line < mark.line):

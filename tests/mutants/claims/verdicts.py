@@ -398,8 +398,8 @@ MUTANTS = (
         edits=(
             Edit(
                 "phyagentos.runtime.preflight.examination",
-                "        if thorough or not is_repeated:\n",
-                "        if thorough or not (is_repeated or session.attempt):\n",
+                "        if is_tried:\n",
+                "        if is_tried and not session.attempt:\n",
             ),
         ),
         tests=("tests/runtime/test_preflight_dry_run.py::test_every_attempt_passes_the_same_dry_run",),
