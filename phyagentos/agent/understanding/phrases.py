@@ -3,34 +3,15 @@
 Upstream: a reading. Downstream: all that says what phrases mean.
 """
 
+import re
 from collections.abc import Sequence
 
 from lark import Token, Tree
 
 Node = Tree[Token]
-NUMBERS = [
-    "zero",
-    "one",
-    "two",
-    "three",
-    "four",
-    "five",
-    "six",
-    "seven",
-    "eight",
-    "nine",
-    "ten",
-    "eleven",
-    "twelve",
-    "thirteen",
-    "fourteen",
-    "fifteen",
-    "sixteen",
-    "seventeen",
-    "eighteen",
-    "nineteen",
-    "twenty",
-]
+_NUMBERS = "zero one two three four five six seven eight nine ten eleven twelve"
+_TEENS = "thirteen fourteen fifteen sixteen seventeen eighteen nineteen twenty"
+NUMBERS = [*re.findall(r"\w+", f"{_NUMBERS} {_TEENS}")]
 
 
 def list_tokens(tree: Node) -> list[Token]:
